@@ -197,13 +197,12 @@ def result_schema(name: str) -> dict[str, Any]:
     """Return the JSON Schema (draft 2020-12) of a result."""
     kind, version = result_kind(name), schema_version(name)
     shared: dict[str, Any] = {}
-    schema = kind.schema(shared)
     return {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "$id": f"urn:robacc:schema:{name}:{version}",
         "title": f"robacc.{name}/{version}",
         "description": f"{kind.about} Lengths in m, angles in rad; missing numbers are null. Keys may be added.",
-        **schema,
+        **kind.schema(shared),
         "$defs": shared,
     }
 
@@ -282,9 +281,10 @@ def _parsed(text: str, name: str) -> Any:
     except json.JSONDecodeError as error:
         if _CUT_SHORT.fullmatch(text, error.pos) or error.msg.startswith("Unterminated string"):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
-        fix = None if text.lstrip()[0] in "{[" else "save the result as JSON"
         message = f"is not JSON: {error.msg} at character {error.colno}"
-        raise InputError(Problem(message, name, error.lineno, fix=fix)) from None
+        raise InputError(
+            Problem(message, name, error.lineno, fix=None if text.lstrip()[0] in "{[" else "save the result as JSON")
+        ) from None
     except RecursionError:
         raise InputError(Problem("is nested more deeply than any result", name)) from None
     except UnicodeEncodeError:
@@ -339,8 +339,7 @@ def _checked(document: Any, name: str) -> str:
         fix = "compute the result again with this robacc, or read it with the robacc that made it"
         raise InputError(Problem(message, name, column="schema", fix=fix))
     # Readers need some keys of every result.
-    needed = dict.fromkeys(("robacc", "command", "options", "inputs"))
-    problems = result_kind(command).problems({**needed, **document})
+    problems = result_kind(command).problems({**dict.fromkeys(("robacc", "command", "options", "inputs")), **document})
     if found := [Problem(message, name, column=path) for path, message in problems]:
         raise InputError(found)
     return command

@@ -164,8 +164,7 @@ class Kind:
         if self.null and "enum" in words:
             words["enum"] = [*words["enum"], None]
         elif self.null:
-            types = words["type"] if isinstance(words["type"], list) else [words["type"]]
-            words["type"] = [*types, "null"]
+            words["type"] = [*(words["type"] if isinstance(words["type"], list) else [words["type"]]), "null"]
         return words
 
 

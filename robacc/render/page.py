@@ -8,7 +8,7 @@ import json
 import re
 import shlex
 from base64 import b64encode
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from html import escape
 from itertools import chain
 from types import MappingProxyType
@@ -35,13 +35,13 @@ from robacc.version import __version__
 
 # The view of a result of any command: its headline, and the sections of its page.
 
-_VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document], Iterator[Section]]]] = {
+_VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document], Iterable[Section]]]] = {
     "trace": (fit_headline, fit_view),
     "calibrate": (fit_headline, fit_view),
     "estimate": (estimate_headline, estimate_view),
     "predict": (predict_headline, prediction_view),
     "iso9283": (iso9283_headline, iso9283_view),
-    "check": (check_headline, lambda document: iter(())),
+    "check": (check_headline, lambda document: ()),
     "compare": (comparison_headline, comparison_view),
     "correct": (correction_headline, correction_view),
     "plan": (plan_headline, plan_view),
@@ -50,31 +50,38 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
 
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command, with its robot, data and gate."""
-    view = _VIEWS.get(document["command"])
-    title = f"Result of robacc {document['command']}{of_robot(document)}"
-    headline = ReportHeadline(title, "", ()) if view is None else view[0](document)
-    badges, facts = [*headline.badges], [fact for fact in (*_facts(document), *headline.facts) if fact[1]]
-    if gate := document.get("gate"):
-        badges.append((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone))
-    # What a reader asks first: why, and what now.
-    return headline._replace(badges=badges, facts=sorted(facts, key=lambda fact: fact[0] not in ("Why", "Next")))
+    headline_by_command, _ = _VIEWS.get(document["command"], (_other_headline, None))
+    headline, gates = headline_by_command(document), [document["gate"]] if document.get("gate") else []
+    facts = [fact for fact in (*_facts(document, gates), *headline.facts) if fact[1]]
+    return headline._replace(
+        badges=[
+            *headline.badges,
+            *((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone) for gate in gates),
+        ],
+        # What a reader asks first: why, and what now.
+        facts=sorted(facts, key=lambda fact: fact[0] not in ("Why", "Next")),
+    )
 
 
-def _facts(document: Document) -> Iterator[tuple[str, str]]:
+def _other_headline(document: Document) -> ReportHeadline:
+    return ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
+
+
+def _facts(document: Document, gates: Sequence[Document]) -> list[tuple[str, str]]:
     inputs, robot = document["inputs"], document.get("robot")
+    robots = [record["name"] for record in inputs if record["kind"] == "robot"]
     if robot is not None:
         joints = ", ".join(joint["name"] for joint in robot["joints"])
-        yield "Robot", f"{robot['name']} (joints {joints})" if joints else robot["name"]
-    else:
-        yield from (("Robot", record["name"]) for record in inputs if record["kind"] == "robot")
+        robots = [f"{robot['name']} (joints {joints})" if joints else robot["name"]]
     files = [record["name"] for record in inputs if record["kind"] in ("poses", "holdout", "against", "already")]
     # The poses of a plan are not measured yet.
     count = None if document["command"] == "plan" else document.get("n_poses")
-    if files or count is not None:
-        poses = f"{count:,} poses" if isinstance(count, int) else ""
-        yield "Data", " from ".join(part for part in (poses, " and ".join(files)) if part)
-    if gate := document.get("gate"):
-        yield "Gate", f"{gate['name']}: {passed(gate)} passed"
+    poses = f"{count:,} poses" if isinstance(count, int) else ""
+    return [
+        *(("Robot", name) for name in robots),
+        ("Data", " from ".join(part for part in (poses, " and ".join(files)) if part)),
+        *(("Gate", f"{gate['name']}: {passed(gate)} passed") for gate in gates),
+    ]
 
 
 # A result in a few lines for a notebook or a Python shell; no library is needed.
@@ -105,8 +112,10 @@ def notebook_text(document: Document) -> str:
 
 def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
     """Return label, value and interval of each figure, then the facts."""
-    tiles = ((tile.label, str(tile.value), tile.interval) for tile in headline.tiles)
-    return [*tiles, *((name, text, "") for name, text in headline.facts)]
+    return [
+        *((tile.label, str(tile.value), tile.interval) for tile in headline.tiles),
+        *((name, text, "") for name, text in headline.facts),
+    ]
 
 
 # Rows of a page that say what was tested, as the robot file of a result or the user of the page states it.
@@ -160,11 +169,12 @@ def command_line(document: Document) -> str:
         else:
             arguments += [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
     # The options that were stated on the names of the poses' file.
-    stated: Document = next((record["reading"] for record in document["inputs"] if "reading" in record), {})
-    for name, value in stated.items():
+    for name, value in next((record["reading"] for record in document["inputs"] if "reading" in record), {}).items():
         if name != "commanded_sha256":
-            shown_value = [] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]
-            arguments += [f"--{name.replace('_', '-')}", *shown_value]
+            arguments += [
+                f"--{name.replace('_', '-')}",
+                *([] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]),
+            ]
     if document["seed"] is not None and document["command"] in _SEEDED:
         arguments += ["--seed", str(document["seed"])]
     return " ".join(shlex.quote(argument) for argument in arguments)
@@ -175,24 +185,23 @@ def command_line(document: Document) -> str:
 
 def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadline], names: Sequence[str]) -> Section:
     """Return outcome, key figures and facts of each result, with warnings about different inputs."""
+    figures = [{tile.label: tile.value for tile in headline.tiles} for headline in headlines]
+    facts = [dict(headline.facts) for headline in headlines]
     rows: dict[str, Sequence[Cell]] = {
         "command": [str(document["command"]) for document in documents],
         "outcome": [", ".join(text for text, _ in headline.badges) or "–" for headline in headlines],
+        **{label: [own.get(label, "–") for own in figures] for label in chain.from_iterable(figures)},
+        **{label: [own.get(label, "–") for own in facts] for label in chain.from_iterable(facts)},
+        "made by": [f"robacc {document['robacc']}" for document in documents],
+        "call": [command_line(document) for document in documents],
     }
-    for figures in (
-        [{tile.label: tile.value for tile in headline.tiles} for headline in headlines],
-        [dict(headline.facts) for headline in headlines],
-    ):
-        rows |= {label: [own.get(label, "–") for own in figures] for label in chain.from_iterable(figures)}
-    rows["made by"] = [f"robacc {document['robacc']}" for document in documents]
-    rows["call"] = [command_line(document) for document in documents]
     warnings = [
         f"the results were not made from the same {kind} file"
         for kind in ("poses", "robot", "holdout")
         if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
     ]
-    if len({document["robacc"] for document in documents}) > 1:
-        warnings.append("the results were made by different versions of robacc")
+    is_mixed = len({document["robacc"] for document in documents}) > 1
+    warnings += ["the results were made by different versions of robacc"] * is_mixed
     table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
     return next(shown([Section("Side by side", [table, Listing(warnings, "warning")])]))
 
@@ -233,8 +242,9 @@ def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity
         scripts = [get_plotlyjs(), environment.get_template("scenes.js").render()]
     is_multiple = len(results) > 1
     # Only the page's own scripts run, and nothing comes from the network.
-    hashes = [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts]
-    allowed = " ".join(hashes or ["'none'"])
+    allowed = " ".join(
+        [f"'sha256-{b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in scripts] or ["'none'"]
+    )
     light, dark = (" ".join(f"--c-{role}: {value};" for role, value in colours.items()) for colours in (LIGHT, DARK))
     return environment.get_template("page.html").render(
         title=f"{len(results)} results side by side" if is_multiple else headlines[0].title,
@@ -271,16 +281,22 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
         others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    notes = [*document.get("notes", ()), *document.get("input_notes", ())]
     leading = [gate_section(document["gate"])] if document.get("gate") else []
-    leading.append(Section("Warnings and notes", [Listing(warnings, "warning"), Listing(notes)]))
+    leading.append(
+        Section(
+            "Warnings and notes",
+            [Listing(warnings, "warning"), Listing([*document.get("notes", ()), *document.get("input_notes", ())])],
+        )
+    )
     origin = (
         f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
         "files gives the same bytes."
     )
-    inputs = [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]]
-    call = Text(command_line(document), is_command=True)
-    table = Grid(("input", "file", "SHA-256"), inputs, is_text=True)
+    table = Grid(
+        ("input", "file", "SHA-256"),
+        [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]],
+        is_text=True,
+    )
     return {
         "id": number,
         "document": document,
@@ -297,7 +313,9 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         ],
         "sections": [*shown(view(document))],
         "leading": [*shown(leading)],
-        "how": Section("How to reproduce this result", [Text(origin), call, table]),
+        "how": Section(
+            "How to reproduce this result", [Text(origin), Text(command_line(document), is_command=True), table]
+        ),
     }
 
 

@@ -134,8 +134,7 @@ def decimals(value: float, lower: float | None, upper: float | None) -> int:
     if size <= 0.0 or not math.isfinite(size):
         return _DIGITS_WITHOUT
     # Rounding first makes 0.0996 count as 0.10.
-    exponent = math.floor(math.log10(float(f"{size:.{digits - 1}e}")))
-    return min(max(digits - 1 - exponent, 0), 9)
+    return min(max(digits - 1 - math.floor(math.log10(float(f"{size:.{digits - 1}e}"))), 0), 9)
 
 
 def fixed(value: float | None, places: int) -> str:
@@ -164,8 +163,7 @@ def measured(value: float, error: float) -> tuple[str, str]:
     size = max(abs(value), error)
     if 1e-4 <= size < 1e6:
         # A double has no more than fifteen digits, however small the error of noise-free poses.
-        places = min(max(-place, 0), 14 - math.floor(math.log10(size)))
-        return fixed(round(value, -place), places), error_text
+        return fixed(round(value, -place), min(max(-place, 0), 14 - math.floor(math.log10(size)))), error_text
     digits = math.floor(math.log10(abs(value))) - place if value else -1
     if digits < 0:
         rounded = round(value * 10.0**-place)

@@ -176,12 +176,14 @@ class Chart:
         rows = -(-len(self.panels) // self.columns)
         for place, panel in enumerate(self.panels, 1):
             if panel is not None:
-                projection = "3d" if len(panel.axes) == 3 else None
-                drawn.append(figure.add_subplot(rows, self.columns, place, projection=projection))
+                drawn.append(
+                    figure.add_subplot(rows, self.columns, place, projection="3d" if len(panel.axes) == 3 else None)
+                )
                 _draw_panel(drawn[-1], panel)
         if self.scale:
-            cells = drawn[-1].collections[0]
-            figure.colorbar(cells, ax=drawn, location="bottom", shrink=0.8, aspect=30, label=self.scale)
+            figure.colorbar(
+                drawn[-1].collections[0], ax=drawn, location="bottom", shrink=0.8, aspect=30, label=self.scale
+            )
         named = {
             label: handle for axes in drawn for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
         }
@@ -204,7 +206,6 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
             _draw_cells(axes, series)
         else:
             # These marks have no inside.
-            outlined = series.hollow or series.marker in ("+", "x", "|", "_")
             axes.plot(
                 *series.at,
                 marker=series.marker,
@@ -214,7 +215,9 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
                 alpha=series.alpha,
                 linewidth=series.width,
                 markersize=series.size,
-                markeredgewidth=min(series.width, 1.0) if outlined else 0,
+                markeredgewidth=min(series.width, 1.0)
+                if (series.hollow or series.marker in ("+", "x", "|", "_"))
+                else 0,
                 markerfacecolor="none" if series.hollow else colour,
             )
     axes.set_title(panel.title, loc="left", fontsize="medium")
@@ -322,8 +325,6 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     traces = []
     for one in series:
         points, colour = np.array(one.at, dtype=np.float64), f"role:{one.role}"
-        columns = (np.round(points, 4) if unit == "m" else points).tolist()
-        modes = [mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]
         # plotly interprets some tags and entities.
         texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
         traces.append(
@@ -332,9 +333,11 @@ def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
                 "name": one.label or "route",
                 **{
                     name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
-                    for name, column in zip("xyz", columns, strict=True)
+                    for name, column in zip(
+                        "xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True
+                    )
                 },
-                "mode": "+".join(modes),
+                "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
                 "line": {"color": colour, "width": 3 * one.width},
                 "marker": {"size": one.size, "color": colour, "symbol": _SYMBOLS.get(one.marker, "circle")},
                 **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
@@ -406,14 +409,13 @@ def place(poses: Mapping[str, Any], i: int) -> str:
 def limits_of(document: Document, unit: str) -> list[tuple[str, str, float]]:
     """Return label, short label and value of the gate's limits in ``m`` or ``rad``, or of the grade scale."""
     quantity = "position" if unit == "m" else "orientation"
-    limits = [
+    steps = [(step["grade"], step[f"{quantity}_{unit}"]) for step in (document.get("grade") or {}).get("steps") or ()]
+    return [
         (f"gate {criterion['name']} ({criterion['key']})", str(criterion["name"]), float(criterion["limit"]))
         for criterion in (document.get("gate") or {}).get("criteria", ())
         if criterion["unit"] == unit and quantity in criterion["key"].split(".") and criterion["baseline"] is None
         if isinstance(criterion["limit"], int | float)
-    ]
-    steps = [(step["grade"], step[f"{quantity}_{unit}"]) for step in (document.get("grade") or {}).get("steps") or ()]
-    return limits or [(f"grade {name}", str(name), size) for name, size in steps if size is not None]
+    ] or [(f"grade {name}", str(name), size) for name, size in steps if size is not None]
 
 
 # Drawing as part of a page or as a file.

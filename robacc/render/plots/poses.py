@@ -72,9 +72,12 @@ def stages_of(document: Document, unit: str) -> Stages | None:
     if (columns := poses[f"errors_{unit}"]) is None:
         return None
     held_out = columns["held_out_after"] is not None
-    stages = [(role, label, vectors(columns["held_out_" * held_out + role])) for role, _, label in fit_stages(document)]
-    used = np.array(poses["used"] or [True] * len(columns["nominal"]), dtype=bool)
-    return Stages(poses, used, stages, held_out or is_apart)
+    return Stages(
+        poses,
+        np.array(poses["used"] or [True] * len(columns["nominal"]), dtype=bool),
+        [(role, label, vectors(columns["held_out_" * held_out + role])) for role, _, label in fit_stages(document)],
+        held_out or is_apart,
+    )
 
 
 # Ellipsoids of the covariance of the errors, in the tool frame and in the measuring frame.
@@ -90,8 +93,9 @@ _FRAMES = {
 def ellipsoid_charts(document: Document) -> Iterator[Chart]:
     """Return a chart for each frame; for a prediction, the mean covariance in the tool frame."""
     for frame, part in (document.get("position_by_frame") or {}).items():
-        own = vectors(part["errors_m"]), numbers(part["mean_m"])
-        yield _ellipsoids_chart(frame, part, *own, "centred_covariance_m2")
+        yield _ellipsoids_chart(
+            frame, part, vectors(part["errors_m"]), numbers(part["mean_m"]), "centred_covariance_m2"
+        )
     if document["command"] == "predict":
         yield _ellipsoids_chart("tool", document["position"], np.zeros((0, 3)), np.zeros(3), "mean_covariance_m2")
 
@@ -232,8 +236,9 @@ def error_axis(title: str, curves: Sequence[Array]) -> Axis:
     top, low = max(float(sizes.max()) for sizes in curves), min(float(np.median(sizes)) for sizes in curves)
     if low <= 0 or top / low <= 12:
         return Axis(title, 0, top * 1.04 or 1.0)
-    smallest = min(float(np.quantile(sizes, 0.02)) for sizes in curves)
-    return Axis(title, max(smallest, low / 30) / 1.3, top * 1.3, is_log=True)
+    return Axis(
+        title, max(min(float(np.quantile(sizes, 0.02)) for sizes in curves), low / 30) / 1.3, top * 1.3, is_log=True
+    )
 
 
 # Errors over time or row order, which show a drift, a step change or a warm-up.
@@ -267,8 +272,9 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     beyond = last * unit.factor > top
     for mark, chosen, label in (("x", ~used & ~beyond, "outlier"), ("^", ~used & beyond, "outlier, off scale")):
         if (those := rows[chosen[rows]]).size:
-            y = np.minimum(last[those] * unit.factor, 0.97 * top)
-            series.append(Series((x[those], y), "ink", label, marker=mark, size=6))
+            series.append(
+                Series((x[those], np.minimum(last[those] * unit.factor, 0.97 * top)), "ink", label, marker=mark, size=6)
+            )
     yield Chart(
         "time",
         f"Position error over {'time' if timed else 'the lines of the file'}",
@@ -446,12 +452,11 @@ def _note_of_largest(count: int, total: int, things: str, quantity: str) -> str:
 
 def _magnification(at: Array, sizes: Array) -> float:
     """Return a round factor that makes a large error visible relative to the poses' extent."""
-    extent = float(np.ptp(at, axis=0).max()) or 1.0
     large = float(np.quantile(sizes, 0.95))
     if large <= 0:
         return 1.0
     # Such an error is drawn in 12 % of the extent.
-    wanted = 0.12 * extent / large
+    wanted = 0.12 * (float(np.ptp(at, axis=0).max()) or 1.0) / large
     power = 10.0 ** math.floor(math.log10(wanted))
     return max(1.0, power * max(step for step in (1, 2, 5) if step * power <= wanted))
 
@@ -530,11 +535,6 @@ def planned_poses_charts(document: Document) -> Iterator[Chart]:
         for n in [len(group.at[0])]
         if group.label != "instrument"
     )
-    rows = [
-        [str(i + 1), name, visits["role"][i], *([] if payloads is None else [f"{payloads[i]:g}"])]
-        + [f"{value:.3f}" for value in at[i]]
-        for i, name in enumerate(visits["pose"][:_VISITS])
-    ]
     yield Chart(
         "planned-poses",
         "Planned poses in space",
@@ -544,7 +544,11 @@ def planned_poses_charts(document: Document) -> Iterator[Chart]:
         [Panel(SPACE, series)],
         Grid(
             ("visit", "pose", "role", *(("payload, kg",) * (payloads is not None)), "x, m", "y, m", "z, m"),
-            rows,
+            [
+                [str(i + 1), name, visits["role"][i], *([] if payloads is None else [f"{payloads[i]:g}"])]
+                + [f"{value:.3f}" for value in at[i]]
+                for i, name in enumerate(visits["pose"][:_VISITS])
+            ],
             note=f"The first {_VISITS} of {len(at)} visits; the CSV has all of them." * (len(at) > _VISITS),
         ),
         CUBE,

@@ -61,8 +61,7 @@ def effect_charts(document: Document) -> Iterator[Chart]:
     curves += [(curve["name"], curve["joints"], curve) for curve in document.get("partial_residuals", ())]
     for effect, joints, curve in curves:
         if np.isfinite(numbers(curve["residual_before"])).any():
-            name = f"{effect} on {', '.join(joints)}" if joints else effect
-            yield _residual_chart(document, name, curve)
+            yield _residual_chart(document, f"{effect} on {', '.join(joints)}" if joints else effect, curve)
             if curve["spectrum"] is not None:
                 yield _spectrum_chart(effect, curve)
 
@@ -85,10 +84,6 @@ def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
     omitted = x.size - usable.size
     omitted_note = f" {omitted} poses that determine this error too weakly are omitted." * (omitted > 0)
     rms = [unit.text(root_mean_square(residual[usable]) if usable.size else None) for residual in (before, after)]
-    table = [
-        [place(document["poses"], int(i)), x_unit.text(x[i]), *(unit.text(column[i]) for column in columns)]
-        for i in listed
-    ]
     return Chart(
         "effect",
         f"{name}: residual without and with the effect",
@@ -100,7 +95,10 @@ def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
         [_residual_panel(curve, rows, unit, x_unit, short(quantity, 30), short(driver, 44))],
         Grid(
             ("pose", driver, "without effect", "effect", "with effect", "standard deviation"),
-            table,
+            [
+                [place(document["poses"], int(i)), x_unit.text(x[i]), *(unit.text(column[i]) for column in columns)]
+                for i in listed
+            ],
             note=f"{listed.size} of {x.size} poses over the range of the driver; the JSON result has all of them."
             * (listed.size < x.size),
         ),
@@ -108,8 +106,9 @@ def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
 
 
 def _residual_panel(curve: Document, rows: Rows, unit: Unit, x_unit: Unit, quantity: str, driver: str) -> Panel:
-    keys = ("x", "residual_before", "residual_after", "effect")
-    x, before, after, effect = (numbers(curve[key])[rows] for key in keys)
+    x, before, after, effect = (
+        numbers(curve[key])[rows] for key in ("x", "residual_before", "residual_after", "effect")
+    )
     before, after = before * unit.factor, after * unit.factor
     is_direction = curve["driver"] == "direction"
     # Poses of one direction are spread in their order to stay visible.
@@ -196,8 +195,9 @@ def candidate_charts(document: Document) -> Iterator[Chart]:
 def _name(candidate: Document) -> str:
     """Return the effect with its joints or the part that changes; forms of an effect have one name."""
     settings = candidate.get("settings") or {}
-    part = {key: settings[key] for key in ("part", "target") if key in settings}
-    return effect_label(candidate["effect"], candidate["joints"], part)
+    return effect_label(
+        candidate["effect"], candidate["joints"], {key: settings[key] for key in ("part", "target") if key in settings}
+    )
 
 
 def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str | None) -> Chart:
@@ -206,22 +206,6 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
     runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
     added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
     outcome = "No effect was added." if chosen is None else f"{added} was added to the model."
-    bars = [
-        Series(
-            ([max(evidence[i], 0.0) for i in own], own),
-            role,
-            label,
-            kind="bars",
-            size=0.62,
-            texts=[fixed(evidence[i], 1) for i in own],
-        )
-        for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
-        for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
-    ]
-    axes = (
-        Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
-        Axis("", names=[short(name, 34) for name in names[:count]]),
-    )
     return Chart(
         "candidates",
         f"Step {number}: candidates" if chosen is not None else "Last step: remaining candidates",
@@ -229,7 +213,26 @@ def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str |
         f"{evidence[0]:.1f}, {p_value(ranked[names[0]]['p_value'])}{runner_up}. {outcome}",
         "Bars of evidence (log Bayes factor): "
         + "; ".join(f"{name} {value:.1f}" for name, value in zip(names[:_BARS], evidence, strict=False)),
-        [Panel(axes, bars)],
+        [
+            Panel(
+                (
+                    Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
+                    Axis("", names=[short(name, 34) for name in names[:count]]),
+                ),
+                [
+                    Series(
+                        ([max(evidence[i], 0.0) for i in own], own),
+                        role,
+                        label,
+                        kind="bars",
+                        size=0.62,
+                        texts=[fixed(evidence[i], 1) for i in own],
+                    )
+                    for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
+                    for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
+                ],
+            )
+        ],
         Grid(
             ("effect", "evidence", "significance"),
             [[name, f"{c['evidence']:.1f}", p_value(c["p_value"])] for name, c in ranked.items()][:_CANDIDATE_ROWS],
@@ -313,8 +316,10 @@ def _intervals(
     values, *bounds = figures
     low, high = (np.where(np.isnan(end), values, end) for end in bounds)
     # A value outside its interval stays on the line.
-    ends = np.stack((np.minimum(low, values), np.maximum(high, values), np.full(values.size, np.nan)))
-    along, across = ends.T.ravel(), np.repeat(at, 3)
+    along, across = (
+        np.stack((np.minimum(low, values), np.maximum(high, values), np.full(values.size, np.nan))).T.ravel(),
+        np.repeat(at, 3),
+    )
     marks, bars = ((at, values), (across, along)) if vertical else ((values, at), (along, across))
     return [
         Series(bars, role, line="-", marker="_" if vertical else "|", size=7, width=1.3),
@@ -332,13 +337,6 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
     baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
     figures = [unit.factor * numbers(value[name] for value in values) for name in ("value", "lower", "upper")]
     is_baseline = np.array([value["name"] == baseline for value in values])
-    series = [
-        one
-        for role, mask in (("after", ~is_baseline), ("before", is_baseline))
-        for one in _intervals(
-            [column[mask] for column in figures], np.flatnonzero(mask), role, vertical=False, hollow=role == "before"
-        )
-    ]
     return Chart(
         "comparison",
         f"{key} of each result",
@@ -354,7 +352,17 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
                     Axis(f"{key}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
                     Axis("", names=[short(str(value["name"])) for value in values]),
                 ),
-                series,
+                [
+                    one
+                    for role, mask in (("after", ~is_baseline), ("before", is_baseline))
+                    for one in _intervals(
+                        [column[mask] for column in figures],
+                        np.flatnonzero(mask),
+                        role,
+                        vertical=False,
+                        hollow=role == "before",
+                    )
+                ],
             )
         ],
         Grid(
@@ -474,8 +482,13 @@ def _overview(criteria: Mapping[str, Document]) -> Chart:
         ticks = [short(name, 10) * is_last for name in names]
         at = np.array([names.index(str(place["pose"])) for place in part["poses"]])
         columns = [unit.factor * column for column in figures[key]]
-        axes = (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0))
-        panels.append(Panel(axes, _intervals(columns, at, role, vertical=True, marker=marker, size=5), title))
+        panels.append(
+            Panel(
+                (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
+                _intervals(columns, at, role, vertical=True, marker=marker, size=5),
+                title,
+            )
+        )
     return Chart(
         "iso9283",
         "Accuracy (AP) and repeatability (RP) by commanded pose",
@@ -500,8 +513,9 @@ def _cloud(document: Document, visits: Document) -> Chart:
     origin = numbers(visits["commanded_m"]) if is_known else centre
     offsets, centre = attained - origin, centre - origin
     places = document["iso9283"]["RP"]["poses"]
-    own = (each["position_m"] for each in places if all(each[key] == visits[key] for key in ("pose", "file")))
-    radius = next(own, None)
+    radius = next(
+        (each["position_m"] for each in places if all(each[key] == visits[key] for key in ("pose", "file"))), None
+    )
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
     unit = unit_of("m", reach)
     rows, limit = thinned(200, *offsets.T), 1.08 * reach * unit.factor or 1.0
@@ -517,8 +531,7 @@ def _cloud(document: Document, visits: Document) -> Chart:
             series.append(Series((x + ring[0], y + ring[1]), "before", "RP", line="-"))
         series.append(Series(([x], [y]), "ink", "barycentre", marker="s", size=5, hollow=True))
         series.append(Series(([0], [0]), "ink", "commanded", marker="+", size=9))
-        axes = [Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in (i, j)]
-        panels.append(Panel(axes, series, equal=True))
+        panels.append(Panel([Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in (i, j)], series, equal=True))
     return Chart(
         "iso9283-cloud",
         f"Visits of {visits['pose']}",
@@ -648,8 +661,9 @@ _OF_PLANS = (planned_poses_charts, expected_accuracy_charts, detection_limit_cha
 
 def charts_of(document: Document) -> list[Chart]:
     """Return all charts that the result has data for."""
-    families = _OF_PLANS if document["command"] == "plan" else _FAMILIES
-    return [chart for family in families for chart in family(document)]
+    return [
+        chart for family in (_OF_PLANS if document["command"] == "plan" else _FAMILIES) for chart in family(document)
+    ]
 
 
 def chart_of(document: Document, kind: str, number: int = 1) -> Chart:

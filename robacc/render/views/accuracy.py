@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
+from typing import Any
 
 from robacc.outcomes import FileOutcome
 from robacc.render.text import (
@@ -12,7 +13,6 @@ from robacc.render.text import (
     QUANTITIES,
     STATISTICS,
     Document,
-    Style,
     as_options,
     chance,
     decimals,
@@ -31,6 +31,7 @@ from robacc.render.views.elements import (
     Section,
     Text,
     amount,
+    grid,
     measured_cells,
     named_by_text,
     number,
@@ -66,30 +67,31 @@ def estimate_headline(document: Document) -> ReportHeadline:
     confirmed, (why, *reasons) = _confirmed(grade), grade["reason"].split(". ")
     reference = "model's predictions" if robot.get("effects") or robot.get("fitted_to") else "commanded positions"
     files = {record["kind"]: record["name"] for record in document["inputs"]}
-    ahead = "state the robot with `robot`, and let robacc trace find the causes of the error"
-    if "robot" in files:
-        ahead = f"find the causes of the error: robacc trace {files.get('poses', 'POSES')} --robot {files['robot']}"
     rms, p95 = (amount(document["position"][f"{key}_m"]) for key in ("rms", "p95"))
-    tiles = [
-        tile(f"{name}, {label}", document[name][key], unit, bounds, missing)
-        for name, label, key, unit in (
-            ("position", "rms", "rms_m", "m"),
-            ("position", "95th percentile", "p95_m", "m"),
-            ("orientation", "95th percentile", "p95_rad", "rad"),
-        )
-        if document[name] is not None
-        for bounds in [document[name]["intervals"][key]]
-        for missing in [bounds["why"] or "no interval" if bounds["upper"] is None else ""]
-    ]
     return ReportHeadline(
         f"Accuracy{of_robot(document)}",
         f"The measured positions differ from the {reference} by {rms} rms over {document['n_poses']} poses; 95 % of "
         f"the poses are within {p95}. This is grade {grade['grade']}, {confirmed}.",
-        tiles,
+        [
+            tile(f"{name}, {label}", document[name][key], unit, bounds, missing)
+            for name, label, key, unit in (
+                ("position", "rms", "rms_m", "m"),
+                ("position", "95th percentile", "p95_m", "m"),
+                ("orientation", "95th percentile", "p95_rad", "rad"),
+            )
+            if document[name] is not None
+            for bounds in [document[name]["intervals"][key]]
+            for missing in [bounds["why"] or "no interval" if bounds["upper"] is None else ""]
+        ],
         [(f"grade {grade['grade']}, {confirmed}", "good" if grade["demonstrated"] else "open")],
         [
             ("Why", "; ".join([why, *([] if grade["demonstrated"] else reasons[-1:])])),
-            ("Next", ahead),
+            (
+                "Next",
+                f"find the causes of the error: robacc trace {files.get('poses', 'POSES')} --robot {files['robot']}"
+                if "robot" in files
+                else "state the robot with `robot`, and let robacc trace find the causes of the error",
+            ),
             ("Registration", _registered(document["alignment"], "{}, {} parameters") or "none"),
             ("Grade", f"{grade['grade']} on the scale {grade['scale']}"),
             ("Frame", "axes of the commanded target" if document["frame"] == "tool" else "axes of the measuring frame"),
@@ -109,46 +111,60 @@ def estimate_view(
     In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
     of the intervals and limitations.
     """
-    grade, alignment = document["grade"], document["alignment"]
+    alignment, notes = document["alignment"], document["notes"] if form == "full" else ()
     quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
     if form != "page":
-        frame = [_FRAMES[document["frame"]]] * (form == "full")
-        heading = f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}"
-        yield Section(heading, [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)])
-    is_met = grade["grade"] in [step["grade"] for step in grade["steps"]]
-    met = _confirmed(grade) if is_met else "no step of the scale is met"
-    heading, (first, *others) = f"Grade {grade['grade']}, {met} (scale: {grade['scale']})", grade["reason"].split(". ")
-    style: Style = "green" if grade["demonstrated"] else "bold yellow"
-    subject, total = "it" if form == "short" else f"grade {grade['grade']}", grade["poses_to_demonstrate"]
+        yield Section(
+            f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
+            [
+                Text(text, wraps=False)
+                for text in (*_opening(document, poses, robot), *([_FRAMES[document["frame"]]] * (form == "full")))
+            ],
+        )
+    yield _grade(document["grade"], form == "short")
+    if form == "short":
+        yield from _short_view(
+            document, quantities, f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+        )
+        return
+    for part, name, unit, sign, factor in quantities:
+        yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, part, name, sign, unit, factor))
+    yield _targets(document)
+    yield Section("Registration", [] if alignment is None else parameter_tables(alignment["parameters"]))
+    methods = [(_methods(part, unit), name) for part, name, unit, *_ in quantities]
+    is_one = len({how for how, _ in methods}) == 1
+    for how, name in methods[:1] if is_one else methods:
+        yield Section("Confidence intervals" + ("" if is_one else f", {name}"), [Listing(how)])
+    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+
+
+def _short_view(document: Document, quantities: Sequence[Any], ahead: str) -> Iterator[Section]:
+    """Yield the size of the errors, those of each target, the worst poses, and what to do next."""
+    heads = [head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))]
+    rows = [
+        (label, *(cell for part, _, unit, _, factor in quantities for cell in _measured(part, f"{key}_{unit}", factor)))
+        for label, key in STATISTICS
+    ]
+    yield Section("", [Grid(("error", *heads), rows)])
+    yield _targets(document)
+    worst = ", ".join(
+        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+        for pose in document["worst_poses"]["by_position"][:3]
+        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+    )
+    more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
+    yield Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)])
+
+
+def _grade(grade: Document, is_short: bool) -> Section:
+    """Return the grade with its reason, and in full the probability and the limits of each grade."""
+    is_met, total = grade["grade"] in [step["grade"] for step in grade["steps"]], grade["poses_to_demonstrate"]
+    met, (first, *others) = _confirmed(grade) if is_met else "no step of the scale is met", grade["reason"].split(". ")
+    subject = "it" if is_short else f"grade {grade['grade']}"
     confirming = (
         f"{total} poses in total would confirm {subject} with a probability of {chance(ASSURANCE)}, if the estimate "
         "does not change"
     ) * (total is not None)
-    if form == "short":
-        # The last sentence says why a grade is not confirmed.
-        unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
-        yield Section(heading, [Listing([first, *unconfirmed])], style)
-        heads = [
-            head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))
-        ]
-        rows = [
-            (
-                label,
-                *(cell for part, _, unit, _, factor in quantities for cell in _measured(part, f"{key}_{unit}", factor)),
-            )
-            for label, key in STATISTICS
-        ]
-        yield Section("", [Grid(("error", *heads), rows)])
-        yield _targets(document)
-        worst = ", ".join(
-            f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
-            for pose in document["worst_poses"]["by_position"][:3]
-            for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
-        )
-        more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
-        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-        yield Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)])
-        return
     # Probabilities that round to zero are omitted, except that of the grade itself.
     shares = ", ".join(
         f"{entry['grade']} {chance(entry['probability'])}"
@@ -156,36 +172,31 @@ def estimate_view(
         if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
     known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
-    steps = [
-        [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
-        for step in grade["steps"]
-    ]
-    table = Grid((f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"), steps)
-    yield Section(heading, [Listing([first, *others, known, confirming]), table], style)
-    methods: dict[tuple[str, ...], list[str]] = {}
-    for part, name, unit, sign, factor in quantities:
-        yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, name, sign, unit, factor))
-        methods.setdefault(_methods(part, unit), []).append(name)
-    yield _targets(document)
-    if alignment is not None:
-        yield Section("Registration", parameter_tables(alignment["parameters"]))
-    for how, names in methods.items():
-        yield Section("Confidence intervals" + f", {names[0]}" * (len(methods) > 1), [Listing(how)])
-    notes = document["notes"] if form == "full" else ()
-    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+    table = Grid(
+        (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"),
+        [
+            [step["grade"], number(step["position_m"], IN_MM), number(step["orientation_rad"], IN_DEGREES)]
+            for step in grade["steps"]
+        ],
+    )
+    # The last sentence says why a grade is not confirmed.
+    unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
+    return Section(
+        f"Grade {grade['grade']}, {met} (scale: {grade['scale']})",
+        [Listing([first, *unconfirmed])] if is_short else [Listing([first, *others, known, confirming]), table],
+        "green" if grade["demonstrated"] else "bold yellow",
+    )
 
 
 def _opening(document: Document, poses: str, robot: str | None) -> Iterator[str]:
     """Yield the files and the registration."""
     reference = f"the model {robot}" if document["commanded"] == "robot" else "its cmd_ columns"
     yield f"{'standard input' if poses == '-' else poses} against {reference}"
-    if (alignment := document["alignment"]) is None:
-        yield "frames as given, not registered"
-    else:
-        # Without orientations a tool has no turns, which readers expect; a place that is not known they do not.
-        unknown = [each["name"] for each in alignment["parameters"] if each["std"] is None and each["unit"] == "m"]
-        missing = f"; not identifiable on these poses: {', '.join(unknown)}" * bool(unknown)
-        yield f"registered{_registered(alignment)}{missing}"
+    # Without orientations a tool has no turns, which readers expect; a place that is not known they do not.
+    parameters, registered = (document["alignment"] or {}).get("parameters", ()), _registered(document["alignment"])
+    unknown = ", ".join(each["name"] for each in parameters if each["std"] is None and each["unit"] == "m")
+    missing = f"; not identifiable on these poses: {unknown}" * bool(unknown)
+    yield f"registered{registered}{missing}" if registered else "frames as given, not registered"
     if document["unaligned"] is not None:
         size = with_unit(document["unaligned"]["position"]["rms_m"])
         yield f'before registration: {size} rms (`align="none"` leaves the frames as they are)'
@@ -195,56 +206,69 @@ def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
     return measured_cells(part[key], factor, part["intervals"][key])
 
 
-def _statistics(document: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
+def _statistics(document: Document, part: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
     """Yield all tables of the position or of the orientation error."""
-    part, before = document[name], (document["unaligned"] or {}).get(name)
-    head, columns = percent(part["confidence"]), 3 if document["unaligned"] is None else 4
+    before, head = (document["unaligned"] or {}).get(name), percent(part["confidence"])
     unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
-    rows: list[Sequence[Cell]] = [
+    lengths = [
         (label, *_measured(part, f"{key}_{unit}", factor), own)
         for (label, key), own in zip(STATISTICS, unregistered, strict=True)
     ]
-    rows += [
+    radii = [
         (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
         for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
     ]
-    yield Grid(("length", "", head, "unregistered")[:columns], [row[:columns] for row in rows])
-    means: list[Sequence[Cell]] = []
-    for axis, value, bounds in zip("xyz", part[f"mean_{unit}"], part["intervals"][f"mean_{unit}"], strict=True):
-        mean, ends = measured_cells(value, factor, bounds)
-        if bounds["lower"] is None:
-            # A mean without an interval may be zero up to rounding, so the digits follow the rms.
-            mean = Number(fixed(value * factor, decimals(part[f"rms_{unit}"] * factor, None, None)), value)
-        means.append((axis, mean, ends))
-    yield Grid(("mean vector", "", head), means)
+    yield grid(("length", "", head, "unregistered" if document["unaligned"] else None), [*lengths, *radii])
+    # A mean without an interval may be zero up to rounding, so the digits follow the rms.
+    places, bounds = decimals(part[f"rms_{unit}"] * factor, None, None), part["intervals"][f"mean_{unit}"]
+    yield Grid(
+        ("mean vector", "", head),
+        [
+            (axis, Number(fixed(value * factor, places), value) if own["lower"] is None else mean, ends)
+            for axis, value, own in zip("xyz", part[f"mean_{unit}"], bounds, strict=True)
+            for mean, ends in [measured_cells(value, factor, own)]
+        ],
+    )
     yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
-    axes: list[Sequence[Cell]] = [
-        (
-            str(place),
-            *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
-            # Adding zero after rounding removes the sign of "-0.00".
-            *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
-        )
-        for place, axis in enumerate(part["ellipsoid"], 1)
-    ]
-    yield Grid(("principal axis, standard deviation", "", head, "x", "y", "z"), axes)
-    tests = [
-        (label, number(test["statistic"]), test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]))
-        for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
-    ]
-    yield Grid(("test of an assumption", "statistic", "result"), tests)
+    yield Grid(
+        ("principal axis, standard deviation", "", head, "x", "y", "z"),
+        [
+            (
+                str(place),
+                *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
+                # Adding zero after rounding removes the sign of "-0.00".
+                *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
+            )
+            for place, axis in enumerate(part["ellipsoid"], 1)
+        ],
+    )
+    yield Grid(
+        ("test of an assumption", "statistic", "result"),
+        [
+            (
+                label,
+                number(test["statistic"]),
+                test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]),
+            )
+            for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
+        ],
+    )
     worst = document["worst_poses"][f"by_{name}"]
-    ids = [key for key in ("pose", "target") if any(pose[key] is not None for pose in worst)]
-    units = [
-        (f"{other}, {mark}", f"error_{own}", scale)
-        for other, own, mark, scale in QUANTITIES
-        if any(pose[f"error_{own}"] is not None for pose in worst)
-    ]
-    largest: list[Sequence[Cell]] = [
-        (_place(pose), *(pose[key] or "" for key in ids), *(number(pose[key], scale) for _, key, scale in units))
-        for pose in worst
-    ]
-    yield Grid((f"largest {name} errors", *ids, *(title for title, _, _ in units)), largest)
+    heads = {"pose": "pose", "target": "target"} | {f"error_{own}": f"{of}, {mark}" for of, own, mark, _ in QUANTITIES}
+    yield grid(
+        (
+            f"largest {name} errors",
+            *[head if any(pose[key] is not None for pose in worst) else None for key, head in heads.items()],
+        ),
+        [
+            (
+                _place(pose),
+                *(pose[key] or "" for key in ("pose", "target")),
+                *(number(pose[f"error_{own}"], scale) for _, own, _, scale in QUANTITIES),
+            )
+            for pose in worst
+        ],
+    )
 
 
 def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
@@ -253,8 +277,10 @@ def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[
         bounds = part["intervals"][f"{key}_{unit}2"]
         ends = (unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper"))
         for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True):
-            cells = zip(*rows, strict=True)
-            yield f"{label}, {axis}", *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in cells)
+            yield (
+                f"{label}, {axis}",
+                *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
+            )
 
 
 def _place(pose: Document) -> str:
@@ -264,11 +290,18 @@ def _place(pose: Document) -> str:
 
 def _targets(document: Document) -> Section:
     """Return the position errors of each target; nothing without several."""
-    rows = [
-        (target["target"], str(target["n_poses"]), *statistics_cells(target, "m", IN_MM))
-        for target in document["targets"]
-    ]
-    return Section("Position error by target, mm", [Grid(("target", "poses", *(name for name, _ in STATISTICS)), rows)])
+    return Section(
+        "Position error by target, mm",
+        [
+            Grid(
+                ("target", "poses", *(name for name, _ in STATISTICS)),
+                [
+                    (target["target"], str(target["n_poses"]), *statistics_cells(target, "m", IN_MM))
+                    for target in document["targets"]
+                ],
+            )
+        ],
+    )
 
 
 def _methods(part: Document, unit: str) -> tuple[str, ...]:
@@ -292,10 +325,12 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
     """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
     alignment = "registered where the frames do not agree" if aligned is None else alignment
-    reference = Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)
-    yield Section(f"Pose errors in {len(outcomes)} files, {alignment}", [reference])
-    has_gate = any(outcome.gate is not None for outcome in outcomes)
-    has_turn = any(each.summary is not None and each.summary["rms_rad"] is not None for each in outcomes)
+    yield Section(
+        f"Pose errors in {len(outcomes)} files, {alignment}",
+        [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
+    )
+    turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
+    gate = "gate" if any(own.gate is not None for own in outcomes) else None
     rows = [
         (outcome.name, "failed")
         if (done := outcome.summary) is None
@@ -303,15 +338,16 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
             outcome.name,
             str(done["n_poses"]),
             *(three_digits(done[key] * IN_MM) for key in ("rms_m", "p95_m", "max_m")),
-            *([number(done["rms_rad"], IN_DEGREES)] * has_turn),
+            number(done["rms_rad"], IN_DEGREES),
             done["grade"],
             "yes" if done["demonstrated"] else "no",
-            *(["–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label] * has_gate),
+            "–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label,
         )
         for outcome in outcomes
     ]
-    heads = ("poses", "rms", "95th pct.", "max", *(["rms, °"] * has_turn), "grade", "confirmed", *(["gate"] * has_gate))
-    yield Section("", [Grid(("position error, mm", *heads), rows)])
+    yield Section(
+        "", [grid(("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate), rows)]
+    )
     notes = [
         f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
         for outcome in outcomes
@@ -319,8 +355,10 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         if criterion["outcome"] != "pass"
     ]
     failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    count = f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)
-    yield Section("", [Listing([*notes, *failed, count])])
+    yield Section(
+        "",
+        [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)])],
+    )
 
 
 def _reason(outcome: FileOutcome) -> str:
@@ -341,13 +379,13 @@ def many_annotations(outcomes: Sequence[FileOutcome]) -> str:
         if done is None:
             entries.append(("error", head, _reason(outcome)))
             continue
-        sizes = (("rms", done["rms_m"]), ("95th pct.", done["p95_m"]), ("max", done["max_m"]))
-        parts = [
+        parts = (
             f"{done['n_poses']} poses",
-            *(f"{name} {with_unit(size)}" for name, size in sizes),
+            *(f"{name} {with_unit(done[key])}" for name, key in (("rms", "rms_m"), ("95th pct.", "p95_m"))),
+            f"max {with_unit(done['max_m'])}",
             f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}",
             *([] if outcome.gate is None else [title(outcome.gate)]),
-        ]
+        )
         entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
     return annotation_lines(entries)
 
@@ -397,20 +435,23 @@ _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 def iso9283_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``iso9283``."""
     labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
-    tiles = [
-        tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
-        for label, part in ((label, document["iso9283"][symbol]) for symbol, label in labels.items())
-        if part["max_m"] is not None
-    ]
     met = sum(condition["status"] == "met" for condition in document["protocol"])
-    summary = (
+    return ReportHeadline(
+        f"ISO 9283 pose criteria{of_robot(document)}",
         f"{document['n_commanded_poses']} commanded poses in {document['n_poses']} visits; each criterion is the "
         f"largest value over the poses. The data meet {met} of {len(document['protocol'])} conditions of the "
-        "standard's protocol."
+        "standard's protocol.",
+        [
+            tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
+            for label, part in ((label, document["iso9283"][symbol]) for symbol, label in labels.items())
+            if part["max_m"] is not None
+        ],
+        (),
+        [
+            ("Files", ", ".join(document["files"])),
+            ("Registration", _registered((document["alignment"] or [None])[0], "{}") or "none"),
+        ],
     )
-    registration = _registered((document["alignment"] or [None])[0], "{}") or "none"
-    facts = [("Files", ", ".join(document["files"])), ("Registration", registration)]
-    return ReportHeadline(f"ISO 9283 pose criteria{of_robot(document)}", summary, tiles, (), facts)
 
 
 def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> Iterator[Section]:
@@ -436,84 +477,107 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
     for symbol, heading, head, key in _TABLES:
         yield _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
-    rows = [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol]
-    table = Grid(("condition", "clause", "status", "reason"), rows, is_text=True)
-    yield Section("Conditions of the standard's protocol", [table])
+    yield Section(
+        "Conditions of the standard's protocol",
+        [
+            Grid(
+                ("condition", "clause", "status", "reason"),
+                [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol],
+                is_text=True,
+            )
+        ],
+    )
     yield Section("Confidence intervals", [Listing([*_interval_methods(parts)])])
     yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
 
 
-def _facts(document: Document, robot: str | None) -> Iterator[str]:
-    """Yield the files, how many poses and visits they have, where the commanded poses are from, the registration."""
+def _facts(document: Document, robot: str | None) -> list[str]:
+    """Return the files, how many poses and visits they have, where the commanded poses are from, the registration."""
     files = dict.fromkeys(Counter(pose["file"] for pose in document["visits"]).values())
     counts = sorted({pose["n"] for pose in document["visits"]})
     visits = " to ".join(map(str, dict.fromkeys((counts[0], counts[-1]))))
     each = f"{visits} visit{'s' * (counts != [1])}{' of each' * (len(document['visits']) > 1)}"
     several = ", robot by robot" * (len(document["files"]) > 1)
     poses = f"{' and '.join(map(str, files))} commanded pose{'s' * ([*files] != [1])}{several}"
-    yield f"{', '.join(document['files'])}: {poses}, {each}"
-    sources = {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}
-    yield sources.get(document["commanded"], "commanded poses from cmd_ columns")
-    yield f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered"
-    if document["unaligned"] is not None:
-        unaligned = ", ".join(three_digits(float(value) * IN_MM) for value in document["unaligned"]["AP_max_m"])
-        yield f"largest AP before registration: {unaligned} mm"
+    before = [three_digits(float(value) * IN_MM) for value in (document["unaligned"] or {}).get("AP_max_m", ())]
+    return [
+        f"{', '.join(document['files'])}: {poses}, {each}",
+        {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}.get(
+            document["commanded"], "commanded poses from cmd_ columns"
+        ),
+        f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered",
+        *([f"largest AP before registration: {', '.join(before)} mm"] if before else []),
+    ]
 
 
-def _summary(criteria: Sequence[Document], confidence: float) -> Iterator[Block]:
-    """Yield the largest value of each criterion, then the missing criteria with the reasons."""
-    rows: list[Sequence[Cell]] = []
-    reasons: dict[str, list[str]] = {}
-    for part in criteria:
-        symbol, name, clause = part["symbol"], _NAMES[part["symbol"]], part["clause"].removeprefix("ISO 9283:1998, ")
-        if part["max_m"] is None:
-            named = name.removesuffix(", ±")
-            reasons.setdefault(part["why"] or "", []).append(named if symbol == "shift" else f"{symbol} ({named})")
+def _summary(criteria: Sequence[Document], confidence: float) -> list[Block]:
+    """Return the largest value of each criterion, then the missing criteria with the reasons."""
+    rows = [
+        (label, part["clause"].removeprefix("ISO 9283:1998, "), size, sign, ends, own["max_at"] or "")
+        for part in criteria
         for label, unit, sign, own, factor in (
-            (f"{'' if symbol == 'shift' else symbol:<4}{name}", "m", "mm", part, IN_MM),
+            (f"{_symbol(part):<4}{_NAMES[part['symbol']]}", "m", "mm", part, IN_MM),
             ("      of orientation", "rad", "°", part["orientation"], IN_DEGREES),
-        ):
-            if own[f"max_{unit}"] is not None:
-                size, ends = _measured(own, f"max_{unit}", factor)
-                rows.append((label, clause, size, sign, ends, own["max_at"] or ""))
-    yield Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows)
-    missing = [f"no {', no '.join(names)}: {why}" for why, names in reasons.items()]
-    yield Listing([*missing, *dict.fromkeys(note for part in criteria for note in part["notes"])])
+        )
+        if own[f"max_{unit}"] is not None
+        for size, ends in [_measured(own, f"max_{unit}", factor)]
+    ]
+    missing: dict[str, list[str]] = {}
+    for part in criteria:
+        if part["max_m"] is None:
+            name = _NAMES[part["symbol"]].removesuffix(", ±")
+            missing.setdefault(part["why"] or "", []).append(f"{_symbol(part)} ({name})" if _symbol(part) else name)
+    notes = dict.fromkeys(note for part in criteria for note in part["notes"])
+    return [
+        Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows),
+        Listing([*(f"no {', no '.join(names)}: {why}" for why, names in missing.items()), *notes]),
+    ]
+
+
+def _symbol(criterion: Document) -> str:
+    """Return the symbol of a criterion in a text; the shift has none in the standard."""
+    return "" if criterion["symbol"] == "shift" else str(criterion["symbol"])
 
 
 def _places(criterion: Document, heading: str, head: str, key: str, confidence: float, several: bool) -> Section:
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
-    has_files, places = several and criterion["symbol"] != "E", criterion["poses"]
+    places = criterion["poses"]
     if key == "abc_rad" and all(place[key] is None for place in places):
         places = []
     if len(places) > _MAX_ROWS:
         heading += f" (the {_MAX_ROWS} largest of {len(places)})"
         places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
-    rows: list[Sequence[Cell]] = []
-    for place in places:
-        intervals, cells = place["intervals"], [place["pose"], *([place["file"] or ""] * has_files)]
-        if head:
-            cells += [str(place["n"]), *_measured(place, "position_m", IN_MM)]
-        if key == "between":
-            cells.append(place.get("between") or "")
-        elif key == "distance":
-            sizes = (place.get(f"{name}_distance_m") for name in ("mean", "sd"))
-            cells += [number(size, IN_MM, intervals["position_m"]) for size in sizes]
-        else:
-            pairs = zip(place[key] or (), intervals[key] or (), strict=True)
-            cells += [number(value, IN_MM if key == "xyz_m" else IN_DEGREES, bounds) for value, bounds in pairs]
-        rows.append(cells)
-    value_heads = ["visits", head, percent(confidence)] if head else []
-    return Section(heading, [Grid(("", *(["file"] * has_files), *value_heads, *_BESIDE[key]), rows)])
+    rows = [
+        (place["pose"], place["file"] or "", str(place["n"]), *_measured(place, "position_m", IN_MM), *beside)
+        for place in places
+        for beside in [_beside(place, key)]
+    ]
+    file, values = "file" if several and criterion["symbol"] != "E" else None, ("visits", head, percent(confidence))
+    return Section(heading, [grid(("", file, *(values if head else [None] * 3), *_BESIDE[key]), rows)])
 
 
-def _interval_methods(criteria: Sequence[Document]) -> Iterator[str]:
-    """Yield the method of each criterion's interval."""
+def _beside(place: Document, key: str) -> list[Cell]:
+    """Return what stands beside the value of a place."""
+    bounds = place["intervals"]
+    if key == "between":
+        return [place.get("between") or ""]
+    if key == "distance":
+        return [number(place.get(f"{own}_distance_m"), IN_MM, bounds["position_m"]) for own in ("mean", "sd")]
+    return [
+        number(value, IN_MM if key == "xyz_m" else IN_DEGREES, own)
+        for value, own in zip(place[key] or (), bounds[key] or (), strict=True)
+    ]
+
+
+def _interval_methods(criteria: Sequence[Document]) -> list[str]:
+    """Return the method of each criterion's interval."""
     known = [(part["symbol"], part["intervals"]["max_m"]) for part in criteria if part["max_m"] is not None]
-    yield from named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known)
-    if any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria):
-        yield (
-            "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the "
-            "number of poses"
-        )
-    yield "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error"
+    corrected = (
+        "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the number "
+        "of poses"
+    )
+    return [
+        *named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known),
+        corrected * any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria),
+        "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error",
+    ]

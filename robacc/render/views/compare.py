@@ -7,7 +7,6 @@ from collections.abc import Iterator, Sequence
 from robacc.comparison.stored_results import split_key
 from robacc.render.text import IN_MM, QUANTITIES, Document, chance, decimals, fixed, p_value, three_digits, unit_of
 from robacc.render.views.elements import (
-    Cell,
     Form,
     Grid,
     Listing,
@@ -52,17 +51,18 @@ _MAX_NAME = 24
 
 def comparison_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``compare``."""
-    names, ranking = [result["name"] for result in document["results"]], document["ranking"]
-    summary, tiles = "", []
-    if ranking is not None:
-        summary = f"By {ranking['by']}: {'; '.join(ranking['text'])}."
-        tiles = [
+    names, ranking = [result["name"] for result in document["results"]], document["ranking"] or {}
+    return ReportHeadline(
+        f"Comparison of {len(names)} results",
+        f"By {ranking['by']}: {'; '.join(ranking['text'])}." if ranking else "",
+        [
             Tile(entry["name"], amount(entry["value"], ranking["unit"]), f"group {entry['letters']}")
-            for entry in ranking["order"][:3]
+            for entry in ranking.get("order", ())[:3]
             if ranking["unit"] in ("m", "rad")
-        ]
-    facts = [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))]
-    return ReportHeadline(f"Comparison of {len(names)} results", summary, tiles, (), facts)
+        ],
+        (),
+        [("Results", ", ".join(names)), ("Baseline", str(document["baseline"] or "none"))],
+    )
 
 
 def comparison_view(document: Document, form: Form = "page") -> Iterator[Section]:
@@ -77,29 +77,41 @@ def comparison_view(document: Document, form: Form = "page") -> Iterator[Section
     yield _ranking(document["ranking"])
     if document["grade"] is not None:
         yield _grade(document["grade"])
-    groups: dict[str, list[Document]] = {}
-    for row in rows:
-        owner = split_key(row["key"])[0]
-        if _stage(owner) is None and not owner.startswith(_ISO9283):
-            groups.setdefault(f"{owner.capitalize()} error", []).append(row)
+    owners = {row["key"]: split_key(row["key"])[0] for row in rows}
+    main = [row for row in rows if _stage(owners[row["key"]]) is None and not row["key"].startswith(_ISO9283)]
+    groups = {
+        f"{owner.capitalize()} error": [row for row in main if owners[row["key"]] == owner]
+        for owner in dict.fromkeys(owners[row["key"]] for row in main)
+    }
     for name, unit, *_ in QUANTITIES:
         groups[f"ISO 9283, {name}"] = [r for r in rows if r["key"].startswith(_ISO9283) and r["unit"] == unit]
     for name, *_ in QUANTITIES:
-        own = [row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])]
-        groups[f"{name.capitalize()} rms"] = own
-    for title, group in groups.items():
-        if group:
-            yield _block(document, title, group, complete)
+        groups[f"{name.capitalize()} rms"] = [
+            row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])
+        ]
+    yield from (_block(document, title, group, complete) for title, group in groups.items() if group)
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
     yield Section("Differences", [Listing(named_by_text(methods))])
     if not complete:
         yield Section("Limitations", [Listing(document["notes"])])
         return
-    keys = dict.fromkeys(key for result in results for key in result["made"])
-    made = [(key, *(str(result["made"].get(key, "–")) for result in results)) for key in keys]
-    made.append(("SHA-256", *(result["sha256"] for result in results)))
-    table = Grid(("", *(result["name"] for result in results)), made, is_text=True)
-    yield Section("Compared results", [_results(document), table])
+    yield Section(
+        "Compared results",
+        [
+            _results(document),
+            Grid(
+                ("", *(result["name"] for result in results)),
+                [
+                    *(
+                        (key, *(str(result["made"].get(key, "–")) for result in results))
+                        for key in dict.fromkeys(key for result in results for key in result["made"])
+                    ),
+                    ("SHA-256", *(result["sha256"] for result in results)),
+                ],
+                is_text=True,
+            ),
+        ],
+    )
 
 
 def _short(name: str) -> str:
@@ -108,32 +120,44 @@ def _short(name: str) -> str:
 
 def _results(document: Document) -> Grid:
     paired = {match["second"]: "same poses" if match["paired"] else "different poses" for match in document["pairing"]}
-    rows = [
-        (
-            *(_short(str(result[key] or "–")) for key in ("name", "command", "robot", "n_poses", "grade")),
-            "" if result["command"] in ("iso9283", "predict") else paired.get(result["name"], ""),
-        )
-        for result in document["results"]
-    ]
-    return Grid(("result", "command", "robot", "poses", "grade", ""), rows)
+    return Grid(
+        ("result", "command", "robot", "poses", "grade", ""),
+        [
+            (
+                *(_short(str(result[key] or "–")) for key in ("name", "command", "robot", "n_poses", "grade")),
+                "" if result["command"] in ("iso9283", "predict") else paired.get(result["name"], ""),
+            )
+            for result in document["results"]
+        ],
+    )
 
 
 def _ranking(ranking: Document) -> Section:
     key, unit, order = ranking["by"], ranking["unit"], ranking["order"]
     is_iso, stage = key.startswith(_ISO9283), _stage(key)
     of_quantity = "" if is_iso else f" of the {split_key(key)[0].rpartition('.')[2]} error"
-    pairs = {(pair["better"], pair["worse"]): pair for pair in ranking["pairs"]}
-    rows = []
-    for entry, following in zip(order, [*order[1:], {"name": ""}], strict=True):
-        cells: list[Cell] = [_short(entry["name"]), _amount(entry["value"], unit), entry["letters"], "", ""]
-        if (pair := pairs.get((entry["name"], following["name"]))) is not None:
-            cells[3:] = _difference(pair["difference"], unit)[0], p_value(pair["p_corrected"])
-        rows.append(cells)
+    pairs = {
+        (pair["better"], pair["worse"]): (_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"]))
+        for pair in ranking["pairs"]
+    }
+    rows = [
+        (
+            _short(entry["name"]),
+            _amount(entry["value"], unit),
+            entry["letters"],
+            *pairs.get((entry["name"], following["name"]), ("", "")),
+        )
+        for entry, following in zip(order, [*order[1:], {"name": ""}], strict=True)
+    ]
     is_grouped = any(entry["letters"] for entry in order)
-    header = ("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs")
     of_stage = "" if stage is None else f" ({stage})"
-    title = f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}"
-    return Section(title, [Grid(header, rows), Listing(ranking["text"])])
+    return Section(
+        f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}",
+        [
+            Grid(("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs"), rows),
+            Listing(ranking["text"]),
+        ],
+    )
 
 
 def _grade(grade: Document) -> Section:
@@ -159,8 +183,13 @@ def _grade(grade: Document) -> Section:
         for each in results
         if each["poses_to_demonstrate"] is not None
     ]
-    header = ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °")
-    return Section(f"Grade {grade['wanted']} (scale: {grade['scale']})", [Grid(header, rows), Listing(reasons + later)])
+    return Section(
+        f"Grade {grade['wanted']} (scale: {grade['scale']})",
+        [
+            Grid(("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °"), rows),
+            Listing(reasons + later),
+        ],
+    )
 
 
 def _block(document: Document, title: str, rows: Sequence[Document], complete: bool) -> Section:
@@ -171,27 +200,40 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
     labels = [_stage(row["key"]) or _label(row["key"]) for row in rows]
     figures = [[_amount(figure["value"], unit) for figure in row["values"]] for row in rows]
     if len(names) == 2:
-        table: list[Sequence[Cell]] = [
-            [label, *own, *_difference(row["differences"][0], unit)]
-            for label, own, row in zip(labels, figures, rows, strict=True)
-        ]
-        return Section(title, [Grid(("", *names, "difference", interval_head, ""), table)])
+        return Section(
+            title,
+            [
+                Grid(
+                    ("", *names, "difference", interval_head, ""),
+                    [
+                        [label, *own, *_difference(row["differences"][0], unit)]
+                        for label, own, row in zip(labels, figures, rows, strict=True)
+                    ],
+                )
+            ],
+        )
     statistics, every = [split_key(row["key"])[1] for row in rows], range(len(rows))
     listed: Sequence[int] = [i for i in every if complete or statistics[i] in _LISTED] or every
     if len(names) <= 4:
         grid = Grid(("", *names), [[label, *own] for label, own in zip(labels, figures, strict=True)])
     else:
         shown = [i for i in every if complete or statistics[i] in (*_LISTED, "max")] or every[:4]
-        by_result = zip(names, *(figures[i] for i in shown), strict=True)
-        grid = Grid(("", *(labels[i] for i in shown)), [*by_result])
+        grid = Grid(("", *(labels[i] for i in shown)), [*zip(names, *(figures[i] for i in shown), strict=True)])
         listed = listed if complete else shown[:1]
-    differences: list[Sequence[Cell]] = [
-        [f"{labels[i]}, {_short(difference['name'])}", *_difference(difference, unit)]
-        for i in listed
-        for difference in rows[i]["differences"]
-    ]
-    head = f"difference from {_short(document['baseline'])}"
-    return Section(title, [grid, Grid((head, "difference", interval_head, ""), differences)])
+    return Section(
+        title,
+        [
+            grid,
+            Grid(
+                (f"difference from {_short(document['baseline'])}", "difference", interval_head, ""),
+                [
+                    [f"{labels[i]}, {_short(difference['name'])}", *_difference(difference, unit)]
+                    for i in listed
+                    for difference in rows[i]["differences"]
+                ],
+            ),
+        ],
+    )
 
 
 def _stage(key: str) -> str | None:
@@ -204,8 +246,7 @@ def _label(key: str) -> str:
     if not key.startswith(_ISO9283):
         name = split_key(key)[1]
         return _STATISTICS.get(name, name)
-    symbol = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation")
-    kind, _, base = symbol.partition(".")
+    kind, _, base = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation").partition(".")
     return f"{kind} of {base}" if base else kind
 
 
@@ -235,25 +276,46 @@ _LOADED = {
 }
 
 
-def paired_view(document: Document, names: tuple[str, str]) -> Iterator[Section]:
+def paired_view(document: Document, names: tuple[str, str]) -> list[Section]:
     """Return the text of the comparison of the files ``names``."""
-    yield Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction", [])
-    rows = [(stage, *statistics_cells(document[stage], "m", IN_MM)) for stage in ("before", "after")]
-    gain, loaded, promise = document["gain"], document["loaded"], document["promise"]
+    gain, loaded = document["gain"], document["loaded"]
     value, low, high = (three_digits(gain[f"{end}_m"] * IN_MM) for end in ("value", "lower", "upper"))
-    texts = [
-        f"gain {value} mm of the rms error, 95 % interval {low} to {high} mm",
-        f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the planned displacement "
-        f"of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % interval {100 * loaded['lower']:.0f} to "
-        f"{100 * loaded['upper']:.0f} %",
+    return [
+        Section(f"{document['n_targets']} targets before ({names[0]}) and after ({names[1]}) a correction"),
+        Section(
+            "",
+            [
+                Grid(
+                    ("error, mm", "rms", "mean", "95th pct.", "largest"),
+                    [(stage, *statistics_cells(document[stage], "m", IN_MM)) for stage in ("before", "after")],
+                )
+            ],
+        ),
+        Section(
+            "",
+            [
+                Listing(
+                    [
+                        f"gain {value} mm of the rms error, 95 % interval {low} to {high} mm",
+                        f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the "
+                        f"planned displacement of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % "
+                        f"interval {100 * loaded['lower']:.0f} to {100 * loaded['upper']:.0f} %",
+                        _promise(document["promise"], document["after"]["rms_m"]),
+                        *document["notes"],
+                    ]
+                )
+            ],
+        ),
     ]
-    if promise is not None:
-        kept = "agrees with the model" if promise["kept"] else "does not agree with the model"
-        texts.append(
-            f"the error after {kept}: {three_digits(document['after']['rms_m'] * IN_MM)} mm rms measured, "
-            f"{three_digits(promise['promised_rms_m'] * IN_MM)} mm rms predicted with measurement noise; chi-square "
-            f"{promise['chi_square']:.4g} on {promise['degrees_of_freedom']} degrees of freedom, "
-            f"{p_value(promise['p_value'])}"
-        )
-    yield Section("", [Grid(("error, mm", "rms", "mean", "95th pct.", "largest"), rows)])
-    yield Section("", [Listing([*texts, *document["notes"]])])
+
+
+def _promise(promise: Document | None, rms: float) -> str:
+    """Return whether the error after a correction is that of the model; empty without a model."""
+    if promise is None:
+        return ""
+    return (
+        f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
+        f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
+        f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
+        f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
+    )

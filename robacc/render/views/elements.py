@@ -11,7 +11,7 @@ from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from itertools import zip_longest
 from types import MappingProxyType
-from typing import Literal, NamedTuple, TextIO
+from typing import Any, Literal, NamedTuple, TextIO
 
 from robacc.render.text import (
     PLAIN_WIDTH,
@@ -80,9 +80,17 @@ class Grid:
                 label = " " * len(label)
         if self.is_ruled and lines:
             rule = " " + "─" * max(len(text) for text, _ in lines)
-            indented: list[Line] = [(f" {text}", "") for text, _ in lines[1:]]
-            lines = [("", ""), (f" {lines[0][0]}", "bold"), (rule, ""), *indented]
+            lines = [("", ""), (f" {lines[0][0]}", "bold"), (rule, ""), *[(f" {text}", "") for text, _ in lines[1:]]]
         yield from lines
+
+
+def grid(header: Sequence[str | None], rows: Iterable[Sequence[Cell]], **looks: Any) -> Grid:
+    """Return a table of the columns that have a head: None leaves out a column, whose cells the rows have."""
+    return Grid(
+        [head for head in header if head is not None],
+        [[cell for head, cell in zip(header, row, strict=False) if head is not None] for row in rows],
+        **looks,
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,10 +132,11 @@ Block = Grid | Listing | Text
 
 @dataclass(frozen=True, slots=True)
 class Section:
-    """A part of a view with a heading."""
+    """A part of a view with a heading; without a filled block it is left out, unless it is a heading alone."""
 
     title: str
-    blocks: Iterable[Block]
+    blocks: Iterable[Block] | None = None
+    """None of a heading alone."""
     style: Style = "bold"
     """Of the heading on a terminal."""
 
@@ -159,11 +168,10 @@ def draw(sections: Iterable[Section], stream: TextIO) -> None:
 
 
 def shown(sections: Iterable[Section]) -> Iterator[Section]:
-    """Yield the sections that have a line besides their heading, or no more than a heading."""
+    """Yield the sections that have a line besides their heading, or are no more than a heading."""
     for section in sections:
-        blocks = [*section.blocks]
-        filled = [block for block in blocks if any(block.lines(PLAIN_WIDTH))]
-        if filled or not blocks:
+        filled = [block for block in section.blocks or () if any(block.lines(PLAIN_WIDTH))]
+        if filled or section.blocks is None:
             yield replace(section, blocks=filled)
 
 
@@ -174,11 +182,12 @@ def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:
             yield "", ""
         if section.title:
             yield section.title, section.style
-        blocks = [*section.blocks]
-        for previous, block in zip([None, *blocks], blocks, strict=False):
+        previous: Block | None = None
+        for block in section.blocks or ():
             if isinstance(previous, Grid) and isinstance(block, Grid):
                 yield "", ""
             yield from block.lines(width)
+            previous = block
 
 
 # Numbers of tables, in mm and degrees: their heads name the unit, and their digits follow the interval.
@@ -192,8 +201,9 @@ def number(value: float | None, factor: float = 1.0, bounds: Document = UNBOUNDE
         return Number("–", None)
     if bounds["lower"] is None or bounds["upper"] is None:
         return Number(three_digits(value * factor), value)
-    places = decimals(value * factor, bounds["lower"] * factor, bounds["upper"] * factor)
-    return Number(fixed(value * factor, places), value)
+    return Number(
+        fixed(value * factor, decimals(value * factor, bounds["lower"] * factor, bounds["upper"] * factor)), value
+    )
 
 
 def interval(value: float | None, factor: float, bounds: Document) -> str:
@@ -221,25 +231,33 @@ def with_error(value: float, error: float | None, factor: float, sign: str = "")
     """Return a value and its standard error, with the digits that the error supports."""
     if error is None:
         return Number(f"{three_digits(value * factor)}{sign}", value), Number("–", None)
-    texts = measured(value * factor, error * factor)
-    return Number(f"{texts[0]}{sign}", value), Number(f"{texts[1]}{sign}", error)
+    size, std = measured(value * factor, error * factor)
+    return Number(f"{size}{sign}", value), Number(f"{std}{sign}", error)
 
 
 def coefficients(parameters: Iterable[Document]) -> Grid:
     """Return name, value, standard error and unit of the identifiable coefficients."""
-    rows = [
-        (parameter["name"], *with_error(parameter["value"], parameter["std"], factor), unit)
-        for parameter in parameters
-        if parameter["std"] is not None
-        for factor, unit in [unit_of(parameter["unit"])]
-    ]
-    return Grid(("name", "value", "standard error", "unit"), rows)
+    return Grid(
+        ("name", "value", "standard error", "unit"),
+        [
+            (parameter["name"], *with_error(parameter["value"], parameter["std"], factor), unit)
+            for parameter in parameters
+            if parameter["std"] is not None
+            for factor, unit in [unit_of(parameter["unit"])]
+        ],
+    )
 
 
 def parameter_tables(parameters: Sequence[Document]) -> list[Block]:
     """Return the coefficients with their standard errors, and the reasons of those that are not identifiable."""
-    reasons = [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None]
-    return [coefficients(parameters), Grid(("not identifiable", "reason"), reasons, is_text=True)]
+    return [
+        coefficients(parameters),
+        Grid(
+            ("not identifiable", "reason"),
+            [(p["name"], str(p.get("why", ""))) for p in parameters if p["std"] is None],
+            is_text=True,
+        ),
+    ]
 
 
 def with_unit(value: float, unit: str = "m") -> Number:
@@ -309,9 +327,7 @@ class EffectFamily(NamedTuple):
 
 def effect_families(document: Document) -> list[EffectFamily]:
     """Return the detection limits of a result by effect."""
-    by_name: dict[str, list[Document]] = {}
-    for limit in document["detection_limits"] or ():
-        by_name.setdefault(limit["effect"], []).append(limit)
+    limits = document["detection_limits"] or ()
     return [
         EffectFamily(
             name,
@@ -319,5 +335,6 @@ def effect_families(document: Document) -> list[EffectFamily]:
             sorted((each for each in entries if each["limit"] is not None), key=lambda each: each["limit"]),
             statistics.mean(each.get("power") or 0.0 for each in entries),
         )
-        for name, entries in by_name.items()
+        for name in dict.fromkeys(limit["effect"] for limit in limits)
+        for entries in [[limit for limit in limits if limit["effect"] == name]]
     ]

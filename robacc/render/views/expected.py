@@ -30,6 +30,7 @@ from robacc.render.views.elements import (
     Tile,
     amount,
     effect_families,
+    grid,
     number,
     of_robot,
     percent,
@@ -58,31 +59,30 @@ _NOISE_SOURCES = {
 def predict_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``predict``."""
     position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
-    rms, p95 = amount(position["rms_m"]), amount(position["p95_m"])
-    summary = (
+    rms, p95, coverage = amount(position["rms_m"]), amount(position["p95_m"]), document["coverage"] or {}
+    shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)]
+    largest = [
+        f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
+        for first in document["budget"][:1]
+    ]
+    return ReportHeadline(
+        f"Predicted accuracy{of_robot(document)}",
         f"{'The tolerances give' if document['tolerances']['parameters'] else 'The fit of the model gives'} an "
         f"expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: grade "
-        f"{grade['grade']}."
+        f"{grade['grade']}.{''.join(largest)}",
+        [
+            Tile("position, rms", rms, "over robots and poses"),
+            Tile("position, 95th percentile", p95, "over robots and poses"),
+            Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
+        ],
+        [(f"grade {grade['grade']}, expected", "plain")],
+        [
+            ("Configurations", document["configurations"]),
+            ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
+            ("Compared with measured poses", (document["against"] or {}).get("verdict", "").replace("_", " ")),
+            ("Measured poses within their 95 % bound", ", ".join(shares)),
+        ],
     )
-    for first in document["budget"][:1]:
-        summary += (
-            f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
-        )
-    coverage = document["coverage"] or {}
-    shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)]
-    facts = [
-        ("Configurations", document["configurations"]),
-        ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
-        ("Compared with measured poses", (document["against"] or {}).get("verdict", "").replace("_", " ")),
-        ("Measured poses within their 95 % bound", ", ".join(shares)),
-    ]
-    tiles = [
-        Tile("position, rms", rms, "over robots and poses"),
-        Tile("position, 95th percentile", p95, "over robots and poses"),
-        Tile("worst pose, rms", amount(worst["rms_m"]), f"at {worst['label']}"),
-    ]
-    title, badge = f"Predicted accuracy{of_robot(document)}", f"grade {grade['grade']}, expected"
-    return ReportHeadline(title, summary, tiles, [(badge, "plain")], facts)
 
 
 def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
@@ -93,20 +93,30 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
     parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
     if not is_page:
         origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-        facts = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-        yield Section(f"Expected accuracy of {document['robot']['name']}, from {origin}", facts)
+        yield Section(
+            f"Expected accuracy of {document['robot']['name']}, from {origin}",
+            [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])],
+        )
     limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
-    texts = [
-        f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
-        f"share of poses that meet each grade individually: {shares}",
-    ]
-    yield Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(texts)])
+    yield Section(
+        f"Grade {grade['grade']} predicted (scale: {grade['scale']})",
+        [
+            Listing(
+                [
+                    f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
+                    f"share of poses that meet each grade individually: {shares}",
+                ]
+            )
+        ],
+    )
     yield Section("Predicted error", _errors(document))
     yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])])
     if not is_page:
-        title = "Error budget: share of the variance (parameters sorted by both shares)"
-        yield Section(title, _budgets(document, "parameter" if parameters else "source"))
+        yield Section(
+            "Error budget: share of the variance (parameters sorted by both shares)",
+            _budgets(document, "parameter" if parameters else "source"),
+        )
         for label in ("joint", "kind"):
             yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
     if document["allocation"] is not None:
@@ -124,28 +134,27 @@ def _percent(share: float) -> str:
 
 def _errors(document: Document) -> list[Block]:
     errors = [(document[name], unit, factor) for name, unit, _, factor in QUANTITIES]
-    rows: list[Sequence[Cell]] = [
-        (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
-        for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
-    ]
-    percentiles: list[Sequence[Cell]] = [
-        (
-            key.removeprefix("p"),
-            *(
-                number(part["percentiles_over_poses"][f"{name}_{unit}"][key], factor)
-                for part, unit, factor in errors
-                for name in ("rms", "radius95")
-            ),
-        )
-        for key in document["position"]["percentiles_over_poses"]["rms_m"]
-    ]
-    largest = [
-        number(value, factor)
+    columns = [
+        {**part["percentiles_over_poses"][f"{name}_{unit}"], "largest": largest, "factor": factor}
         for part, unit, factor in errors
-        for value in (part["worst"][f"rms_{unit}"], part[f"max_radius95_{unit}"])
+        for name, largest in (("rms", part["worst"][f"rms_{unit}"]), ("radius95", part[f"max_radius95_{unit}"]))
     ]
-    heads = ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °")
-    return [Grid(("over robots and poses", "mm", "°"), rows), Grid(heads, [*percentiles, ("largest", *largest)])]
+    return [
+        Grid(
+            ("over robots and poses", "mm", "°"),
+            [
+                (label, *(number(part[f"{key}_{unit}"], factor) for part, unit, factor in errors))
+                for label, key in (("rms", "rms"), ("mean", "mean_error"), ("95 % of errors within", "p95"))
+            ],
+        ),
+        Grid(
+            ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"),
+            [
+                (key.removeprefix("p"), *(number(column[key], column["factor"]) for column in columns))
+                for key in (*document["position"]["percentiles_over_poses"]["rms_m"], "largest")
+            ],
+        ),
+    ]
 
 
 def _worst(document: Document, name: str, unit: str) -> str:
@@ -163,19 +172,23 @@ def _worst(document: Document, name: str, unit: str) -> str:
     )
 
 
-def _budgets(document: Document, label: str) -> Iterator[Block]:
-    """Yield the largest shares, and the sum of the others."""
+def _budgets(document: Document, label: str) -> list[Block]:
+    """Return the largest shares, and the sum of the others."""
 
     def both(part: Document) -> float:
         return float(part["share_position"] + part["share_orientation"])
 
     # Scatter that the fit did not separate and poses within its ranges have no share of their own.
-    present = [part for part in document["budget"] if part["sd"] is not None or both(part)]
-    budget = sorted(present, key=lambda part: -round(both(part), 9))
-    yield _budget(label, "parameter", budget[:_LISTED])
-    if unlisted := budget[_LISTED:]:
-        position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, *_ in QUANTITIES)
-        yield Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation")
+    budget = sorted(
+        [part for part in document["budget"] if part["sd"] is not None or both(part)],
+        key=lambda part: -round(both(part), 9),
+    )
+    unlisted = budget[_LISTED:]
+    position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, *_ in QUANTITIES)
+    return [
+        _budget(label, "parameter", budget[:_LISTED]),
+        Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)),
+    ]
 
 
 def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:
@@ -183,22 +196,23 @@ def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:
     # The bars share the columns that names, tolerances and percentages leave of 80.
     longest, is_toleranced = max((len(part[key]) for part in parts), default=0), label == "parameter"
     width = max(2, min(_BAR, (44 - longest) // 2)) if is_toleranced else _BAR
-    shares = [
-        (name, max((part[name] for part in parts), default=0.0)) for name in ("share_position", "share_orientation")
-    ]
-    rows = [
-        (
-            part[key],
-            *([with_unit(part["sd"], part["unit"])] if is_toleranced else []),
-            *(
-                text
-                for name, most in shares
-                for text in (_percent(part[name]), ("█" * round(width * part[name] / (most or 1.0))).ljust(width))
-            ),
-        )
-        for part in parts
-    ]
-    return Grid((label, *(["1 sd"] if is_toleranced else []), "position", "", "orientation", ""), rows)
+    names = ("share_position", "share_orientation")
+    most = {name: max((part[name] for part in parts), default=0.0) or 1.0 for name in names}
+    return grid(
+        (label, "1 sd" if is_toleranced else None, "position", "", "orientation", ""),
+        [
+            (
+                part[key],
+                with_unit(part["sd"], part["unit"]) if is_toleranced else "",
+                *(
+                    text
+                    for name in names
+                    for text in (_percent(part[name]), ("█" * round(width * part[name] / most[name])).ljust(width))
+                ),
+            )
+            for part in parts
+        ],
+    )
 
 
 def _allocation(allocation: Document, statistic: str) -> Section:
@@ -221,15 +235,21 @@ def _allocation(allocation: Document, statistic: str) -> Section:
         f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
         f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
     )
-    table = Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows)
-    others = f"the other {len(tolerances) - len(rows)} tolerances need no change"
-    return Section(title, [table, Text(others), Text(text)])
+    return Section(
+        title,
+        [
+            Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows),
+            Text(f"the other {len(tolerances) - len(rows)} tolerances need no change"),
+            Text(text),
+        ],
+    )
 
 
-def _against(comparison: Document, source: str) -> Iterator[Section]:
-    """Yield the comparison of predicted and measured errors."""
+def _against(comparison: Document, source: str) -> list[Section]:
+    """Return the comparison of predicted and measured errors."""
     measured, noise, alignment = comparison["measured"], comparison["noise"], comparison["alignment"]
     registered = "not registered" if alignment is None else f"registered: {' and '.join(alignment['what'])} fitted"
+    components = comparison["variance_components"] or {"confidence": 0.95, "components": (), "notes": ()}
     sizes = [
         (name, with_unit(rms, unit), with_unit(sigma, unit), _NOISE_SOURCES[noise[f"source_{name}"] or "file"])
         for name, unit, *_ in QUANTITIES
@@ -250,26 +270,35 @@ def _against(comparison: Document, source: str) -> Iterator[Section]:
         )
         if (test := comparison["normalised_squared_error"][key]) is not None
     ]
-    blocks: list[Block] = [
-        Text(comparison["verdict"]),
-        Text(f"measured, {registered}"),
-        Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
-        Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+    scaled = [
+        "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
+        f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, from "
+        f"{scaled['draws']} simulated data sets."
+        for scaled in [comparison["likelihood_ratio"]]
+        if scaled is not None
     ]
-    if (scaled := comparison["likelihood_ratio"]) is not None:
-        text = (
-            "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
-            f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, "
-            f"from {scaled['draws']} simulated data sets."
-        )
-        blocks.append(Text(text))
-    yield Section(f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}", blocks)
-    if (components := comparison["variance_components"]) is not None:
-        heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-        notes = ["dof: effective number of independent parameter errors in the estimate", *components["notes"]]
-        blocks = [Grid(heads, [*map(_component, components["components"])]), Listing(notes)]
-        yield Section("Variance components (one standard deviation)", blocks)
-    yield Section("Limits of data from one robot", [Text(comparison["one_draw"])])
+    heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
+    dof = "dof: effective number of independent parameter errors in the estimate"
+    return [
+        Section(
+            f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}",
+            [
+                Text(comparison["verdict"]),
+                Text(f"measured, {registered}"),
+                Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
+                Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
+                *map(Text, scaled),
+            ],
+        ),
+        Section(
+            "Variance components (one standard deviation)",
+            [
+                Grid(heads, [*map(_component, components["components"])]),
+                Listing([dof * bool(components["components"]), *components["notes"]]),
+            ],
+        ),
+        Section("Limits of data from one robot", [Text(comparison["one_draw"])]),
+    ]
 
 
 def _component(component: Document) -> Sequence[Cell]:
@@ -292,9 +321,10 @@ def _coverage(coverage: Document) -> Section:
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
     registered = " and ".join(coverage["registered"])
     halves = f"{registered} fitted to one half of the poses for the errors of the other" * bool(registered)
-    notes = Listing([f"the bound contains the measurement noise, {sources}", halves])
-    title = f"Measured poses within the {100 * coverage['probability']:g} % bound of their error"
-    return Section(title, [Grid(("", "poses", "share"), rows), notes])
+    return Section(
+        f"Measured poses within the {100 * coverage['probability']:g} % bound of their error",
+        [Grid(("", "poses", "share"), rows), Listing([f"the bound contains the measurement noise, {sources}", halves])],
+    )
 
 
 # A plan of a measurement: route, feasible poses, what to expect of the fit or a trace; and the comments of its CSV.
@@ -332,32 +362,43 @@ def plan_comments(plan: CampaignPlan) -> list[str]:
 def plan_headline(document: Document) -> ReportHeadline:
     """Return the number of poses and visits, the predicted error, and whether earlier poses are enough."""
     planned, sufficiency = (document["accuracy"] or {}).get("planned"), document["sufficiency"]
-    noise, power, badges = document["noise"], document["power"], []
-    n, visits = document["n_poses"], document["n_visits"]
-    summary = f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses."
-    tiles = [Tile("different poses", Number(str(n), float(n))), Tile("visits", Number(str(visits), float(visits)))]
-    if planned is not None:
-        tiles.append(Tile("predicted error after the fit, rms", amount(planned["rms_m"])))
-        tiles.append(Tile("the same of random poses", amount(planned["random_rms_m"])))
-    if power is not None:
-        tiles += [
-            Tile(label, Number(f"{100 * power[key]:.0f} %", power[key]), f"random poses {100 * power[random]:.0f} %")
-            for label, key, random in (
-                ("effects found at their usual size", "found", "random_found"),
-                ("found and separated", "separated", "random_separated"),
-            )
-        ]
+    n, visits, noise, power = (document[key] for key in ("n_poses", "n_visits", "noise", "power"))
+    already, badges = "", []
     if sufficiency is not None:
-        summary += f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
+        already = f" After {sufficiency['n_already']} poses: {sufficiency['why']}."
         badges = [("enough poses", "good") if sufficiency["enough"] else ("more poses needed", "open")]
-    facts = [
-        ("Instrument", f"{amount(noise['position_m'])} along each axis"),
-        ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
-        ("Source of the noise", str(noise["source"])),
-        ("Free effects", ", ".join(document["fit"].split(","))),
-    ]
-    title = f"Plan for the {_PURPOSES[document['purpose']]}{of_robot(document)}"
-    return ReportHeadline(title, summary, tiles, badges, facts)
+    return ReportHeadline(
+        f"Plan for the {_PURPOSES[document['purpose']]}{of_robot(document)}",
+        f"{n} poses in {visits} visits, chosen from {document['candidates']['feasible']} feasible poses.{already}",
+        [
+            *(Tile(name, Number(str(n), float(n))) for name, n in (("different poses", n), ("visits", visits))),
+            *(
+                Tile(label, amount(planned[key]))
+                for label, key in (
+                    ("predicted error after the fit, rms", "rms_m"),
+                    ("the same of random poses", "random_rms_m"),
+                )
+                if planned is not None
+            ),
+            *(
+                Tile(
+                    label, Number(f"{100 * power[key]:.0f} %", power[key]), f"random poses {100 * power[random]:.0f} %"
+                )
+                for label, key, random in (
+                    ("effects found at their usual size", "found", "random_found"),
+                    ("found and separated", "separated", "random_separated"),
+                )
+                if power is not None
+            ),
+        ],
+        badges,
+        [
+            ("Instrument", f"{amount(noise['position_m'])} along each axis"),
+            ("Repeatability", f"{amount(noise['repeatability_m'])} along each axis at the target"),
+            ("Source of the noise", str(noise["source"])),
+            ("Free effects", ", ".join(document["fit"].split(","))),
+        ],
+    )
 
 
 def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> Iterator[Section]:
@@ -368,16 +409,24 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     purpose, options, is_short = document["purpose"], document.get("options", {}), form == "short"
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
     title = f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {count}"
-    yield Section(
-        "Order of the visits" if form == "page" else title, [Listing([*_route_facts(document, not is_short)])]
-    )
+    yield Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))])
     if (sufficiency := document["sufficiency"]) is not None:
-        verdict = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}"
-        yield Section(verdict, [Listing([*_sufficiency(sufficiency)])])
-    if not is_short:
-        excluded = document["candidates"]["excluded"]
-        rows = [(each["reason"], str(each["count"]), str(each["alone"])) for each in excluded]
-        yield Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), rows)])
+        yield Section(
+            "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}",
+            [Listing(_sufficiency(sufficiency))],
+        )
+    yield Section(
+        "Feasible poses",
+        [
+            Grid(
+                ("candidates excluded by", "count", "by this alone"),
+                [
+                    (each["reason"], str(each["count"]), str(each["alone"]))
+                    for each in (() if is_short else document["candidates"]["excluded"])
+                ],
+            )
+        ],
+    )
     if document["needed_poses"]:
         yield _needed(document["needed_poses"])
     if document["accuracy"] is not None:
@@ -390,25 +439,28 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         ahead = Text(f"next: {_next_step(document, robot, output)}")
         yield Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])
         return
-    most = {"full": 8, "page": 20}[form]
-    if purpose in ("calibrate", "health"):
-        errors = [
-            (each["name"], number(each["std"], factor), unit)
-            for each in document["coefficients"]
-            if each["std"] is not None
-            for factor, unit in [unit_of(each["unit"])]
-        ]
-        missing = ", ".join(each["name"] for each in document["coefficients"] if each["std"] is None)
-        note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
-        yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
-    if purpose == "calibrate":
-        pairs = [f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})" for pair in document["correlations"]]
-        yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
+    most, texts = {"full": 8, "page": 20}[form], _inseparable(document["inseparable"] or ())
+    fitted = document["coefficients"] if purpose in ("calibrate", "health") else ()
+    missing = ", ".join(each["name"] for each in fitted if each["std"] is None)
+    errors = [
+        (each["name"], number(each["std"], factor), unit)
+        for each in fitted
+        if each["std"] is not None
+        for factor, unit in [unit_of(each["unit"])]
+    ]
+    note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
+    yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
+    pairs = [
+        f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})"
+        for pair in (document["correlations"] if purpose == "calibrate" else ())
+    ]
+    yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
     if document["detection_limits"] is not None:
         yield Section("Effects that a trace of these poses can find", _detectability(document, most))
-    texts = _inseparable(document["inseparable"] or ())
-    others = Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)
-    yield Section("Pairs that are not distinguishable at the usual size", [Listing(texts[:most]), others])
+    yield Section(
+        "Pairs that are not distinguishable at the usual size",
+        [Listing(texts[:most]), Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)],
+    )
     if form == "page":
         yield _visits(document)
 
@@ -426,52 +478,56 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     return f"{start}, then: robacc {name} {file} --robot {robot}" + f" {option} {planned_for}" * bool(planned_for)
 
 
-def _sufficiency(sufficiency: Document) -> Iterator[str]:
-    yield sufficiency["why"]
-    if None not in (sufficiency["now_m"], sufficiency["later_m"]):
-        now, later = (three_digits(sufficiency[key] * IN_MM) for key in ("now_m", "later_m"))
-        yield f"error to expect: {now} mm rms now, {later} mm with the next poses"
-    own = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    yield "this counts the {} {}: fit them together with the new {}".format(sufficiency["n_already"], *own)
+def _sufficiency(sufficiency: Document) -> list[str]:
+    now, later = (number(sufficiency[key], IN_MM) for key in ("now_m", "later_m"))
+    own, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
+    return [
+        sufficiency["why"],
+        f"error to expect: {now} mm rms now, {later} mm with the next poses" * (None not in (now.si, later.si)),
+        f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
+    ]
 
 
-def _route_facts(document: Document, full: bool) -> Iterator[str]:
-    """Yield where the poses come from, how often each is visited, and what was assumed; with ``full`` the route too."""
+def _route_facts(document: Document, full: bool) -> list[str]:
+    """Return where the poses come from, how often each is visited, and what was assumed; in ``full`` the route too."""
     route, noise, candidates = document["route"], document["noise"], document["candidates"]
     blocks = document["payloads"]
     with_each = " with each payload" if len(blocks) > 1 else ""
-    yield f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}"
     repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
     again, checks = f", {repeats} of them a second time" if repeats else "", n_visits - n_poses - repeats
     check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
-    yield f"{n_visits} visits: each of the {n_poses} poses once{again}{check}"
-    turn = noise["orientation_rad"]
+    turn, measured = (
+        noise["orientation_rad"],
+        (three_digits(noise[key] * IN_MM) for key in ("position_m", "repeatability_m")),
+    )
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
     ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
-    yield (
-        f"instrument {three_digits(noise['position_m'] * IN_MM)} mm and repeatability "
-        f"{three_digits(noise['repeatability_m'] * IN_MM)} mm along each axis{orientation} ({noise['source']}{ask})"
-    )
-    if full:
-        least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
-        yield (
-            f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} "
-            f"times the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached "
-            f"from its rarer direction in at least {100 * least:.0f} % of its moves"
-        )
-    if (collisions := document["collisions"]) is None:
-        yield "collisions of the links not checked: check every pose before you send it"
-    else:
-        pairs = ", ".join(" and ".join(pair) for pair in collisions["overlapping"])
-        yield (
-            f"{len(collisions['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
+    least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
+    collisions = "collisions of the links not checked: check every pose before you send it"
+    if (checked := document["collisions"]) is not None:
+        pairs = ", ".join(" and ".join(pair) for pair in checked["overlapping"])
+        collisions = (
+            f"{len(checked['pairs'])} pairs of links checked for collisions, without tool, payload and cables"
             + f"; not checked, as they touch at nearly all poses: {pairs}" * bool(pairs)
         )
-    yield f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}" * bool(blocks)
-    validation, worth = document["validation"], document["worth"]
-    yield "" if validation is None else f"{len(validation['q'])} more poses for validation only"
-    if full and worth is not None and worth["new_poses_rms_m"] is not None:
-        yield f"if there is time for twice the measurements: {worth['verdict']}"
+    validation, worth = document["validation"], document["worth"] or {"new_poses_rms_m": None}
+    return [
+        f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}",
+        f"{n_visits} visits: each of the {n_poses} poses once{again}{check}",
+        "instrument {} mm and repeatability {} mm along each axis".format(*measured)
+        + f"{orientation} ({noise['source']}{ask})",
+        f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} times "
+        f"the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached from its "
+        f"rarer direction in at least {100 * least:.0f} % of its moves"
+        if full
+        else "",
+        collisions,
+        f"payloads: {_payloads(blocks, document.get('options', {}).get('payload') or ())}" * bool(blocks),
+        "" if validation is None else f"{len(validation['q'])} more poses for validation only",
+        ""
+        if not full or worth["new_poses_rms_m"] is None
+        else f"if there is time for twice the measurements: {worth['verdict']}",
+    ]
 
 
 def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
@@ -486,58 +542,71 @@ def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
 
 
 def _needed(entries: Sequence[Document]) -> Section:
-    heads = ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"]))
-    rows: list[Sequence[Cell]] = [
-        (
-            f"{entry['name']} ({entry['statistic']})",
-            number(entry["limit_m"], IN_MM),
-            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
-        )
-        for entry in entries
-    ]
-    texts = [
-        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
-        f"{100 * entry['true_over_limit']:.2g} % of the limit"
-        for entry in entries
-    ]
-    hint = "the nearer the true value to the limit, the more poses; `expected` states the value that you expect"
-    title = "Poses to decide with a probability of 90 %, by true value in % of the limit"
-    return Section(title, [Grid(heads, rows), Listing([*texts, hint])])
+    return Section(
+        "Poses to decide with a probability of 90 %, by true value in % of the limit",
+        [
+            Grid(
+                ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"])),
+                [
+                    (
+                        f"{entry['name']} ({entry['statistic']})",
+                        number(entry["limit_m"], IN_MM),
+                        *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+                    )
+                    for entry in entries
+                ],
+            ),
+            Listing(
+                [
+                    *(
+                        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+                        f"{100 * entry['true_over_limit']:.2g} % of the limit"
+                        for entry in entries
+                    ),
+                    "the nearer the true value to the limit, the more poses; `expected` states the value that you "
+                    "expect",
+                ]
+            ),
+        ],
+    )
 
 
-def _accuracy(document: Document, is_curve: bool) -> Iterator[Block]:
-    """Yield the error over the number of poses, or near the planned number; they are added to earlier ones if any."""
+def _accuracy(document: Document, is_curve: bool) -> list[Block]:
+    """Return the error over the number of poses, or near the planned number; they are added to earlier ones if any."""
     accuracy, is_addition = document["accuracy"], document["sufficiency"] is not None
     planned, knee = accuracy["planned"], accuracy["knee"]
     enough = next((p["n_poses"] for p in accuracy["curve"] if knee is not None and p["n_poses"] >= knee), None)
-    rows: list[Sequence[Cell]] = []
-    for point in accuracy["curve"]:
-        n = point["n_poses"]
-        is_planned = planned is not None and n == planned["n_poses"]
-        marks = ["planned"] * is_planned + ["enough"] * (n == enough and not is_addition)
-        if is_curve or marks:
-            values = (number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms"))
-            rows.append((str(n), *values, ", ".join(marks)))
+    marks = {"planned": planned and planned["n_poses"], "enough": None if is_addition else enough}
+    rows: list[Sequence[Cell]] = [
+        (str(n), *(number(point[f"{key}_m"], IN_MM) for key in ("total_rms", "rms", "worst", "random_rms")), mark)
+        for point in accuracy["curve"]
+        for n in [point["n_poses"]]
+        for mark in [", ".join(name for name, place in marks.items() if place == n)]
+        if is_curve or mark
+    ]
     heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
-    yield Grid(("more poses" if is_addition else "poses", *heads), rows)
     if planned is None:
         advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
     elif enough is None:
         advice = "more poses are worth it: ten more still reduce the error to expect by more than 10 %"
     else:
+        spare = planned["n_poses"] - enough
         advice = f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
-        if (spare := planned["n_poses"] - enough) > 0:
-            advice += f"; if there is time, the other {spare} are a reserve for failed measurements and for checking "
-            advice += "the fit"
+        advice += (
+            f"; if there is time, the other {spare} are a reserve for failed measurements and for checking the fit"
+        ) * (spare > 0)
     meaning = (
         "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
         "at its worst pose and fitted to random poses"
     )
-    yield Listing([meaning] if is_addition and planned is not None else [meaning, advice])
+    return [
+        Grid(("more poses" if is_addition else "poses", *heads), rows),
+        Listing([meaning, advice * (planned is None or not is_addition)]),
+    ]
 
 
-def _detectability(document: Document, most: int) -> Iterator[Block]:
-    families = effect_families(document)
+def _detectability(document: Document, most: int) -> list[Block]:
+    families, untested = effect_families(document), document["not_testable"] or {}
     rows = [
         (*family.cells(), f"{unit_of(first['unit']).factor * first['usual_size']:.1e}", fixed(family.power, 2))
         for family in families
@@ -549,17 +618,19 @@ def _detectability(document: Document, most: int) -> Iterator[Block]:
         for each in family.entries
         if each["joints"] not in [limit["joints"] for limit in family.known]
     )
-    yield Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows)
     more = f" and {len(hidden) - most} more" * (len(hidden) > most)
-    untested = document["not_testable"] or {}
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
-    notes = [
-        *_found(document["power"]),
-        "limit: size found with probability 1/2; power: probability that the usual size is found",
-        f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
-        *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+    return [
+        Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+        Listing(
+            [
+                *_found(document["power"]),
+                "limit: size found with probability 1/2; power: probability that the usual size is found",
+                f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
+                *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
+            ]
+        ),
     ]
-    yield Listing(notes)
 
 
 def _found(power: Document | None) -> list[str]:
@@ -596,13 +667,13 @@ def _inseparable(pairs: Sequence[Document]) -> list[str]:
 def _visits(document: Document) -> Section:
     visits = document["visits"]
     units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
-    payloads = [] if visits["payload_kg"] is None else [f"{payload:g}" for payload in visits["payload_kg"]]
+    payloads = visits["payload_kg"]
     rows = [
         (
             str(i + 1),
             visits["pose"][i],
             visits["role"][i],
-            *payloads[i : i + 1],
+            "" if payloads is None else f"{payloads[i]:g}",
             *(
                 f"{value * unit.factor:.{2 if unit.name == '°' else 1}f}"
                 for value, unit in zip(q, units.values(), strict=True)
@@ -610,9 +681,12 @@ def _visits(document: Document) -> Section:
         )
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
-    names = (*["payload, kg"] * bool(payloads), *(f"{name}, {unit.name}" for name, unit in units.items()))
+    payload, names = (
+        None if payloads is None else "payload, kg",
+        (f"{name}, {unit.name}" for name, unit in units.items()),
+    )
     more = f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them." * (len(visits["q"]) > _VISITS)
-    return Section("Visits", [Grid(("visit", "pose", "role", *names), rows), Text(more)])
+    return Section("Visits", [grid(("visit", "pose", "role", payload, *names), rows), Text(more)])
 
 
 # A correction: corrections, the errors to expect, and what remains.
@@ -637,14 +711,16 @@ def correction_headline(document: Document) -> ReportHeadline:
     before, after = (document["expected"][stage]["position"] or {} for stage in ("before", "after"))
     now, then = (amount(part.get("expected_rms_m")) for part in (before, after))
     count = f"{document['n_corrected']} of {document['n_targets']} targets"
-    summary = f"{count} have a corrected command. The position error to expect falls from {now} to {then} rms."
-    tiles = [
-        Tile("expected error before, rms", now),
-        Tile("expected error after, rms", then),
-        Tile("95 % bound after, largest", amount(after.get("largest_bound95_m"))),
-    ]
-    badges = [(f"{count} corrected", "open" if document["n_refused"] else "good")]
-    return ReportHeadline(f"Correction by {document['model']}", summary, tiles, badges)
+    return ReportHeadline(
+        f"Correction by {document['model']}",
+        f"{count} have a corrected command. The position error to expect falls from {now} to {then} rms.",
+        [
+            Tile("expected error before, rms", now),
+            Tile("expected error after, rms", then),
+            Tile("95 % bound after, largest", amount(after.get("largest_bound95_m"))),
+        ],
+        [(f"{count} corrected", "open" if document["n_refused"] else "good")],
+    )
 
 
 def correction_text(
@@ -655,72 +731,75 @@ def correction_text(
     ``names`` are those of targets and model, ``output`` that of the file that was written.
     """
     targets, model = names
-    title = f"Correction of {targets} by {model}"
-    if any(
+    is_corrected = any(
         part["correction"][name] and part["correction"][name][f"max_{unit}"] * factor >= _LEAST[name]
         for part in parts
         for name, unit, _, factor in QUANTITIES
-    ):
-        title += f": {sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
-        yield Section(title, [Text(f"The commands are in {output}.", wraps=False)])
-        for part in parts:
-            yield from _errors_to_expect(part)
-        ahead = (
+    )
+    end, what, ahead = (
+        "nothing to correct",
+        Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}."),
+        "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL",
+    )
+    if is_corrected:
+        end, what, ahead = (
+            f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected",
+            Text(f"The commands are in {output}.", wraps=False),
             f"load {output}, measure the same targets again, and compare with the measurement before: "
-            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
+            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}",
         )
-    else:
-        same = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
-        yield Section(f"{title}: nothing to correct", [Text(same)])
-        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
+    yield Section(f"Correction of {targets} by {model}: {end}", [what])
+    yield from (section for part in parts if is_corrected for section in _errors_to_expect(part))
     notes = dict.fromkeys(note for part in parts for note in part["notes"])
     yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
 
 
-def correction_view(document: Document) -> Iterator[Section]:
+def correction_view(document: Document) -> list[Section]:
     """Return the sections of a page, which lists the targets that are not corrected."""
-    yield from _errors_to_expect(document)
     targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
     rows = [(str(line), reason) for line, reason in targets if reason is not None]
     more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
-    yield Section("Targets not corrected", [Grid(("line", "reason"), rows[:_ROWS], is_text=True), more])
+    table = Grid(("line", "reason"), rows[:_ROWS], is_text=True)
+    return [*_errors_to_expect(document), Section("Targets not corrected", [table, more])]
 
 
-def _errors_to_expect(document: Document) -> Iterator[Section]:
+def _errors_to_expect(document: Document) -> list[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
-    correction, expected = document["correction"], document["expected"]
-    if document["n_corrected"]:
-        rows = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
-        rows.append(_row("change of the command", correction, "rms", "max"))
-        columns = 5 if correction["orientation"] is not None else 3
-        heads = ("", "rms, mm", "at most, mm", "rms, °", "at most, °")
-        grades = [
-            f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
-            for stage, part in expected.items()
-            if part["grades"]
-        ]
-        frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
-        texts = [
-            *([f"targets by grade: {'; '.join(grades)}", "at most: 95 % limit of the worst target"] if grades else []),
-            f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
-            "nominal arm best, which robacc calibrate and a registered estimate take",
-        ]
-        kind = (
-            f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (document['n_corrected'] > 1)}"
-        )
-        table = Grid(heads[:columns], [row[:columns] for row in rows])
-        yield Section(f"Errors to expect at {document['n_corrected']} corrected {kind}", [table, Listing(texts)])
-    refused = [(_CAUSES[cause], str(count)) for cause, count in document["refused"].items()]
-    yield Section("", [Grid(("not corrected, kept as given", "targets"), refused)])
+    correction, expected, count = document["correction"], document["expected"], document["n_corrected"]
+    stages = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
+    turns = ("rms, °", "at most, °") if correction["orientation"] is not None else (None, None)
+    grades = "; ".join(
+        f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
+        for stage, part in expected.items()
+        if part["grades"]
+    )
+    frames = "base and tool frames" if document["frame"] == "measuring" else "base frame"
+    texts = [
+        f"targets by grade: {grades}" * bool(grades),
+        "at most: 95 % limit of the worst target" * bool(grades),
+        f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
+        "nominal arm best, which robacc calibrate and a registered estimate take",
+    ]
+    changes = [*stages, _row("change of the command", correction, "rms", "max")]
+    refused = [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()]
+    kind = f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (count > 1)}"
+    table = grid(("", "rms, mm", "at most, mm", *turns), changes)
+    return [
+        Section(f"Errors to expect at {count} corrected {kind}", [table, Listing(texts)] if count else []),
+        Section("", [Grid(("not corrected, kept as given", "targets"), refused)]),
+    ]
 
 
 def _row(label: str, part: Document, *keys: str) -> Sequence[Cell]:
-    cells: list[Cell] = [label]
-    for name, unit, _, factor in QUANTITIES:
-        for size in ((part[name] or {}).get(f"{key}_{unit}") for key in keys):
-            is_small = size is not None and size * factor < _LEAST[name]
-            cells.append(Number(f"< {_LEAST[name]:g}", size) if is_small else number(size, factor))
-    return cells
+    sizes = [
+        ((part[name] or {}).get(f"{key}_{unit}"), factor, _LEAST[name])
+        for name, unit, _, factor in QUANTITIES
+        for key in keys
+    ]
+    return label, *(
+        number(size, factor) if size is None or size * factor >= least else Number(f"< {least:g}", size)
+        for size, factor, least in sizes
+    )
 
 
 # Table of ``robacc export``, at most 80 columns.
@@ -753,5 +832,7 @@ def export_view(document: Document) -> Iterator[Section]:
         ("tool to set", f"x, y, z {place} mm"),
         ("", f"roll, pitch, yaw {angles}°"),
     ]
-    title = f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}"
-    yield Section(title, [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)])
+    yield Section(
+        f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}",
+        [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)],
+    )

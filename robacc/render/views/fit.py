@@ -27,7 +27,6 @@ from robacc.render.text import (
 from robacc.render.views.elements import (
     UNBOUNDED,
     Block,
-    Cell,
     Form,
     Grid,
     Listing,
@@ -38,10 +37,12 @@ from robacc.render.views.elements import (
     coefficients,
     effect_families,
     first_of,
+    grid,
     number,
     of_robot,
     parameter_tables,
     percent,
+    shown,
     statistics_cells,
     tile,
     with_error,
@@ -120,56 +121,70 @@ def fit_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``calibrate`` or ``trace``."""
     poses, options, noise = _pose_set(document), document["options"], document["noise"]
     nominal, before, after = (amount(_rms(document, stage)) for stage in ("nominal", "before", "after"))
-    tiles = [
-        tile(f"{label}, rms", part["rms_m"], "m", bounds.get("rms_m") or UNBOUNDED, _POSE_SETS[poses])
-        for stage, _, label in fit_stages(document)
-        for part in [document[stage][poses]["position"]]
-        for bounds in [part.get("intervals") or {}]
-    ]
-    if (gain := document["gain_m"]) is not None and document.get("findings") != []:
-        tiles.append(tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]}))
     is_trace, source = "findings" in document, _NOISE_SOURCES.get(noise["source"], "from the remaining error")
     structured = is_trace and document["unexplained"]["structured"]
-    facts = [
-        ("Declared effects", (options.get("declared") or "none").replace(",", ", "))
-        if is_trace
-        else ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])),
-        ("Measurement noise", f"{amount(noise['position_m'])} along each axis, {source}"),
-        ("Remaining error", f"{amount(document['unexplained']['rms_m'])}, structured" if structured else ""),
-        ("Next", next_step(document)),
-    ]
+    gains = [document["gain_m"]] if document["gain_m"] is not None and document.get("findings") != [] else []
     # A model changes no arm until it is used.
     arm = (
         f"The arm itself keeps its error of {nominal} rms, base and tool registered, until its controller uses the "
         "model."
     )
-    if not is_trace:
+    title, badges = f"Calibration{of_robot(document)}", []
+    summary = (
+        f"With {options.get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses to {after} "
+        f"rms ({_POSE_SETS[poses]}); with only base and tool fitted, to {before}. {arm}"
+    )
+    if is_trace:
+        label, tone, _ = _VERDICTS[document["verdict"]]
+        title, badges = f"Trace{of_robot(document)}: {label}", [(label, tone)]
         summary = (
-            f"With {options.get('fit', '').replace(',', ', ')} fitted, the model predicts the measured poses to "
-            f"{after} rms ({_POSE_SETS[poses]}); with only base and tool fitted, to {before}. {arm}"
+            f"With the declared effects fitted, the model predicts the measured poses to {before} rms "
+            f"({_POSE_SETS[poses]}). {_found(document['findings'], structured, str(after))} {arm}"
         )
-        return ReportHeadline(f"Calibration{of_robot(document)}", summary, tiles, (), facts)
-    label, tone, _ = _VERDICTS[document["verdict"]]
-    # The text does not say noise: the size of the noise may be unknown.
-    end = f"the remaining error has {'a structure that no candidate explains' if structured else 'no structure'}"
+    return ReportHeadline(
+        title,
+        summary,
+        [
+            *(
+                tile(f"{label}, rms", part["rms_m"], "m", bounds.get("rms_m") or UNBOUNDED, _POSE_SETS[poses])
+                for stage, _, label in fit_stages(document)
+                for part in [document[stage][poses]["position"]]
+                for bounds in [part.get("intervals") or {}]
+            ),
+            *(
+                tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]})
+                for gain in gains
+            ),
+        ],
+        badges,
+        [
+            ("Declared effects", (options.get("declared") or "none").replace(",", ", "))
+            if is_trace
+            else ("Fitted effects", ", ".join(effect["effect"] for effect in document["effects"])),
+            ("Measurement noise", f"{amount(noise['position_m'])} along each axis, {source}"),
+            ("Remaining error", f"{amount(document['unexplained']['rms_m'])}, structured" if structured else ""),
+            ("Next", next_step(document)),
+        ],
+    )
+
+
+def _found(findings: Sequence[Document], structured: bool, after: str) -> str:
+    """Return what a trace found and what remains, in a sentence."""
     names = [
         f"{finding['effect'].replace('_', ' ')}{' on ' * bool(finding['joints'])}{', '.join(finding['joints'])}"
-        for finding in document["findings"]
+        for finding in findings
     ]
+    if not names and structured:
+        return "No effect was found; the remaining error is structured, but no effect of the catalogue explains it."
+    # The text does not say noise: the size of the noise may be unknown.
+    end = f"the remaining error has {'a structure that no candidate explains' if structured else 'no structure'}"
     if not names:
-        unknown = "the remaining error is structured, but no effect of the catalogue explains it"
-        found = f"No effect was found; {unknown if structured else end}."
-    else:
-        causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
-        found = (
-            f"The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the "
-            f"measured poses to {after} rms; {end}."
-        )
-    summary = (
-        f"With the declared effects fitted, the model predicts the measured poses to {before} rms "
-        f"({_POSE_SETS[poses]}). {found} {arm}"
+        return f"No effect was found; {end}."
+    causes = f"cause is {names[0]}" if len(names) == 1 else f"causes are {', '.join(names[:-1])} and {names[-1]}"
+    return (
+        f"The identified {causes}. With {'it' if len(names) == 1 else 'them'} added, the model predicts the measured "
+        f"poses to {after} rms; {end}."
     )
-    return ReportHeadline(f"Trace{of_robot(document)}: {label}", summary, tiles, [(label, tone)], facts)
 
 
 def _is_worth_it(document: Document) -> bool:
@@ -230,7 +245,7 @@ def fit_view(
             )
             yield Section("Coefficients", [coefficients(estimated[:_LISTED]), more, *map(Text, masses)])
         yield Section("Quality of the fit", [Listing([*_quality(document)])])
-    for place, section in enumerate(_trace_sections(document) if is_trace else (), 1):
+    for place, section in enumerate(shown(_trace_sections(document)) if is_trace else (), 1):
         yield section if form == "page" else replace(section, title=f"{place}. {section.title}")
     if form == "page":
         note = Text(
@@ -241,26 +256,31 @@ def fit_view(
         yield Section("Coefficients", tables if document["parameters"] else [Text("No coefficient was fitted.")])
 
 
-def _trace_sections(document: Document) -> Iterator[Section]:
-    """Yield residual, candidates, findings, stages, remaining error, and what to measure next."""
-    yield Section("Residual", [Text(_residual(document)), Text(document["assumption"] or "")])
-    yield Section("Candidates", _candidates(document))
-    yield Section("Findings", _findings(document))
-    yield Section("Before and after", _stage_blocks(document))
-    yield Section("Remaining error", [Listing([*_remaining_error(document)])])
-    if not document["findings"]:
-        yield Section("Detection limits of these poses", _detection(document))
-    if document["next_poses"]:
-        yield Section("Poses to measure next", _next_poses(document))
+def _trace_sections(document: Document) -> list[Section]:
+    """Return residual, candidates, findings, stages, remaining error, and what to measure next."""
+    return [
+        Section("Residual", [Text(_residual(document)), Text(document["assumption"] or "")]),
+        Section("Candidates", _candidates(document)),
+        Section("Findings", _findings(document)),
+        Section("Before and after", _stage_blocks(document)),
+        Section("Remaining error", [Listing(_remaining_error(document))]),
+        Section("Detection limits of these poses", [] if document["findings"] else _detection(document)),
+        Section("Poses to measure next", _next_poses(document)),
+    ]
 
 
-def _doubts(document: Document) -> Iterator[str]:
-    """Yield what is not distinguishable from a finding, and what remains."""
-    for finding in document.get("findings", ()):
-        yield from (f"{_label(finding)}: {_alternative(rival)}" for rival in finding["alternatives"])
-    if (unexplained := document.get("unexplained")) is not None:
-        yield f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}"
-        yield from first_of(unexplained["hints"], 3, "more hints")
+def _doubts(document: Document) -> list[str]:
+    """Return what is not distinguishable from a finding, and what remains."""
+    unexplained: Document | None = document.get("unexplained")
+    return [
+        *(
+            f"{_label(finding)}: {_alternative(rival)}"
+            for finding in document.get("findings", ())
+            for rival in finding["alternatives"]
+        ),
+        "" if unexplained is None else f"remaining error: {_remaining(unexplained)}{_parts_of(unexplained)}",
+        *first_of((unexplained or {}).get("hints", ()), 3, "more hints"),
+    ]
 
 
 def _label(effect: Document) -> str:
@@ -276,54 +296,57 @@ _OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
 def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], list[str]]:
     """Return the parameters that are not of uncertain masses, and a text for those of each effect and joint."""
     matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
-    counts = Counter(match["effect"] for _, match in matches if match)
     return [each for each, match in matches if not match], [
         f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
         "(the JSON result has each)"
-        for effect, count in counts.items()
+        for effect, count in Counter(match["effect"] for _, match in matches if match).items()
     ]
 
 
 # Parts of calibration and trace: causes, stages, repeatability, deflection.
 
 
-def _causes(document: Document, most: int | None, *, short: bool = False) -> Iterator[Block]:
-    """Yield what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None.
+def _causes(document: Document, most: int | None, *, short: bool = False) -> list[Block]:
+    """Return what the error was and is, its largest causes, and a table of at most ``most`` causes, all if None.
 
     With ``short`` the table has no column of the error that no other effect can describe.
     """
-    causes, of_poses = document.get("causes", ()), _POSE_SETS[_pose_set(document)]
+    causes = document.get("causes", ())
     before, after = (with_unit(_rms(document, stage)) for stage in (_nominal(document), "after"))
     notable = [cause for cause in causes if cause["share"] is None or cause["share"] >= 0.01 or not cause["declared"]]
-    named = ", ".join(map(_label, notable[:3])) or "no single cause"
-    yield Text(f"{before} rms before, {after} rms after, on {of_poses}: {named}{' and others' * (len(notable) > 3)}")
+    named = f"{', '.join(map(_label, notable[:3])) or 'no single cause'}{' and others' * (len(notable) > 3)}"
+    size = Text(f"{before} rms before, {after} rms after, on {_POSE_SETS[_pose_set(document)]}: {named}")
     # Effects that were found come before declared ones where there is no room for all.
     first = sorted(notable, key=lambda cause: cause["declared"])[:most]
     shown = causes if most is None else [cause for cause in notable if cause in first]
     if not shown:
-        return
-    is_mixed = len({cause["declared"] for cause in causes}) > 1
-    rows: list[Sequence[Cell]] = [
-        (
-            f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
-            _coefficient(document, cause),
-            number(cause["size_at_tool_m"], IN_MM),
-            " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
-            *([] if short else [number(cause["error_without_m"], IN_MM)]),
-            "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
-        )
-        for cause in shown
-    ]
-    without_it = [] if short else ["without it, mm"]
-    yield Grid(("effect", "coefficient", "moves, mm", "95 % interval", *without_it, "share"), rows)
-    if hidden := len(causes) - len(shown):
-        yield Text(f"and {hidden} of a smaller share; the JSON result has all of them", is_note=True)
+        return [size]
+    hidden, is_mixed = len(causes) - len(shown), len({cause["declared"] for cause in causes}) > 1
+    without_it = None if short else "without it, mm"
     without = "" if short else "without it: rms error that no other effect can describe; "
-    yield Text(
-        f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "
-        "model's mean square error that no other effect can describe, so that shares need not add up to 100 %",
-        is_note=True,
-    )
+    return [
+        size,
+        grid(
+            ("effect", "coefficient", "moves, mm", "95 % interval", without_it, "share"),
+            [
+                (
+                    f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
+                    _coefficient(document, cause),
+                    number(cause["size_at_tool_m"], IN_MM),
+                    " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
+                    number(cause["error_without_m"], IN_MM),
+                    "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
+                )
+                for cause in shown
+            ],
+        ),
+        Text(f"and {hidden} of a smaller share; the JSON result has all of them" * (hidden > 0), is_note=True),
+        Text(
+            f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "
+            "model's mean square error that no other effect can describe, so that shares need not add up to 100 %",
+            is_note=True,
+        ),
+    ]
 
 
 def _coefficient(document: Document, cause: Document) -> str:
@@ -341,44 +364,50 @@ def _stage_blocks(document: Document) -> Iterator[Block]:
     for pose_set, title in _POSE_SETS.items():
         figures = {label: document[stage].get(pose_set) for stage, label, _ in fit_stages(document)}
         for quantity, unit, sign, factor in QUANTITIES if None not in figures.values() else ():
-            rows: list[Sequence[Cell]] = [
-                (label, *statistics_cells(part[quantity], unit, factor))
-                for label, part in figures.items()
-                if part[quantity] is not None
-            ]
-            yield Grid((f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"), rows)
+            yield Grid(
+                (f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"),
+                [
+                    (label, *statistics_cells(part[quantity], unit, factor))
+                    for label, part in figures.items()
+                    if part[quantity] is not None
+                ],
+            )
     if (gain := document["gain_m"]) is not None and gain["low"] is not None:
         value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
         interval = f"{percent(gain['confidence'])} {low} to {high} mm"
         yield Text(f"rms reduction on held-out poses: {value} mm ({interval})", wraps=False)
     if "findings" in document:
-        note = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
-        yield Text(note, is_note=True)
+        yield Text(
+            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
+            is_note=True,
+        )
 
 
-def _repeatability(document: Document) -> Iterator[str]:
-    """Yield the intrinsic repeatability joint by joint, and its limitation; nothing if it is not significant."""
+def _repeatability(document: Document) -> list[str]:
+    """Return the intrinsic repeatability joint by joint, and its limitation; nothing if it is not significant."""
     if (repeatability := document["repeatability"]) is None:
-        return
+        return []
     units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
     sizes = [f"{name} {units[name].text(std)}" for name, std in repeatability["joints"].items() if std is not None]
-    yield (
+    return [
         f"intrinsic repeatability: {with_unit(repeatability['position_m'])} rms at the target "
-        f"({', '.join(sizes) or 'not identifiable joint by joint'})"
-    )
-    if repeatability["source"] == "residual":
-        yield "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
+        f"({', '.join(sizes) or 'not identifiable joint by joint'})",
+        "without repeated visits, repeatability is not distinguishable from effects outside the catalogue"
+        * (repeatability["source"] == "residual"),
+    ]
 
 
-def _deflection(choice: Document | None) -> Iterator[str]:
-    """Yield the deflection model used by elastic effects and the reason for it."""
+def _deflection(choice: Document | None) -> str:
+    """Return the deflection model used by elastic effects and the reason for it."""
     if choice is None:
-        return
-    form = "equilibrium" if choice["form"] == "equilibrium" else "undeflected pose"
-    end = ", too little to distinguish the two models"
-    if (gain := choice["rigid_better_by"]) is not None:
-        end = f" and twice the log-likelihood by {gain:+.3g}; threshold +{choice['needed']:g}"
-    yield (
+        return ""
+    gain, form = choice["rigid_better_by"], "equilibrium" if choice["form"] == "equilibrium" else "undeflected pose"
+    end = (
+        ", too little to distinguish the two models"
+        if gain is None
+        else f" and twice the log-likelihood by {gain:+.3g}; threshold +{choice['needed']:g}"
+    )
+    return (
         f"deflection model: {form}; torques at the undeflected pose change the prediction by "
         f"{with_unit(choice['difference_rms_m'])} rms{end}"
     )
@@ -387,55 +416,58 @@ def _deflection(choice: Document | None) -> Iterator[str]:
 # The quality of a calibration.
 
 
-def _quality(document: Document) -> Iterator[str]:
+def _quality(document: Document) -> list[str]:
     noise, identifiability = document["noise"], document["identifiability"]
-    axes = noise["along_axes_m"]
+    axes, p_fit = noise["along_axes_m"], noise["lack_of_fit_p_value"]
     sizes = ", ".join(three_digits(std * IN_MM) for std in axes or [noise["position_m"]])
-    yield (
-        f"measurement noise {sizes} mm along {'each axis' if axes is None else 'x, y, z'} (standard deviation), "
-        f"{_NOISE_SOURCES.get(noise['source'], 'estimated from the residual')}"
-    )
-    if noise["lack_of_fit_p_value"] is not None:
-        # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
-        yield (
-            f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test "
-            f"{p_value(noise['lack_of_fit_p_value'])}"
-        )
-        yield (
-            f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
-            "freedom"
-        )
     indices = ", ".join(f"{name} {value:.3g}" for name, value in identifiability["observability"].items())
-    yield f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}"
-    yield from _repeatability(document)
-    yield from map(_shrinkage, document["shrinkage"])
-    if document["shrinkage"]:
-        yield "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
-    yield from _deflection(document["deflection"])
-    yield from _not_identifiable(identifiability["not_identifiable"])
     pairs = [
         f"correlation {p['correlation']:+.3f} between {p['first']} and {p['second']}" for p in document["correlations"]
     ]
-    yield from first_of(pairs, 8, "more pairs with a correlation above 0.9")
-    for row in document["leverage"][:5]:
-        yield f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
-
-
-def _not_identifiable(dropped: Sequence[Document]) -> Iterator[str]:
-    """Yield what the poses do not determine: a few coefficients each with its reason, many by reason."""
-    if len(dropped) <= 3:
-        yield from (f"not identifiable: {each['why']}" for each in dropped)
-        return
-    for has_partners, reason, end in (
-        (False, "without effect on these poses", ""),
-        (
-            True,
-            "not distinguishable from fitted coefficients on these poses",
-            " (the JSON result names the partners of each)",
+    # With noise estimated from the residual, chi-square equals the degrees of freedom for every model.
+    return [
+        f"measurement noise {sizes} mm along {'each axis' if axes is None else 'x, y, z'} (standard deviation), "
+        f"{_NOISE_SOURCES.get(noise['source'], 'estimated from the residual')}",
+        *(
+            []
+            if p_fit is None
+            else [
+                f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test {p_value(p_fit)}",
+                f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
+                "freedom",
+            ]
         ),
-    ):
-        if names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners]:
-            yield f"not identifiable: {reason}: {grouped(names)}{end}"
+        f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}",
+        *_repeatability(document),
+        *map(_shrinkage, document["shrinkage"]),
+        "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
+        * bool(document["shrinkage"]),
+        _deflection(document["deflection"]),
+        *_not_identifiable(identifiability["not_identifiable"]),
+        *first_of(pairs, 8, "more pairs with a correlation above 0.9"),
+        *(
+            f"line {row['line']} determines {100 * row['share']:.0f} % of its own prediction (leverage)"
+            for row in document["leverage"][:5]
+        ),
+    ]
+
+
+def _not_identifiable(dropped: Sequence[Document]) -> list[str]:
+    """Return what the poses do not determine: a few coefficients each with its reason, many by reason."""
+    if len(dropped) <= 3:
+        return [f"not identifiable: {each['why']}" for each in dropped]
+    return [
+        f"not identifiable: {reason}: {grouped(names)}{end}"
+        for has_partners, reason, end in (
+            (False, "without effect on these poses", ""),
+            (
+                True,
+                "not distinguishable from fitted coefficients on these poses",
+                " (the JSON result names the partners of each)",
+            ),
+        )
+        if (names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners])
+    ]
 
 
 def _shrinkage(kind: Document) -> str:
@@ -471,69 +503,81 @@ def _residual(document: Document) -> str:
     return f"baseline: {with_unit(document['before']['fitted']['position']['rms_m'])} rms; measurement noise: {text}"
 
 
-def _candidates(document: Document) -> Iterator[Block]:
-    first = next((step for step in document["candidates"] if step["ranking"]), None)
-    if first is None:
-        yield Text("none: no effect can be tested on these data")
-        return
+def _candidates(document: Document) -> list[Block]:
     best: dict[tuple[str, ...], Document] = {}
-    for ranked in first["ranking"]:
+    for ranked in next((step["ranking"] for step in document["candidates"] if step["ranking"]), ()):
         best.setdefault((ranked["effect"], *ranked["joints"]), ranked)
-    rows = [
-        (_label(ranked), f"{ranked['evidence']:.1f}", p_value(ranked["p_value"])) for ranked in [*best.values()][:5]
-    ]
-    yield Grid(("best candidates, first step", "evidence", "significance"), rows)
-    yield Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True)
+    if not best:
+        return [Text("none: no effect can be tested on these data")]
     untested = "; ".join(f"{each['effect']} ({each['why']})" for each in document["not_offered"])
-    yield Text(f"not tested: {untested}" * bool(untested), is_note=True)
+    return [
+        Grid(
+            ("best candidates, first step", "evidence", "significance"),
+            [
+                (_label(ranked), f"{ranked['evidence']:.1f}", p_value(ranked["p_value"]))
+                for ranked in [*best.values()][:5]
+            ],
+        ),
+        Text("evidence: log Bayes factor against the baseline; sorted with prior odds", is_note=True),
+        Text(f"not tested: {untested}" * bool(untested), is_note=True),
+    ]
 
 
-def _findings(document: Document) -> Iterator[Block]:
+def _findings(document: Document) -> list[Block]:
     findings, rms = document["findings"], ((document["before"]["held_out"] or {}).get("position") or {}).get("rms_m")
-    yield Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings))
-    for place, finding in enumerate(findings, 1):
-        joints, settings = f" on {', '.join(finding['joints'])}" * bool(finding["joints"]), finding["settings"]
-        if "part" in settings:
-            joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
-        yield Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}")
-        yield Listing([*_details(finding)])
-        rows = [
-            (
-                f"{harmonic['order']:g}",
-                *with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
-                *with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
-            )
-            for harmonic in finding["harmonics"]
-        ]
-        yield Grid(("order per turn", "amplitude", "standard error", "phase", "standard error"), rows)
-        yield Listing(finding["warnings"], "warning")
-    if any(finding["harmonics"] for finding in findings):
-        yield Text("a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle", is_note=True)
-    if findings:
-        yield Text(
-            "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes "
-            "if it is added last (shares need not add up to 100 %); ±: one standard error",
-            is_note=True,
-        )
-    yield from map(Text, _deflection(document["deflection"]))
-    if (load := document.get("undeclared_load")) is not None:
-        yield Text(f"undeclared load: {load['statement']}")
+    harmonics = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
+    shares = (
+        "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes if it "
+        "is added last (shares need not add up to 100 %); ±: one standard error"
+    )
+    return [
+        Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings)),
+        *(block for place, finding in enumerate(findings, 1) for block in _finding(place, finding, rms)),
+        Text(harmonics * any(finding["harmonics"] for finding in findings), is_note=True),
+        Text(shares * bool(findings), is_note=True),
+        Text(_deflection(document["deflection"])),
+        Text(f"undeclared load: {load['statement']}" if (load := document.get("undeclared_load")) else ""),
+    ]
 
 
-def _details(finding: Document) -> Iterator[str]:
-    # A result may name an effect of another package, which is not loaded here.
-    if finding["effect"] in REGISTRY:
-        yield REGISTRY[finding["effect"]].about.summary
-    yield from filter(None, (finding.get("statement"), p_value(finding["p_value"])))
+def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
+    """Return what a finding does at the tool, its details, its harmonics and its warnings."""
+    settings, joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
+    if "part" in settings:
+        joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
+    return [
+        Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}"),
+        Listing(_details(finding)),
+        Grid(
+            ("order per turn", "amplitude", "standard error", "phase", "standard error"),
+            [
+                (
+                    f"{harmonic['order']:g}",
+                    *with_error(harmonic["amplitude_rad"], harmonic["amplitude_std_rad"], IN_DEGREES, "°"),
+                    *with_error(harmonic["phase_rad"], harmonic["phase_std_rad"], IN_DEGREES, "°"),
+                )
+                for harmonic in finding["harmonics"]
+            ],
+        ),
+        Listing(finding["warnings"], "warning"),
+    ]
+
+
+def _details(finding: Document) -> list[str]:
     errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
-    if None not in errors:
-        turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
-        yield "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn)
-    if not finding["harmonics"]:
-        parameters, masses = _without_masses(finding["parameters"])
-        yield from first_of([*map(_parameter, parameters)], 8, "more coefficients")
-        yield from masses
-    yield from map(_alternative, finding["alternatives"])
+    turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
+    parameters, masses = _without_masses(finding["parameters"])
+    return [
+        # A result may name an effect of another package, which is not loaded here.
+        REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
+        finding.get("statement") or "",
+        p_value(finding["p_value"]),
+        ""
+        if None in errors
+        else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
+        *([] if finding["harmonics"] else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]),
+        *map(_alternative, finding["alternatives"]),
+    ]
 
 
 def _at_tool(finding: Document, baseline_rms: float | None) -> str:
@@ -542,9 +586,8 @@ def _at_tool(finding: Document, baseline_rms: float | None) -> str:
     rms, largest, turn, without, with_it = (finding[key] for key in keys)
     if rms is None or largest is None:
         return "cannot be evaluated alone"
-    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms)"
-    if turn is not None:
-        text += f" and turns it by up to {with_unit(turn, 'rad')}"
+    turned = "" if turn is None else f" and turns it by up to {with_unit(turn, 'rad')}"
+    text = f"moves the tool by up to {with_unit(largest)} ({with_unit(rms)} rms){turned}"
     if without is None or with_it is None or not baseline_rms:
         return text
     share = (without**2 - with_it**2) / baseline_rms**2
@@ -578,23 +621,23 @@ def _remaining(unexplained: Document) -> str:
     return f"{with_unit(rms)} rms on the calibration poses{end}"
 
 
-def _remaining_error(document: Document) -> Iterator[str]:
-    unexplained = document["unexplained"]
-    yield _remaining(unexplained)
-    shown = p_value(unexplained["p_value"])
-    if unexplained["structured"]:
+def _remaining_error(document: Document) -> list[str]:
+    unexplained, explained = document["unexplained"], document["explained_share"]
+    shown, parts = p_value(unexplained["p_value"]), _parts_of(unexplained)
+    end = "" if document["repeatability"] is None else " and repeatability"
+    return [
+        _remaining(unexplained),
         # The p-value stands where it is what shows the structure.
-        yield f"structured: not noise alone{f' ({shown})' if unexplained['p_value'] < 0.01 else ''}"
-    else:
-        yield f"no structure that any candidate explains ({shown})"
-    if document["explained_share"] is not None and document["findings"]:
-        yield (
-            f"{100 * document['explained_share']:.0f} % of the explainable error is explained (held-out variance above "
-            f"noise{'' if document['repeatability'] is None else ' and repeatability'})"
-        )
-    if parts := _parts_of(unexplained):
-        yield f"its parts{parts}"
-    yield from (*_repeatability(document), *unexplained["hints"])
+        f"structured: not noise alone{f' ({shown})' if unexplained['p_value'] < 0.01 else ''}"
+        if unexplained["structured"]
+        else f"no structure that any candidate explains ({shown})",
+        f"{100 * explained:.0f} % of the explainable error is explained (held-out variance above noise{end})"
+        if explained is not None and document["findings"]
+        else "",
+        f"its parts{parts}" if parts else "",
+        *_repeatability(document),
+        *unexplained["hints"],
+    ]
 
 
 def _parts_of(unexplained: Document) -> str:
@@ -603,36 +646,48 @@ def _parts_of(unexplained: Document) -> str:
     return f", mm: {', '.join(sizes)}" if len(sizes) > 1 else ""
 
 
-def _detection(document: Document) -> Iterator[Block]:
-    """Yield the lowest and highest detection limit of each effect and the motion it causes at the target."""
+def _detection(document: Document) -> list[Block]:
+    """Return the lowest and highest detection limit of each effect and the motion it causes at the target."""
     families = effect_families(document)
-    rows = [
-        (*family.cells(named=True), number(statistics.median(each["rms_m"] or 0.0 for each in family.known), IN_MM))
-        for family in families
-        if family.known
-    ]
     hidden = dict.fromkeys(
         effect_label(family.name, each["joints"], {})
         for family in families
         for each in family.entries
         if each["limit"] is None
     )
-    yield Grid(("detection limit", "lowest", "highest", "unit", "at the target, mm"), rows)
-    yield Text("detection limit: smallest size found with probability 1/2", is_note=True)
-    yield Text(f"not identifiable on these poses: {', '.join(hidden)}" * bool(hidden), is_note=True)
+    return [
+        Grid(
+            ("detection limit", "lowest", "highest", "unit", "at the target, mm"),
+            [
+                (*own.cells(named=True), number(statistics.median(each["rms_m"] or 0.0 for each in own.known), IN_MM))
+                for own in families
+                if own.known
+            ],
+        ),
+        Text("detection limit: smallest size found with probability 1/2", is_note=True),
+        Text(f"not identifiable on these poses: {', '.join(hidden)}" * bool(hidden), is_note=True),
+    ]
 
 
-def _next_poses(document: Document) -> Iterator[Block]:
+def _next_poses(document: Document) -> list[Block]:
     units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
     heads = ("pose", *(f"{name}, {unit.name}" for name, unit in units.items()), "difference, mm")
-    for advice in document["next_poses"]:
-        yield Text(advice["text"])
-        rows: list[Sequence[Cell]] = [
-            (
-                str(place),
-                *(f"{value * unit.factor:.2f}" for value, unit in zip(q, units.values(), strict=True)),
-                number(difference, IN_MM),
-            )
-            for place, (q, difference) in enumerate(zip(advice["q"], advice["difference_m"], strict=True), 1)
-        ]
-        yield Grid(heads, rows)
+    return [
+        block
+        for advice in document["next_poses"]
+        for rows in [zip(advice["q"], advice["difference_m"], strict=True)]
+        for block in (
+            Text(advice["text"]),
+            Grid(
+                heads,
+                [
+                    (
+                        str(place),
+                        *(f"{value * unit.factor:.2f}" for value, unit in zip(q, units.values(), strict=True)),
+                        number(difference, IN_MM),
+                    )
+                    for place, (q, difference) in enumerate(rows, 1)
+                ],
+            ),
+        )
+    ]

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from typing import NamedTuple
 
@@ -63,10 +63,8 @@ def _cells(criterion: Document) -> tuple[str, ...]:
 def limit(criterion: Document) -> str:
     """Return the limit with its direction."""
     given, baseline, is_least = criterion["limit"], criterion["baseline"], criterion["at_least"]
-    if isinstance(given, str):
-        return f"{given} or better"
-    if isinstance(given, list):
-        return " or ".join(given)
+    if isinstance(given, str | list):
+        return f"{given} or better" if isinstance(given, str) else " or ".join(given)
     unit = unit_of(criterion["unit"])
     size = unit.after(f"{unit.factor * abs(given or 0.0):.6g}")
     if baseline is None:
@@ -74,18 +72,15 @@ def limit(criterion: Document) -> str:
     if not given:
         return f"no {'less' if is_least else 'more'} than in {baseline['file']}"
     # A limit on a difference has a sign and a direction.
-    is_increase = given > 0.0
-    extent = "most" if is_increase != is_least else "least"
-    return f"at {extent} {size} {'more' if is_increase else 'less'} than in {baseline['file']}"
+    extent, relation = "most" if (given > 0.0) != is_least else "least", "more" if given > 0.0 else "less"
+    return f"at {extent} {size} {relation} than in {baseline['file']}"
 
 
 def _value(criterion: Document) -> str:
     """Return the measured value; for a comparison, also the baseline's value."""
     size, baseline, text = criterion["value"], criterion["baseline"] or {}, unit_of(criterion["unit"]).text
-    if size is None:
-        return "missing"
-    if isinstance(size, str):
-        return size
+    if size is None or isinstance(size, str):
+        return size or "missing"
     if baseline.get("value") is None:
         return text(size)
     relation = "same as" if size == 0.0 else f"{text(abs(size))} {'more' if size > 0.0 else 'less'} than"
@@ -97,8 +92,9 @@ def _bounds(criterion: Document) -> str | None:
     ends = (criterion["lower_bound"], criterion["upper_bound"])
     if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
         return None
-    suffix = "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
-    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + suffix
+    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + (
+        "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
+    )
     return f"({interval}, each bound at {100 * criterion['confidence']:g} % confidence)"
 
 
@@ -165,20 +161,31 @@ def say_gate(gate: Document) -> None:
             say(f"{look.label}: {criterion['name']}: {sentence(criterion)}", look.style)
 
 
-def gate_view(gate: Document) -> Iterator[Section]:
+def gate_view(gate: Document) -> list[Section]:
     """Return the outcome of the gate and of each criterion as text."""
-    yield Section(title(gate), [], LOOKS[gate["outcome"]].style)
-    for criterion in gate["criteria"]:
-        look, indent = LOOKS[criterion["outcome"]], " " * _INDENT
-        texts = [Text(indent + sentence(criterion)), Text(f"{indent}Reason: {criterion['reason']}", is_note=True)]
-        yield Section(f"{look.label:<{_INDENT}}{criterion['name']}", texts, look.style)
+    indent = " " * _INDENT
+    return [
+        Section(title(gate), style=LOOKS[gate["outcome"]].style),
+        *(
+            Section(
+                f"{look.label:<{_INDENT}}{own['name']}",
+                [Text(indent + sentence(own)), Text(f"{indent}Reason: {own['reason']}", is_note=True)],
+                look.style,
+            )
+            for own in gate["criteria"]
+            for look in [LOOKS[own["outcome"]]]
+        ),
+    ]
 
 
 def check_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``check``."""
     gate, command = document["gate"], document["result"]["command"]
-    summary = f"The result of robacc {command} passes {passed(gate)} of the gate {gate['name']}."
-    return ReportHeadline(f"Check against {gate['name']}", summary, ())
+    return ReportHeadline(
+        f"Check against {gate['name']}",
+        f"The result of robacc {command} passes {passed(gate)} of the gate {gate['name']}.",
+        (),
+    )
 
 
 def passed(gate: Document) -> str:
@@ -190,8 +197,9 @@ def gate_section(gate: Document) -> Section:
     """Return each criterion with outcome, value, limit and bounds, and the reasons."""
     rows = [(each["name"], LOOKS[each["outcome"]].label, *_cells(each)[1:]) for each in gate["criteria"]]
     reasons = Listing([f"{each['name']}: {_explained(each)}" for each in gate["criteria"]])
-    table = Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows)
-    return Section(title(gate), [table, reasons, Listing(gate["warnings"], "warning")])
+    return Section(
+        title(gate), [Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows), reasons, Listing(gate["warnings"], "warning")]
+    )
 
 
 # Gate outcomes as JUnit XML: one suite per gate, one case per criterion.

@@ -8,9 +8,9 @@ from collections.abc import Iterator, Sequence
 from robacc.effects.request import CatalogueEntry
 from robacc.iso_9283.cube import Proposal
 from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, fixed, unit_of
-from robacc.render.views.elements import Grid, Listing, Section, Text
-from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
-from robacc.robots.library import LibraryArm, Summary
+from robacc.render.views.elements import Grid, Listing, Section, Text, grid
+from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
+from robacc.robots.library import LibraryArm, Reach, Summary
 
 _CHAINS = {
     "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
@@ -23,13 +23,11 @@ _MOST = 40
 
 def robot_view(summary: Summary) -> Iterator[Section]:
     """Return the report of ``robacc show``."""
-    robot = summary.robot
+    robot, count = summary.robot, len(summary.robot.variables)
     ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
-    count = len(robot.variables)
     yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
     yield from _geometry(robot)
-    follows = any(joint.mimic or joint.coupling for joint in robot.joints)
-    header = ("joint", "type", "lower", "upper", "unit", "sign", "gear", *(["follows"] if follows else []))
+    follows = "follows" if any(joint.mimic or joint.coupling for joint in robot.joints) else None
     drives = [
         (
             joint.name,
@@ -39,16 +37,17 @@ def robot_view(summary: Summary) -> Iterator[Section]:
             f"{joint.sign:+d}",
             "-" if joint.gear_ratio is None else _number(joint.gear_ratio),
             _drive_rule(joint),
-        )[: len(header)]
+        )
         for joint in robot.joints
         if joint.type != "fixed"
         for factor, unit in [unit_of("m" if joint.type == "prismatic" else "rad")]
     ]
-    yield _table("Drives", header, drives)
-    links = [(joint.name, joint) for joint in robot.joints]
-    for branch in robot.branches:
-        rule = f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""
-        links.append((f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint))
+    yield _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives)
+    links = [(joint.name, joint) for joint in robot.joints] + [
+        (f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint)
+        for branch in robot.branches
+        for rule in [f", follows {_drive_rule(branch.joint)}" if branch.joint.mimic else ""]
+    ]
     has_masses = robot.has_masses or any(joint.mass is not None for joint in robot.joints)
     masses = [
         (name, "-", "", "", "")
@@ -61,9 +60,9 @@ def robot_view(summary: Summary) -> Iterator[Section]:
     yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text])
 
 
-def _table(title: str, header: Sequence[str], rows: Sequence[Sequence[str]]) -> Section:
+def _table(title: str, header: Sequence[str | None], rows: Sequence[Sequence[str]]) -> Section:
     left = tuple(place for place, head in enumerate(header) if head in ("joint", "type", "follows", "axis"))
-    return Section(title, [Grid(header, rows, left=left, is_ruled=True)])
+    return Section(title, [grid(header, rows, left=left, is_ruled=True)])
 
 
 def _geometry(robot: Robot) -> Iterator[Section]:
@@ -79,20 +78,24 @@ def _geometry(robot: Robot) -> Iterator[Section]:
     }
     if is_urdf:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
-    names = [joint.name for joint in robot.joints]
-    width = sum(3 + max(map(len, [head, *cells])) for head, cells in {"joint": names, **columns}.items())
-    tables = {"Geometry": [*columns]}
-    if width > PLAIN_WIDTH:
-        lengths = [head for head in columns if head.removesuffix(" mm") in LENGTH_PARAMETERS]
-        tables = {"Geometry: lengths": lengths, "Geometry: angles": [head for head in columns if head not in lengths]}
-    for title, heads in tables.items():
-        yield _table(title, ("joint", *heads), [*zip(names, *(columns[head] for head in heads), strict=True)])
+    names = {"joint": [joint.name for joint in robot.joints]}
+    lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
+    tables = {
+        "Geometry: lengths": lengths,
+        "Geometry: angles": {head: cells for head, cells in columns.items() if head not in lengths},
+    }
+    if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
+        tables = {"Geometry": columns}
+    for title, own in tables.items():
+        yield _table(title, [*names, *own], [*zip(*names.values(), *own.values(), strict=True)])
 
 
 def _axis(axis: Sequence[float]) -> str:
     """Return ``z`` or ``-y`` for an axis of the frame, else its components."""
-    named = (f"{'-' * (value < 0)}{name}" for name, value in zip("xyz", axis, strict=True) if abs(value) == 1.0)
-    return next(named, _numbers(axis, 1.0))
+    return next(
+        (f"{'-' * (value < 0)}{name}" for name, value in zip("xyz", axis, strict=True) if abs(value) == 1.0),
+        _numbers(axis, 1.0),
+    )
 
 
 def _drive_rule(joint: Joint) -> str:
@@ -106,46 +109,55 @@ def _drive_rule(joint: Joint) -> str:
     return text.strip().removeprefix("+ ")
 
 
-def _facts(summary: Summary) -> Iterator[tuple[str, str]]:
-    """Yield labels and texts; an empty text is left out."""
+def _facts(summary: Summary) -> list[tuple[str, str]]:
+    """Return labels and texts; an empty text is left out."""
     robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
-    yield "base", _frame(robot.base)
-    yield from (("target", f"{name}: {_frame(frame)}") for name, frame in robot.targets.items())
-    yield "tool", "" if robot.targets else _frame(robot.tool)
-    yield "payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"
-    yield "gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"
-    for name, reach in summary.reach.items():
-        extent = "unknown: a prismatic joint has no limits"
-        if reach.sampled is not None and reach.bound is not None:
-            extent = (
-                f"{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
-                f"{reach.bound * IN_MM:.0f} mm"
-            )
-        yield "reach", f"{name}: {extent}" if len(summary.reach) > 1 else extent
-    yield "masses", "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"
+    several = len(summary.reach) > 1
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
-    yield "effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"
     listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
     others = len(summary.coefficients) - len(listed)
-    yield from (("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed)
-    yield "", f"… and {others} more coefficients, in the robot file" * (others > 0)
-    for effect in (*robot.effects, *(campaign.effects if campaign else ())):
-        ranges = [f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in effect.get("validity", {}).items()]
-        yield "valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges)
-    if campaign is not None:
-        own = {"base": campaign.base, "tool": campaign.tool}
-        frames = [name for name, frame in own.items() if frame is not None]
-        frames += [f"target {name}" for name in campaign.targets]
-        yield "campaign", f"registered in it: {', '.join(frames)}" * bool(frames)
-        names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
-        yield "campaign", f"effects {names}, for its own poses only" * bool(names)
-    yield from (("fitted", f"to the poses of SHA-256 {digest[:16]}…") for digest in robot.fitted_to)
+    own = campaign or Campaign(())
+    frames = [name for name, frame in (("base", own.base), ("tool", own.tool)) if frame is not None]
+    frames += [f"target {name}" for name in own.targets]
+    names = ", ".join(str(effect.get("effect")) for effect in own.effects)
+    return [
+        ("base", _frame(robot.base)),
+        *(("target", f"{name}: {_frame(frame)}") for name, frame in robot.targets.items()),
+        ("tool", "" if robot.targets else _frame(robot.tool)),
+        ("payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"),
+        ("gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"),
+        *(("reach", f"{f'{name}: ' * several}{_reach(reach)}") for name, reach in summary.reach.items()),
+        ("masses", "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"),
+        ("effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"),
+        *(("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed),
+        ("", f"… and {others} more coefficients, in the robot file" * (others > 0)),
+        *(
+            ("valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges))
+            for effect in (*robot.effects, *own.effects)
+            for ends in [effect.get("validity", {}).items()]
+            for ranges in [[f"{driver} {low:.4g} to {high:.4g}" for driver, (low, high) in ends]]
+        ),
+        ("campaign", f"registered in it: {', '.join(frames)}" * bool(frames)),
+        ("campaign", f"effects {names}, for its own poses only" * bool(names)),
+        *(("fitted", f"to the poses of SHA-256 {digest[:16]}…") for digest in robot.fitted_to),
+    ]
+
+
+def _reach(reach: Reach) -> str:
+    if reach.sampled is None or reach.bound is None:
+        return "unknown: a prismatic joint has no limits"
+    return (
+        f"{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
+        f"{reach.bound * IN_MM:.0f} mm"
+    )
 
 
 def _parameter(joint: Joint, name: str) -> str:
     """Return a parameter's value, for the joint variable's offset as ``q + offset``."""
-    is_length = name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")
-    value = _number(joint.parameters.get(name, 0.0) * (IN_MM if is_length else IN_DEGREES))
+    value = _number(
+        joint.parameters.get(name, 0.0)
+        * (IN_MM if (name in LENGTH_PARAMETERS or (name == "offset" and joint.type == "prismatic")) else IN_DEGREES)
+    )
     if joint.type == "fixed" or name != joint.offset_parameter or name == "offset":
         return value
     variable = "q" if joint.sign > 0 else "-q"
@@ -184,25 +196,31 @@ def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
 _COEFFICIENTS_SHOWN = 12
 
 
-def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> Iterator[Section]:
+def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
     if in_detail:
         name, about, facts = entries[0].effect.name, entries[0].effect.about, _effect_facts(entries[0])
         rows = [(f"  {label:<14}", text) for label, text in facts.items()]
-        yield Section(name, [Text(f"  {about.summary}"), Grid(("", ""), rows, is_text=True)])
-        return
+        return [Section(name, [Text(f"  {about.summary}"), Grid(("", ""), rows, is_text=True)])]
     rows = [
         (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
         for entry in entries
     ]
-    yield Section("", [Grid(("", ""), rows, is_text=True)])
     hint = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
-    yield Section("", [Text(hint, is_note=True)])
+    return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
 
 
 def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
     about = entry.effect.about
-    facts = {
+    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
+    of_robot = {
+        "this robot": f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}",
+        "coefficients": ", ".join(names[:_COEFFICIENTS_SHOWN])
+        + (f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""),
+    }
+    if entry.why is not None:
+        of_robot = {"this robot": f"not applicable: {entry.why}"}
+    return {
         "equation": about.equation,
         "unit": about.unit,
         "usual size": about.usual_size,
@@ -210,15 +228,8 @@ def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
         "confused with": about.confused_with,
         "source": about.source,
         "in a file": about.example,
+        **(of_robot if entry.for_robot else {}),
     }
-    if entry.for_robot and entry.why is not None:
-        facts["this robot"] = f"not applicable: {entry.why}"
-    elif entry.for_robot:
-        names = [f"{name} ({unit})" for name, unit in entry.coefficients]
-        more = f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""
-        facts["this robot"] = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
-        facts["coefficients"] = ", ".join(names[:_COEFFICIENTS_SHOWN]) + more
-    return facts
 
 
 # The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
@@ -233,19 +244,23 @@ def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
     ]
 
 
-def proposal_view(proposal: Proposal, robot: Robot) -> Iterator[Section]:
+def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
     """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
-    yield Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))])
-    places = proposal.poses.translation.T * IN_MM
-    rows = [(f"P{i}", *(fixed(float(value), 2) for value in place)) for i, place in enumerate(places, 1)]
     units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
     names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    rows = [
+        (f"P{i}", *(fixed(float(value), 2) for value in place))
+        for i, place in enumerate(proposal.poses.translation.T * IN_MM, 1)
+    ]
     joints = [
         (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
         for i, q in enumerate(proposal.q.T, 1)
     ]
-    yield Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)])
-    yield Section("Limitations", [Listing(proposal.notes)])
+    return [
+        Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))]),
+        Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)]),
+        Section("Limitations", [Listing(proposal.notes)]),
+    ]
 
 
 def _cube_facts(proposal: Proposal) -> list[str]:

@@ -326,9 +326,8 @@ def export(
 
 def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
-    from robacc.api.inputs import load_robot
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import urdf_payload
-    from robacc.documents.envelope import envelope
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
@@ -336,14 +335,13 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
 
     if is_json and urdf == "-":
         raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")
-    options = {name: call.keywords[name] for name in ("base_link", "tip_link")}
-    robot, record = load_robot(call.keywords["model"], **options)
+    inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
+    robot = inputs.robot(call.keywords["model"])
     text, losses = robot_to_urdf(absorb_constants(robot))
     write(urdf, (text,))
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
-        keys = urdf_payload(sha256_of(urdf), losses)
-        write("-", json_pieces(envelope("export", keys, options=options, inputs=(record,), seed=None)))
+        write("-", json_pieces(inputs.made().document("export", urdf_payload(sha256_of(urdf), losses))))
 
 
 # Plans.
@@ -576,21 +574,21 @@ def show(
 
     Example: robacc show robot.yaml
     """
-    from robacc.api.inputs import load_robot
+    arguments = locals()
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import SHOW
-    from robacc.documents.envelope import envelope
     from robacc.effects.specification import coefficients
     from robacc.render.views.robot import robot_view
     from robacc.robots.library import summarise
 
-    options = {"base_link": base_link, "tip_link": tip_link}
-    arm, record = load_robot(robot, base_link, tip_link)
+    inputs = Inputs(arguments)
+    arm = inputs.robot(robot)
     summary = summarise(arm, coefficients(arm))
     emit(
         format,
         output,
         lambda stream: draw(robot_view(summary), stream),
-        lambda: envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
+        lambda: inputs.made("format", "output").document("show", SHOW.write(summary)),
     )
 
 
@@ -606,8 +604,8 @@ def robots(
 
     Example: robacc show robots ur
     """
+    from robacc.api.result import Provenance
     from robacc.documents.descriptions import ROBOTS
-    from robacc.documents.envelope import envelope
     from robacc.render.views.robot import robots_view
     from robacc.robots.library import library, similar_arms
 
@@ -625,7 +623,7 @@ def robots(
         format,
         output,
         lambda stream: draw(robots_view(arms), stream),
-        lambda: envelope("robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None),
+        lambda: Provenance({"name": name}, ()).document("robots", ROBOTS.write({"robots": arms})),
     )
 
 
@@ -652,31 +650,28 @@ def effects(
 
     Example: robacc show effects backlash --robot robot.yaml
     """
-    from robacc.api.inputs import load_optional_robot, load_poses
+    arguments = locals()
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import EFFECTS
-    from robacc.documents.envelope import envelope
     from robacc.effects import effect_class
     from robacc.effects.request import catalogue
     from robacc.render.views.robot import effects_view
 
+    inputs = Inputs(arguments)
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
     if effect is not None:
         effect_class(effect)
-    arm, inputs = load_optional_robot(robot, base_link, tip_link, poses)
-    data = None
-    if poses is not None:
-        data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
-        inputs = (*inputs, record)
-        say_warnings(data.warnings)
+    arm = inputs.optional_robot(poses)
+    data = None if poses is None else inputs.poses(poses, arm)
+    say_warnings(() if data is None else data.warnings)
     entries = catalogue(effect, arm, data)
-    options = {"effect": effect, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
-    options |= {"base_link": base_link, "tip_link": tip_link}
+    made = inputs.made("format", "output", robot=robot, poses=poses)
     emit(
         format,
         output,
         lambda stream: draw(effects_view(entries, effect is not None), stream),
-        lambda: envelope("effects", EFFECTS.write({"effects": entries}), options=options, inputs=inputs, seed=None),
+        lambda: made.document("effects", EFFECTS.write({"effects": entries})),
     )
 
 

@@ -17,7 +17,7 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import Any, NamedTuple, NoReturn, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO, TypeVar
 
 import typer
 
@@ -26,6 +26,9 @@ from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
+
+if TYPE_CHECKING:
+    from robacc.api.inputs import Inputs
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
@@ -107,7 +110,7 @@ def estimate_each(
         InputError: an input of all files cannot be read, or a result cannot be written.
         typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
-    _check_call(paths, options, per_pose)
+    inputs = _check_call(paths, options, per_pose)
     folder, per_pose_folder = _folder(outlets.output), per_pose and _folder(per_pose)
     needs_documents = outlets.report is not None or (outlets.form == "json" and folder is None)
     with TemporaryDirectory(prefix="robacc-") as documents:
@@ -127,7 +130,7 @@ def estimate_each(
         outcomes = _run(tasks, jobs, folder)
         warnings = _warnings(outcomes)
         try:
-            _write(outcomes, tasks, outlets, folder, warnings)
+            _write(outcomes, tasks, inputs, outlets, folder, warnings)
         finally:
             say_warnings(warnings)
             for outcome in outcomes:
@@ -140,10 +143,10 @@ def estimate_each(
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> None:
-    """Raise an error that concerns every file once, before the first file is read."""
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> Inputs:
+    """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
     from robacc.accuracy.estimation import check_confidence
-    from robacc.api.inputs import load_grade_scale, load_optional_robot
+    from robacc.api.inputs import Inputs
     from robacc.fitting.registration import check_frames
 
     if "-" in paths:
@@ -154,11 +157,13 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
             raise UsageError(f"{path} is given twice; give each file once")
     if per_pose is not None and _folder(per_pose) is None:
         raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
-    load_optional_robot(options["robot"], options["base_link"], options["tip_link"])
+    inputs = Inputs(options)
+    inputs.optional_robot()
     if options["align"]:
         check_frames(options["align"])
     check_confidence(options["confidence"])
-    load_grade_scale(options["scale"])
+    inputs.scale()
+    return inputs
 
 
 def _folder(path: str) -> str | None:
@@ -309,6 +314,7 @@ def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
 def _write(
     outcomes: Sequence[FileOutcome],
     tasks: Sequence[FileTask],
+    inputs: Inputs,
     outlets: Outlets,
     folder: str | None,
     warnings: tuple[str, ...],
@@ -335,7 +341,7 @@ def _write(
         output.write(outlets.report, (render(read, [*documents]),))
     place = outlets.output if folder is None else "-"
     if outlets.form == "json":
-        output.write(place, _document(outcomes, tasks, {} if folder else documents))
+        output.write(place, _document(outcomes, inputs, outlets.gate, {} if folder else documents))
     elif outlets.form == "github":
         output.write(place, (many_annotations(outcomes),))
     else:
@@ -357,23 +363,15 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 
 
 def _document(
-    outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], documents: Mapping[str, str]
+    outcomes: Sequence[FileOutcome], inputs: Inputs, gate: str | None, documents: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield the JSON document of all files, with the full results in ``documents``, by the names of the files."""
-    from robacc.api.result import RECORDED_APART
     from robacc.documents.accuracy import many_pieces
-    from robacc.documents.envelope import InputFile, envelope
+    from robacc.documents.envelope import InputFile
     from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import robot_path
 
-    options = tasks[0].options
-    robot = None if options["robot"] is None else robot_path(options["robot"])
-    shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].outlets.gate, "gate"))
-    head = envelope(
-        "estimate-many",
-        {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)},
-        options={name: value for name, value in options.items() if name not in RECORDED_APART},
-        inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
-        seed=options["seed"],
-    )
+    if gate is not None:
+        inputs.records.append(InputFile.at(gate, sha256_of(gate), "gate"))
+    payload = {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
+    head = inputs.made().document("estimate-many", payload)
     return many_pieces(head, [(outcome, documents.get(outcome.name)) for outcome in outcomes])

@@ -37,7 +37,7 @@ from robacc.correction import (
 from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
 from robacc.documents.envelope import csv_text
 from robacc.documents.parts import rounded, texts
-from robacc.errors import InputError, MissingColumnError, Problem, UsageError
+from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
@@ -306,11 +306,14 @@ def correct(
         (20, '1.4 mm')
     """
     inputs = Inputs(locals(), "targets")
-    for name, value in (("payload", payload), ("temperature", temperature), ("time", time)):
-        if value is not None and not math.isfinite(value):
-            raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
-    if strict_range and beyond_range:
-        raise UsageError("`strict_range` refuses what `beyond_range` corrects; give one of them")
+    constants = {"payload": payload, "temperature": temperature, "time": time}
+    refuse(
+        *(
+            (value is not None and not math.isfinite(value), f"`{name}`: expected a finite number, found {value!r}")
+            for name, value in constants.items()
+        ),
+        (strict_range and beyond_range, "`strict_range` refuses what `beyond_range` corrects; give one of them"),
+    )
     arm = inputs.robot(model)
     arm, left_out = standing_campaign(arm, campaign)
     fit = model_fit(arm)
@@ -391,8 +394,7 @@ def _limits(
     Raises:
         UsageError: ``most`` is not one or two sizes.
     """
-    if weight <= 0:
-        raise UsageError("`weight`: expected a length above zero")
+    refuse((weight <= 0, "`weight`: expected a length above zero"))
     limits = Limits(weight=weight, beyond_range=beyond_range, ranges=None if fit is None else fit.ranges)
     if most is None:
         if fit is None:

@@ -44,7 +44,7 @@ from robacc.documents.envelope import csv_text
 from robacc.documents.expected import PLAN, PREDICT
 from robacc.documents.gate import read_gate
 from robacc.documents.parts import rounded
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import resolve_campaign
@@ -162,8 +162,7 @@ class Predicted(Result, Prediction):
             UsageError: The edge is no length above zero.
         """
         edge = size(voxel, "length", "`voxel`")
-        if edge <= 0:
-            raise UsageError("`voxel`: expected a length above zero")
+        refuse((edge <= 0, "`voxel`: expected a length above zero"))
         voxels = warranty_map(self, self._reached(), edge)
         columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
         for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
@@ -238,17 +237,23 @@ def predict(
         0.37 mm rms; largest contribution: j1.d
     """
     inputs = Inputs(locals())
-    if poses is not None and samples is not None:
-        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
-    if against is not None and samples is not None:
-        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
-    for name, value in (("align", align or None), ("noise", noise)):
-        if value is not None and against is None:
-            raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
-    if target is not None and (poses is not None or against is not None):
-        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
-    if path_of(poses) == path_of(against) == STDIN:
-        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
+    has_poses, is_compared, is_sampled = poses is not None, against is not None, samples is not None
+    refuse(
+        (has_poses and is_sampled, "`poses` and `samples` both say where to predict; give only one of them"),
+        (is_compared and is_sampled, "`against` predicts at the measured poses; leave out `samples`"),
+        *(
+            (value is not None and not is_compared, f"`{name}` applies to measured poses, so it needs `against`")
+            for name, value in (("align", align or None), ("noise", noise))
+        ),
+        (
+            target is not None and (has_poses or is_compared),
+            "`target` applies to sampled configurations; poses name their targets in a column target",
+        ),
+        (
+            path_of(poses) == path_of(against) == STDIN,
+            "standard input can be read only once: give - to `poses` or to `against`",
+        ),
+    )
     noise_std = length_and_angle("noise", noise, "0.02mm,0.01deg")
     if isinstance(poses, np.ndarray):
         poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
@@ -573,8 +578,7 @@ def _sight(
         return None
     near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
     axis = None if reflector is None else parse_vector(reflector, "reflector")
-    if axis is not None and not any(axis):
-        raise UsageError("`reflector`: the direction has no length")
+    refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
     return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
 
 

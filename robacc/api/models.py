@@ -29,7 +29,7 @@ from robacc.api.result import CsvResult, Result, fields_of
 from robacc.controllers import ExportedModel, export_model, known_ur_arm, parse_controller_file
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
-from robacc.errors import MissingColumnError, Note, UsageError
+from robacc.errors import MissingColumnError, Note, UsageError, refuse
 from robacc.io.files import read_text, write_text
 from robacc.modelling.campaign import resolve_campaign
 from robacc.poses.csv_file import pose_pieces
@@ -147,9 +147,8 @@ def simulate(
         >>> robacc.estimate(result.data, robot="sample_data/robot.yaml").n_poses
         20
     """
-    inputs = Inputs(locals())
-    if (poses is None) == (at is None):
-        raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
+    inputs, either = Inputs(locals()), "give either `poses`, the number of poses to sample, or `at`, the poses to visit"
+    refuse(((poses is None) == (at is None), either))
     ends = temperature if isinstance(temperature, tuple | None) else (temperature, temperature)
     plan = Plan(
         poses=poses or 0,
@@ -168,10 +167,11 @@ def simulate(
         temperature=None if ends is None else (float(ends[0]), float(ends[1])),
         payloads=masses("payload", payload),
     )
-    if not all(map(math.isfinite, plan.temperature or ())):
-        raise UsageError("`temperature`: expected finite numbers")
-    if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
-        raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
+    has_no_noise = plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)
+    refuse(
+        (not all(map(math.isfinite, plan.temperature or ())), "`temperature`: expected finite numbers"),
+        (sigma and has_no_noise, "`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`"),
+    )
     described = inputs.robot(robot, at)
     arm, _ = resolve_campaign(described, None, (), campaign)
     planned = None if at is None else inputs.poses(at, arm, attained=False, visited_by=joints_of(arm))
@@ -260,8 +260,9 @@ def export(
         ("template", template, ("ur-calibration", "ur-kinematics")),
         ("arm", arm, ("ur-calibration",)),
     ):
-        if value is not None and format not in formats:
-            raise UsageError(f"`{parameter}` belongs to `format` {' and '.join(formats)}")
+        refuse(
+            (value is not None and format not in formats, f"`{parameter}` belongs to `format` {' and '.join(formats)}")
+        )
     controller = None if nominal is None else inputs.robot(nominal, kind="nominal")
     text = None if template is None else inputs.text(template, "template", lambda text, _: text)
     body = export_model(robot, format, nominal=controller, arm=arm, template=text)

@@ -20,7 +20,7 @@ from robacc.comparison.stored_results import ComparedResult, read_compared_resul
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.gate import CHECK, read_gate
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 from robacc.prediction.model_fit import model_fit
 
@@ -140,8 +140,7 @@ def compare(
         ('estimate (2)', 'estimate')
     """
     inputs = Inputs(locals())
-    if scale is not None and grade is None:
-        raise UsageError("`scale` needs `grade`, the grade to check the results for")
+    refuse((scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"))
     compared_results, doubts = _load(results, inputs, robot=robot, align=align)
     grades = inputs.scale()
     names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
@@ -166,14 +165,13 @@ def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[li
         InputError: A file cannot be used; with the problems of every file.
         UsageError: Standard input is named twice, there is one result only, or ``options`` are for no file.
     """
-    if len(results) < 2:
-        raise UsageError("a comparison takes at least two results")
-    if [path_of(source) for source in results].count(STDIN) > 1:
-        raise UsageError("standard input can be read only once")
+    refuse(
+        (len(results) < 2, "a comparison takes at least two results"),
+        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
+    )
     are_poses = [*map(_are_poses, results)]
-    for option in options if not any(are_poses) else ():
-        if options[option] is not None:
-            raise UsageError(f"`{option}` is for files of poses, and all files are results")
+    unused = [option for option in options if options[option] is not None and not any(are_poses)]
+    refuse(*((True, f"`{option}` is for files of poses, and all files are results") for option in unused))
     problems: list[Problem] = []
     compared_results: list[ComparedResult] = []
     warnings: list[str] = []

@@ -23,7 +23,7 @@ import typer
 
 from robacc.cli import output
 from robacc.cli.output import Outlets
-from robacc.errors import InputError, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
 
@@ -149,14 +149,17 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
     from robacc.api.inputs import Inputs
     from robacc.fitting.registration import check_frames
 
-    if "-" in paths:
-        raise UsageError("- (standard input) has no name for the table of several files; give it alone")
     places = [os.path.realpath(path) for path in paths]
-    for i, path in enumerate(paths):
-        if places[i] in places[:i]:
-            raise UsageError(f"{path} is given twice; give each file once")
-    if per_pose is not None and _folder(per_pose) is None:
-        raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
+    refuse(
+        ("-" in paths, "- (standard input) has no name for the table of several files; give it alone"),
+        *((places[i] in places[:i], f"{path} is given twice; give each file once") for i, path in enumerate(paths)),
+    )
+    refuse(
+        (
+            per_pose is not None and _folder(per_pose) is None,
+            f"--per-pose {per_pose}: several files need a folder, whose name ends with /",
+        )
+    )
     inputs = Inputs(options)
     inputs.optional_robot()
     if options["align"]:
@@ -202,11 +205,12 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     for task in tasks:
         for target in filter(None, (task.outlets.output, task.per_pose)):
             place = os.path.realpath(target)
-            if place in inputs:
-                raise UsageError(f"{target} is also an input and would be overwritten; name another folder")
-            if (other := written.setdefault(place, task.path)) != task.path:
-                message = f"the results of {other} and {task.path} would both be written to {target}"
-                raise UsageError(f"{message}; rename one of the files")
+            other = written.setdefault(place, task.path)
+            both = f"the results of {other} and {task.path} would both be written to {target}"
+            refuse(
+                (place in inputs, f"{target} is also an input and would be overwritten; name another folder"),
+                (other != task.path, f"{both}; rename one of the files"),
+            )
 
 
 def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:

@@ -63,6 +63,13 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
+def refuse(*cases: tuple[object, str]) -> None:
+    """Raise UsageError with the text of the first case that holds."""
+    for holds, text in cases:
+        if holds:
+            raise UsageError(text)
+
+
 class MissingColumnError(UsageError):
     """The poses lack a column that an effect depends on."""
 

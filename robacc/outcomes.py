@@ -33,9 +33,3 @@ class FileOutcome:
     def failed(self) -> bool:
         """True where there is no result."""
         return self.summary is None
-
-
-def exit_status(outcomes: list[FileOutcome]) -> int:
-    """Return the exit status for all files: 1 a defect, 3 a file without a result, else the worst of the gates."""
-    statuses = {3 if outcome.exit_status == 2 else outcome.exit_status for outcome in outcomes}
-    return min(statuses, default=0, key=(1, 3, 4, 5, 0).index)

@@ -16,7 +16,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 LAYERS = (
     ("robacc.errors", "robacc.threads", "robacc.version"),
     ("robacc.geometry", "robacc.plug_ins", "robacc.quantities"),
-    ("robacc.io", "robacc.parallel"),
+    ("robacc.io",),
     ("robacc.chain", "robacc.measurements", "robacc.statistics"),
     ("robacc.poses",),
     ("robacc.robots",),

@@ -15,17 +15,7 @@ from robacc.accuracy.estimation import (
     moved_warning,
     position_errors,
 )
-from robacc.api.inputs import (
-    STDIN,
-    fitted_pose_warnings,
-    load_grade_scale,
-    load_optional_robot,
-    load_poses,
-    load_robot,
-    path_of,
-    stated,
-    with_measured_targets,
-)
+from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
 from robacc.api.parameters import (
     Angles,
     Bag,
@@ -51,7 +41,7 @@ from robacc.api.parameters import (
     Units,
     call,
 )
-from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
@@ -166,32 +156,28 @@ def estimate(
         >>> result.errors.position.shape
         (3, 60)
     """
-    arguments = locals()
-    poses = stated(
-        poses, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
-        commanded=commanded, bag=bag,
-    )  # fmt: skip
-    arm, arm_record = load_optional_robot(robot, base_link, tip_link, poses)
+    inputs = Inputs(locals(), "poses")
+    poses = inputs.stated(poses)
+    arm = inputs.optional_robot(poses)
     aligned = None if align is None else effect_names(align)
     # Only a fit of the tool finds the place of a target that the robot file lacks.
     any_target = arm is not None and "tool_frame" in (aligned or ())
-    data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits, any_target=any_target)
+    data = inputs.poses(poses, arm, any_target=any_target)
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
     if arm is not None and data.q is None and data.commanded_position is not None:
         text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
         arm, data = None, replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
-    use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
-    arm = use.robot
-    grades, scale_record = load_grade_scale(scale)
+    if arm is not None:
+        arm = inputs.campaign(arm, data)
+    fitted = fitted_pose_warnings(arm, inputs.records)
+    grades = inputs.scale()
     body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
-    fitted = fitted_pose_warnings(arm, (record,))
     notes = (*body.notes, *(["the robot file was fitted to these same poses"] if fitted else []))
-    warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *use.warnings)
+    warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings)
     body = replace(body, notes=notes, warnings=warnings)
     effects = list(body.alignment.effects if body.alignment else ())
-    options = options_of(estimate, arguments, align=effects, frame=body.errors.frame)
-    made = Provenance(options, (record, *arm_record, *scale_record), seed, use)
+    made = inputs.made(align=effects, frame=body.errors.frame)
     return Estimate(**fields_of(body), robot=arm, data=data, made=made)
 
 
@@ -267,18 +253,20 @@ def iso9283(
         >>> print(f"RP {result.characteristic('RP').position.value * 1e6:.0f} um")
         RP 74 um
     """
-    arguments = locals()
+    inputs = Inputs(locals(), "poses")
     if [path_of(source) for source in poses].count(STDIN) > 1:
         raise UsageError("standard input can be read only once, but - is given more than once")
-    arm, arm_record = load_optional_robot(robot, base_link, tip_link, next(iter(poses), None))
-    loaded = [load_poses(source, arm, ordered=ordered, ignore_limits=ignore_limits) for source in poses]
-    records = [record for _, record in loaded]
-    uses = [use_model(arm, data, (r,), campaign=campaign, strict_range=strict_range) for data, r in loaded]
-    use = uses[0] if uses else use_model(arm, None, campaign=campaign)
-    arm = use.robot
+    described = inputs.optional_robot(next(iter(poses), None))
+    loaded: list[Measurements] = []
+    arms: list[Robot] = []
+    for source in poses:
+        loaded.append(inputs.poses(source, described))
+        if described is not None:
+            arms.append(inputs.campaign(described, loaded[-1]))
+    arm = next(iter(arms), None)
     aligned = effect_names(align)
     body = evaluate_criteria(
-        [data for data, _ in loaded],
+        loaded,
         arm,
         align=aligned,
         confidence=confidence,
@@ -286,10 +274,8 @@ def iso9283(
         windows=drift_windows,
         rated_load=rated_load,
     )
-    use_warnings = [warning for item in uses for warning in item.warnings]
-    body = replace(body, warnings=(*body.warnings, *fitted_pose_warnings(arm, records), *use_warnings))
-    options = options_of(iso9283, arguments, align=list(aligned))
-    return Iso9283(**fields_of(body), made=Provenance(options, (*records, *arm_record), seed, use))
+    warnings = (*body.warnings, *fitted_pose_warnings(arm, inputs.records), *inputs.warnings)
+    return Iso9283(**{**fields_of(body), "warnings": warnings}, made=inputs.made(align=list(aligned)))
 
 
 # Call of ``robacc plan --for iso9283``.
@@ -354,9 +340,8 @@ def iso9283_poses(
         >>> f"{plan.proposal.edge * 1e3:.0f} mm, {plan.csv().count('P1,')} visits of P1"
         '400 mm, 30 visits of P1'
     """
-    arguments = locals()
-    arm, record = load_robot(robot, base_link, tip_link)
+    inputs = Inputs(locals())
+    arm = inputs.robot(robot)
     length = optional_size(edge, "length", "`edge`")
     proposal = propose(arm, edge=length, plane=plane, orientation=orientation, target=target)
-    made = Provenance(options_of(iso9283_poses, arguments), (record,), None)
-    return Iso9283Poses(proposal=proposal, robot=arm, cycles=cycles, payload_kg=payload, made=made)
+    return Iso9283Poses(proposal=proposal, robot=arm, cycles=cycles, payload_kg=payload, made=inputs.made())

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
-from robacc.api.inputs import load_grade_scale, load_poses, load_robot
+from robacc.api.inputs import Inputs
 from robacc.api.parameters import (
     BaseLink,
     CampaignUse,
@@ -24,7 +24,7 @@ from robacc.api.parameters import (
     call,
     length_and_angle,
 )
-from robacc.api.result import CsvResult, Provenance, fields_of, options_of
+from robacc.api.result import CsvResult, fields_of
 from robacc.correction import (
     Cause,
     Correction,
@@ -35,9 +35,9 @@ from robacc.correction import (
     correction,
 )
 from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
-from robacc.documents.envelope import InputFile, csv_text
+from robacc.documents.envelope import csv_text
 from robacc.documents.parts import rounded, texts
-from robacc.errors import InputError, MissingColumnError, Problem, UsageError
+from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
@@ -305,19 +305,22 @@ def correct(
         >>> result.n_corrected, f"{1e3 * result.before.position.max():.1f} mm"
         (20, '1.4 mm')
     """
-    arguments = locals()
-    for name, value in (("payload", payload), ("temperature", temperature), ("time", time)):
-        if value is not None and not math.isfinite(value):
-            raise UsageError(f"`{name}`: expected a finite number, found {value!r}")
-    if strict_range and beyond_range:
-        raise UsageError("`strict_range` refuses what `beyond_range` corrects; give one of them")
-    arm, arm_record = load_robot(model, base_link, tip_link)
+    inputs = Inputs(locals(), "targets")
+    constants = {"payload": payload, "temperature": temperature, "time": time}
+    refuse(
+        *(
+            (value is not None and not math.isfinite(value), f"`{name}`: expected a finite number, found {value!r}")
+            for name, value in constants.items()
+        ),
+        (strict_range and beyond_range, "`strict_range` refuses what `beyond_range` corrects; give one of them"),
+    )
+    arm = inputs.robot(model)
     arm, left_out = standing_campaign(arm, campaign)
     fit = model_fit(arm)
-    controller, nominal_record, doubts = _nominal(nominal, arm, fit)
+    controller, doubts = _nominal(inputs, arm, fit)
     check_same_joints(arm, controller)
-    grades, scale_record = load_grade_scale(scale)
-    data, record = load_poses(targets, controller, kind="targets", attained=False)
+    grades = inputs.scale()
+    data = inputs.poses(targets, controller, ordered=False, kind="targets", attained=False)
     limits, source = _limits(most, size(weight, "length", "`weight`"), beyond_range, fit)
     columns = circumstances(data, payload, temperature, time)
     low, high = (None if fit is None else fit.ranges.get("temperature_c")) or (-math.inf, math.inf)
@@ -352,28 +355,23 @@ def correct(
         message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
         fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
         raise InputError(Problem(message, data.source, data.line(first), fix=fix))
-    files = ("targets", "model", "nominal")
-    options = {name: value for name, value in options_of(correct, arguments).items() if name not in files}
     result = Corrected(
         **fields_of(body),
         model=arm,
         nominal=controller,
         given=data,
         doubts=(*doubts, *left_out, *(() if fit is None else fit.warnings)),
-        made=Provenance(options, (record, arm_record, *nominal_record, *scale_record), None),
+        made=inputs.made("targets", "model", "nominal"),
     )
     if result.n_targets and not result.n_corrected:
         raise NothingCorrectedError(result)
     return result
 
 
-def _nominal(
-    nominal: StrPath | Robot | None, model: Robot, fit: ModelFit | None
-) -> tuple[Robot, tuple[InputFile, ...], tuple[str, ...]]:
-    """Return the robot that the controller computes with, its record, and doubts about it."""
-    if nominal is not None:
-        robot, record = load_robot(nominal, kind="nominal")
-        return robot, (record,), ()
+def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot that the controller computes with, and doubts about it."""
+    if inputs.arguments["nominal"] is not None:
+        return inputs.robot(inputs.arguments["nominal"], kind="nominal"), ()
     doubts: tuple[str, ...] = ()
     if fit is None and not model.effects:
         doubts = (
@@ -385,7 +383,7 @@ def _nominal(
             "the model does not contain the robot that it was fitted from, so its numbers without its effects count "
             "as the controller's; give `nominal`",
         )
-    return nominal_robot(model, fit), (), doubts
+    return nominal_robot(model, fit), doubts
 
 
 def _limits(
@@ -396,8 +394,7 @@ def _limits(
     Raises:
         UsageError: ``most`` is not one or two sizes.
     """
-    if weight <= 0:
-        raise UsageError("`weight`: expected a length above zero")
+    refuse((weight <= 0, "`weight`: expected a length above zero"))
     limits = Limits(weight=weight, beyond_range=beyond_range, ranges=None if fit is None else fit.ranges)
     if most is None:
         if fit is None:
@@ -475,12 +472,13 @@ def correct_program(
         InputError: The program cannot be read, or none of its targets can be corrected.
         UsageError: As :func:`robacc.api.correct.correct`.
     """
+    inputs = Inputs(locals())
     program = read_program(path, frames)
     if not program.targets:
         fix = "give the file that declares them"
         raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
-    arm, _ = load_robot(model)
-    controller, _, doubts = _nominal(nominal, arm, model_fit(arm))
+    arm = inputs.robot(model)
+    controller, doubts = _nominal(inputs, arm, model_fit(arm))
     flange_arm = replace(controller, tool=Frame(), targets={})
     known, flange, unknown = flange_targets(program)
     hint = "; give the file that defines it with `frames`"

@@ -6,6 +6,7 @@ import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar, Literal, cast
 
@@ -13,16 +14,7 @@ import numpy as np
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import default_scale
-from robacc.api.inputs import (
-    STDIN,
-    fitted_pose_warnings,
-    load_grade_scale,
-    load_poses,
-    load_robot,
-    load_text,
-    optional,
-    path_of,
-)
+from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
@@ -46,15 +38,16 @@ from robacc.api.parameters import (
     masses,
     numbers,
 )
-from robacc.api.result import CsvResult, Provenance, Result, effect_names, fields_of, options_of, use_model
+from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import InputFile, csv_text
+from robacc.documents.envelope import csv_text
 from robacc.documents.expected import PLAN, PREDICT
 from robacc.documents.gate import read_gate
 from robacc.documents.parts import rounded
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
+from robacc.modelling.campaign import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,
@@ -125,7 +118,7 @@ class Predicted(Result, Prediction):
         return (
             *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
             *fitted_pose_warnings(self.robot, against),
-            *(() if self.made.use is None else self.made.use.warnings),
+            *self.made.warnings,
             *(() if fit is None else fit.warnings),
             *(() if hint is None else (hint,)),
         )
@@ -169,8 +162,7 @@ class Predicted(Result, Prediction):
             UsageError: The edge is no length above zero.
         """
         edge = size(voxel, "length", "`voxel`")
-        if edge <= 0:
-            raise UsageError("`voxel`: expected a length above zero")
+        refuse((edge <= 0, "`voxel`: expected a length above zero"))
         voxels = warranty_map(self, self._reached(), edge)
         columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
         for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
@@ -244,41 +236,42 @@ def predict(
         >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0].name}")
         0.37 mm rms; largest contribution: j1.d
     """
-    arguments = locals()
-    if poses is not None and samples is not None:
-        raise UsageError("`poses` and `samples` both say where to predict; give only one of them")
-    if against is not None and samples is not None:
-        raise UsageError("`against` predicts at the measured poses; leave out `samples`")
-    for name, value in (("align", align or None), ("noise", noise)):
-        if value is not None and against is None:
-            raise UsageError(f"`{name}` applies to measured poses, so it needs `against`")
-    if target is not None and (poses is not None or against is not None):
-        raise UsageError("`target` applies to sampled configurations; poses name their targets in a column target")
-    if path_of(poses) == path_of(against) == STDIN:
-        raise UsageError("standard input can be read only once: give - to `poses` or to `against`")
+    inputs = Inputs(locals())
+    has_poses, is_compared, is_sampled = poses is not None, against is not None, samples is not None
+    refuse(
+        (has_poses and is_sampled, "`poses` and `samples` both say where to predict; give only one of them"),
+        (is_compared and is_sampled, "`against` predicts at the measured poses; leave out `samples`"),
+        *(
+            (value is not None and not is_compared, f"`{name}` applies to measured poses, so it needs `against`")
+            for name, value in (("align", align or None), ("noise", noise))
+        ),
+        (
+            target is not None and (has_poses or is_compared),
+            "`target` applies to sampled configurations; poses name their targets in a column target",
+        ),
+        (
+            path_of(poses) == path_of(against) == STDIN,
+            "standard input can be read only once: give - to `poses` or to `against`",
+        ),
+    )
     noise_std = length_and_angle("noise", noise, "0.02mm,0.01deg")
     if isinstance(poses, np.ndarray):
         poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
-    arm, arm_record = load_robot(robot, base_link, tip_link, poses if against is None else against)
-    read_tolerances, tolerance_record = optional(
-        load_text, tolerances, "tolerances", lambda text, name: parse_tolerances(text, name, arm)
-    )
-    grades, scale_record = load_grade_scale(scale)
-    grades = grades or default_scale()
+    arm = inputs.robot(robot, poses if against is None else against)
+    toleranced, meaning = arm, NORMAL
+    if tolerances is not None:
+        parse = partial(parse_tolerances, robot=arm)
+        toleranced, meaning = inputs.text(tolerances, "tolerances", parse)
+    grades = inputs.scale() or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
     fit = model_fit(arm) if tolerances is None and allocate is None else None
-    toleranced, meaning = read_tolerances or (arm, NORMAL)
     parameters = uncertain_parameters(toleranced) if fit is None else ()
-    reading = {"ordered": ordered, "ignore_limits": ignore_limits}
     # A prediction needs joints only; poses to compare with are measured.
-    planned, planned_record = optional(load_poses, poses, arm, attained=False, **reading)
-    measured, measured_record = optional(load_poses, against, arm, kind="against", **reading)
-    used, used_record = (planned, planned_record) if measured is None else (measured, measured_record)
-    is_measured = measured is not None
-    use = use_model(arm, used, used_record, campaign=campaign, strict_range=strict_range, measured=is_measured)
-    arm = use.robot or arm
+    planned = None if poses is None else inputs.poses(poses, arm, attained=False)
+    measured = None if against is None else inputs.poses(against, arm, kind="against")
+    arm = inputs.campaign(arm, measured or planned, measured=measured is not None)
     predicted = planned or measured
     if predicted is not None:
         configurations = configurations_of(arm, predicted)
@@ -297,14 +290,11 @@ def predict(
         comparison = compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
         )
-    options = options_of(
-        predict,
-        arguments,
+    made = inputs.made(
         samples=configurations.n if predicted is None else None,
         align=list(aligned),
         noise=list(noise) if isinstance(noise, tuple) else noise,
     )
-    inputs = (arm_record, *tolerance_record, *scale_record, *planned_record, *measured_record)
     return Predicted(
         **fields_of(prediction),
         robot=arm,
@@ -313,7 +303,7 @@ def predict(
         coverage=covered,
         planned=planned,
         measured=measured,
-        made=Provenance(options, inputs, seed, use),
+        made=made,
     )
 
 
@@ -501,28 +491,26 @@ def plan(
         >>> result.accuracy.planned.rms < result.accuracy.planned.random_rms
         True
     """
-    arguments = locals()
-    arm, record = load_robot(robot, base_link, tip_link)
-    calibrated, model_records = optional(load_robot, model, kind="model")
-    if calibrated is not None and calibrated.variable_names != arm.variable_names:
+    inputs = Inputs(locals())
+    described = inputs.robot(robot)
+    calibrated = described if model is None else inputs.robot(model, kind="model")
+    if calibrated.variable_names != described.variable_names:
         raise UsageError(
             f"`model` has the joints {', '.join(calibrated.variable_names)}, but the robot has "
-            f"{', '.join(arm.variable_names)}; give the model of this robot"
+            f"{', '.join(described.variable_names)}; give the model of this robot"
         )
     # A drift and other facts of the model's own campaign do not come again.
-    use = use_model(calibrated or arm, None, campaign="drop")
-    described, arm = arm, use.robot or arm
+    arm, _ = resolve_campaign(calibrated, None, (), "drop")
     n_candidates, chosen_from = (candidates, None) if isinstance(candidates, int) else (DEFAULT_CANDIDATES, candidates)
     check_range("candidates", n_candidates, 10, 100_000)
     known = replace(joints_of(arm), limits=None)  # limits are a matter of the filters
-    given: dict[str, Measurements | None] = {}
-    records = [record, *model_records]
+    given: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
-        given[kind], read = optional(load_poses, source, arm, kind=kind, attained=False, visited_by=known)
-        if (poses_to_visit := given[kind]) is not None:
-            check_at_rest(arm, poses_to_visit)
-        records += read
-    given["already"], read = optional(load_poses, already, arm, ordered=ordered, kind="already", attained=False)
+        if source is not None:
+            given[kind] = inputs.poses(source, arm, ordered=False, kind=kind, attained=False, visited_by=known)
+            check_at_rest(arm, given[kind])
+    if already is not None:
+        given["already"] = inputs.poses(already, arm, kind="already", attained=False)
     links = None
     if collisions:
         if isinstance(robot, Robot) or described.convention != "urdf":
@@ -530,7 +518,7 @@ def plan(
                 "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
             )
         links = plug_in("robacc.collisions", "fcl")(os.fspath(robot), described)
-    demands, demand_records = _demands(gate, grade, scale)
+    demands = _demands(inputs, gate, grade)
     if demands and purpose != "acceptance":
         raise UsageError("`gate` and `grade` set the number of acceptance poses; give purpose acceptance")
     settings = CampaignSettings(
@@ -564,16 +552,13 @@ def plan(
         seed=seed,
     )
     body = plan_campaign(arm, settings, **given)
-    doubts = [text for data in given.values() if data is not None for text in data.warnings]
-    body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *use.warnings, *doubts))
+    doubts = [text for data in given.values() for text in data.warnings]
+    body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *doubts))
     # Files are recorded by their names, objects not at all.
-    files = ("model", "candidates", "task", "already", "gate", "scale")
-    options = {
-        name: os.path.basename(os.fspath(value)) if name in files and isinstance(value, str | os.PathLike) else value
-        for name, value in options_of(plan, arguments).items()
-        if not isinstance(value, Measurements | Robot)
-    }
-    return Planned(**fields_of(body), made=Provenance(options, (*records, *read, *demand_records), seed))
+    files = {name: inputs.arguments[name] for name in ("model", "candidates", "task", "already", "gate")}
+    names = {name: os.path.basename(path) for name, file in files.items() if (path := path_of(file)) is not None}
+    objects = [name for name, file in files.items() if isinstance(file, Measurements | Robot)]
+    return Planned(**fields_of(body), made=inputs.made(*objects, **names))
 
 
 def _sight(
@@ -593,20 +578,16 @@ def _sight(
         return None
     near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
     axis = None if reflector is None else parse_vector(reflector, "reflector")
-    if axis is not None and not any(axis):
-        raise UsageError("`reflector`: the direction has no length")
+    refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
     return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
 
 
-def _demands(
-    gate: StrPath | None, grade: str | None, scale: StrPath | None
-) -> tuple[tuple[Demand, ...], tuple[InputFile, ...]]:
+def _demands(inputs: Inputs, gate: StrPath | None, grade: str | None) -> tuple[Demand, ...]:
     """Return the limits of a gate and of a grade on the position, which the measurement is to decide."""
     demands: list[Demand] = []
-    records: tuple[InputFile, ...] = ()
     if gate is not None:
-        loaded, _, gate_records = read_gate(os.fspath(gate))
-        records = tuple(gate_records)
+        loaded, _, records = read_gate(os.fspath(gate))
+        inputs.records += records
         for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
@@ -615,14 +596,12 @@ def _demands(
         if not demands:
             raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
     if grade is not None:
-        custom, scale_records = load_grade_scale(scale)
-        steps = custom or default_scale()
+        steps = inputs.scale() or default_scale()
         limits = {step.grade: step.position for step in steps.steps}
         if grade not in limits:
             raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
         demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], steps.confidence))
-        records = (*records, *scale_records)
-    return tuple(demands), records
+    return tuple(demands)
 
 
 def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:

@@ -6,20 +6,11 @@ import os
 from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TextIO, TypeVar, cast
 
 import numpy as np
 
-from robacc.api.inputs import (
-    STDIN,
-    check_targets,
-    fitted_pose_warnings,
-    load_poses,
-    load_robot,
-    optional,
-    path_of,
-    with_measured_targets,
-)
+from robacc.api.inputs import STDIN, Inputs, check_targets, fitted_pose_warnings, path_of, with_measured_targets
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
@@ -38,8 +29,7 @@ from robacc.api.parameters import (
     TipLink,
     call,
 )
-from robacc.api.result import ModelUse, Provenance, Result, fields_of, options_of, use_model
-from robacc.documents.envelope import InputFile
+from robacc.api.result import Result, fields_of
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.request import Baseline, build, default_baseline, parse_requests
@@ -70,19 +60,13 @@ if TYPE_CHECKING:
 Made = TypeVar("Made", bound="FitResult")
 
 
-@dataclass(frozen=True, slots=True)
-class FitInputs:
-    """Robot and poses of a fit, with the record of their files."""
+class FitInputs(NamedTuple):
+    """Robot and poses of a fit."""
 
     robot: Robot
     data: Measurements
     holdout: Measurements | None
     """Separate validation poses."""
-    names: dict[str, str | None]
-    """Paths of poses, robot and holdout in the result's options; None without a file."""
-    files: tuple[InputFile, ...]
-    use: ModelUse
-    """How the robot's model applies to the poses."""
     baseline: Baseline
     """Effects that were declared, or that are to be fitted, and whether the call named them."""
 
@@ -105,7 +89,7 @@ class FitResult(Result):
 
     def draw(self, stream: TextIO, full: bool = False, model: str | None = None) -> None:
         """Write how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
-        poses, robot = (self.fit_inputs.names[kind] or self.named(kind) for kind in ("poses", "robot"))
+        poses, robot = (self.made.options[kind] or self.named(kind) for kind in ("poses", "robot"))
         draw(fit_view(self.payload(), poses, robot, "full" if full else "short", model), stream)
 
     @property
@@ -124,7 +108,7 @@ class FitResult(Result):
         It has the units, comments and order of the robot file that was fitted; m and rad for a URDF. Suspected data
         mistakes stand in comments at its head, and in its part ``fit:``.
         """
-        origin = PurePath(self.fit_inputs.names["poses"] or "arrays").name
+        origin = PurePath(self.made.options["poses"] or "arrays").name
         caution = ("do not use this model until the following is resolved:",) if self.suspicions else ()
         origin = f"written by robacc {__version__} {self.command} from {origin}"
         return model_text(self.robot, (origin, *caution, *self.suspicions))
@@ -221,28 +205,27 @@ def calibrate(
         >>> print(result.model_yaml().splitlines()[0].partition(" robacc ")[0])
         # written by
     """
-    arguments = locals()
-    inputs = _load(poses, robot, holdout, fit, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
-    requests = parse_requests(",".join(inputs.baseline.names))
+    inputs = Inputs(locals(), "poses")
+    read = _read(inputs, fit)
+    requests = parse_requests(",".join(read.baseline.names))
     if not requests:
         raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
-    priors = tolerance_priors(inputs.robot) if prior else {}
+    priors = tolerance_priors(read.robot) if prior else {}
     if prior and not priors:
-        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or inputs.robot.name} has none on any joint")
+        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or read.robot.name} has none on any joint")
     calibration = fit_effects(
-        inputs.robot,
-        inputs.data,
+        read.robot,
+        read.data,
         requests,
         options=Options(robust=robust),
         priors=priors,
         shrink=shrink,
         n_folds=folds,
         seed=seed,
-        holdout=inputs.holdout,
+        holdout=read.holdout,
         progress=progress or (lambda label, done, total: None),
     )
-    options = options_of(calibrate, arguments, **inputs.names, fit=_joined(fit, inputs))
-    return _made(Calibrated, calibration, inputs, options, seed)
+    return _made(Calibrated, calibration, inputs, read)
 
 
 @call
@@ -296,65 +279,44 @@ def trace(
         >>> result.verdict, [(finding.effect, finding.joints) for finding in result.findings]
         ('explained', [('joint_compliance', ('j2',)), ('backlash', ('j3',))])
     """
-    arguments = locals()
+    inputs = Inputs(locals(), "poses")
     load_plug_ins()
-    inputs = _load(poses, robot, holdout, declared, ordered, ignore_limits, base_link, tip_link, campaign, strict_range)
-    if inputs.data.reference is not None:
+    read = _read(inputs, declared)
+    if read.data.reference is not None:
         message = "distances from an earlier pose do not show what acts at each of the two poses"
-        raise InputError(Problem(message, inputs.data.source, fix="use calibrate, or measure distances from an anchor"))
-    effects = build(parse_requests(",".join(inputs.baseline.names)), Arm.of(inputs.robot), inputs.data)
+        raise InputError(Problem(message, read.data.source, fix="use calibrate, or measure distances from an anchor"))
+    effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
     body = trace_effects(
-        Model.of(inputs.robot, effects),
-        inputs.data,
+        Model.of(read.robot, effects),
+        read.data,
         n_folds=folds,
         seed=seed,
-        holdout=inputs.holdout,
+        holdout=read.holdout,
         empirical=empirical,
         progress=progress or (lambda label, done, total: None),
     )
-    options = options_of(trace, arguments, **inputs.names, declared=_joined(declared, inputs))
-    return _made(Traced, body, inputs, options, seed)
+    return _made(Traced, body, inputs, read)
 
 
-def _load(
-    poses: PosesSource,
-    robot: StrPath | Robot,
-    holdout: PosesSource | None,
-    effects: str | Sequence[str] | None,
-    ordered: bool,
-    ignore_limits: bool,
-    base_link: str | None,
-    tip_link: str | None,
-    campaign: Campaign,
-    strict_range: bool,
-) -> FitInputs:
+def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     """Return the robot, the poses measured on it, the validation poses, and the requested effects.
 
     Raises:
         InputError: A file or array cannot be used, or no effect fits the targets that the robot file does not have.
         UsageError: The poses have no joint columns, or a link does not exist.
     """
-    described, arm_record = load_robot(robot, base_link, tip_link, poses)
-
-    def read(source: PosesSource, kind: str, any_target: bool) -> tuple[Measurements, InputFile]:
-        data, record = load_poses(
-            source, described, ordered=ordered, ignore_limits=ignore_limits, kind=kind, any_target=any_target,
-            any_kind=True,
-        )  # fmt: skip
-        if data.q is None:
-            name = path_of(source) or data.source or "the poses"
-            raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
-        return data, record
-
-    data, record = read(poses, "poses", any_target=True)
+    poses, holdout = inputs.arguments["poses"], inputs.arguments["holdout"]
+    described = inputs.robot(inputs.arguments["robot"], poses)
+    data = inputs.poses(poses, described, any_target=True, any_kind=True)
     arm, data = with_measured_targets(described, data)
-    use = use_model(arm, data, (record,), campaign=campaign, strict_range=strict_range)
-    arm = use.robot or arm
-    sources = {"poses": poses, "robot": robot, "holdout": holdout}
-    names = {kind: _name(source) for kind, source in sources.items()}
-    validation, validation_records = optional(read, holdout, "holdout", any_target=False)
+    arm = inputs.campaign(arm, data)
+    validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
+    for source, read in ((poses, data), (holdout, validation)):
+        if read is not None and read.q is None:
+            name = path_of(source) or read.source or "the poses"
+            raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
     if validation is not None:
-        _refuse_shared(data, validation, names["holdout"])
+        _refuse_shared(data, validation, _name(holdout))
     if effects is None:
         baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
     else:
@@ -364,7 +326,7 @@ def _load(
         baseline = replace(baseline, names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
-    return FitInputs(arm, data, validation, names, (record, arm_record, *validation_records), use, baseline)
+    return FitInputs(arm, data, validation, baseline)
 
 
 def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:
@@ -399,30 +361,29 @@ def _name(source: PosesSource | Robot | None) -> str | None:
     return path_of(source)
 
 
-def _joined(effects: str | Sequence[str] | None, inputs: FitInputs) -> str:
-    """Return the requested effects as text separated by commas, or those that are requested by default."""
-    return effects if isinstance(effects, str) else ",".join(inputs.baseline.names if effects is None else effects)
-
-
-def _made(kind: Callable[..., Made], result: Judged, inputs: FitInputs, options: dict[str, Any], seed: int) -> Made:
+def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitInputs) -> Made:
     """Return a result with its inputs: its robot has the records of its fit, its poses and its campaign.
 
     Corrections and predictions read these records. The warnings have those about the use of a model.
     """
     residual = result.after.held_out_residual
-    poses = inputs.data if inputs.holdout is None else inputs.holdout
+    poses = read.data if read.holdout is None else read.holdout
     held_out = None if residual is None else (poses, residual)
     fit = result.fit
-    record = fit_record(fit, result.robot, inputs.robot, inputs.data, held_out, result.repeatability, result.n_folds)
+    record = fit_record(fit, result.robot, read.robot, read.data, held_out, result.repeatability, result.n_folds)
     robot = replace(result.robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
-    outside = None if inputs.holdout is None else outside_validity(robot, inputs.holdout)
-    digests = [record.sha256 for record in inputs.files if record.kind == "poses"]
+    outside = None if read.holdout is None else outside_validity(robot, read.holdout)
+    digests = [record.sha256 for record in inputs.records if record.kind == "poses"]
     robot = replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
     warnings = (
         *result.warnings,
-        *fitted_pose_warnings(inputs.robot, inputs.files),
-        *inputs.use.warnings,
+        *fitted_pose_warnings(read.robot, inputs.records),
+        *inputs.warnings,
         *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),
     )
-    fields = {**fields_of(result), "robot": with_campaign(robot, inputs.robot, digests), "warnings": warnings}
-    return kind(**fields, fit_inputs=inputs, made=Provenance(options, inputs.files, seed, inputs.use))
+    fields = {**fields_of(result), "robot": with_campaign(robot, read.robot, digests), "warnings": warnings}
+    options: dict[str, Any] = {name: _name(inputs.arguments[name]) for name in ("poses", "robot", "holdout")}
+    for name in inputs.arguments.keys() & {"fit", "declared"}:
+        effects = inputs.arguments[name]
+        options[name] = effects if isinstance(effects, str) else ",".join(effects or read.baseline.names)
+    return kind(**fields, fit_inputs=read, made=inputs.made(**options))

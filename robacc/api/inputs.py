@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -25,13 +24,14 @@ from robacc.api.parameters import (
     IgnoreLimits,
     Ordered,
     PosesSource,
+    RobotSource,
     Sheet,
     SkipGaps,
     StrPath,
     Units,
     call,
 )
-from robacc.api.result import Result
+from robacc.api.result import Provenance
 from robacc.diagnostics.robot_poses import check_size, read_robot_poses
 from robacc.documents import envelope
 from robacc.documents.envelope import InputFile, StoredResult
@@ -41,7 +41,9 @@ from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
 from robacc.io.open_table import open_table
 from robacc.measurements import Measurements, commanded_groups
+from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.robot_file import read_robot, robot_path
+from robacc.modelling.validity import OutsideValidity, outside_validity
 from robacc.poses import csv_file
 from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, visits_in_order
@@ -63,8 +65,14 @@ from robacc.robots.yaml_robot import robot_to_yaml
 
 Read = TypeVar("Read")
 STDIN = "-"
-
-# Files and objects, each with its record.
+RECORDED_APART = frozenset(
+    (
+        *("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"),
+        *(READING := ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")),
+    )
+)
+"""Parameters that are not among the options: files and how they are read stand among the inputs, the seed has a key of
+its own."""
 
 
 def path_of(source: object) -> str | None:
@@ -72,67 +80,201 @@ def path_of(source: object) -> str | None:
     return os.fspath(source) if isinstance(source, str | os.PathLike) else None
 
 
-def optional(
-    load: Callable[..., tuple[Read, InputFile]], source: object, *args: Any, **options: Any
-) -> tuple[Read | None, tuple[InputFile, ...]]:
-    """Return what ``load`` reads from ``source``, and its record; None and no record without a source."""
-    if source is None:
-        return None, ()
-    read, record = load(source, *args, **options)
-    return read, (record,)
+class Inputs:
+    """Arguments of a call, what it reads as they say, and the record of each file or object."""
 
+    def __init__(self, arguments: Mapping[str, Any], *first: str) -> None:
+        """Take the arguments by name, in their order, and the kinds of files that are recorded first."""
+        self.arguments, self.first = dict(arguments), first
+        self.records: list[InputFile] = []
+        self.outside: OutsideValidity | None = None
+        """Poses outside the validity ranges of the model; None without a model."""
+        self.warnings: list[str] = []
+        """Warnings about the use of the model on the poses."""
 
-def load_text(path: StrPath, kind: str, parse: Callable[[str, str], Read]) -> tuple[Read, InputFile]:
-    """Return what ``parse`` makes of the text and the name of a file, and its record.
+    def text(self, path: StrPath, kind: str, parse: Callable[[str, str], Read]) -> Read:
+        """Return what ``parse`` makes of the text and the name of a file.
 
-    Raises:
-        InputError: The file cannot be read or is wrong.
-    """
-    name = os.fspath(path)
-    return parse(read_text(name), name), InputFile.at(name, sha256_of(name), kind)
+        Raises:
+            InputError: The file cannot be read or is wrong.
+        """
+        name = os.fspath(path)
+        read = parse(read_text(name), name)
+        self.records.append(InputFile.at(name, sha256_of(name), kind))
+        return read
 
+    def scale(self) -> Scale | None:
+        """Return the grade scale of the argument; None without one, for the package's own scale."""
+        path = self.arguments["scale"]
+        return None if path is None else self.text(path, "scale", load_scale)
 
-def load_grade_scale(path: StrPath | None) -> tuple[Scale | None, tuple[InputFile, ...]]:
-    """Return the grade scale of a file and its record; None without a path, for the package's own scale."""
-    return optional(load_text, path, "scale", load_scale)
+    def robot(self, source: RobotSource, poses: PosesSource | None = None, kind: str = "robot") -> Robot:
+        """Return a robot; one without a file is recorded as the robot file it would make.
 
+        The links of the arguments are those of the ``robot``. The joint columns of ``poses``, a path or poses read
+        before, choose the chain of a URDF without a ``tip_link``.
 
-def load_result(source: StrPath | Result | StoredResult) -> StoredResult:
-    """Return a stored result; one just computed becomes what its file would be, named by its command.
+        Raises:
+            InputError: The file cannot be read or is wrong.
+            UsageError: A link does not exist, or is given with a robot that was read before.
+        """
+        base_link, tip_link = self._links if kind == "robot" else (None, None)
+        if isinstance(source, Robot):
+            if base_link is not None or tip_link is not None:
+                message = "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already"
+                raise UsageError(message)
+            digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
+            self.records.append(InputFile(source.name, digest, kind, identity=source.identity))
+            return source
+        robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
+        self.records.append(InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity))
+        return robot
 
-    Raises:
-        InputError: The file cannot be read or holds no result.
-    """
-    if isinstance(source, StoredResult):
-        return source
-    if isinstance(source, Result):
-        text = source.to_json()
-        return StoredResult(json.loads(text), source.command, sha256(text.encode()).hexdigest(), source.command)
-    return read_result(source)
+    @property
+    def _links(self) -> tuple[str | None, str | None]:
+        return self.arguments.get("base_link"), self.arguments.get("tip_link")
 
+    def optional_robot(self, poses: PosesSource | None = None) -> Robot | None:
+        """Return :meth:`robot` of the argument; None without one.
 
-def load_robot(
-    source: StrPath | Robot,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    poses: PosesSource | None = None,
-    kind: str = "robot",
-) -> tuple[Robot, InputFile]:
-    """Return the robot and its record; a robot without a file is recorded as the robot file it would make.
+        Raises:
+            InputError: The file cannot be read or is wrong.
+            UsageError: A link does not exist, or is given without a robot.
+        """
+        source = self.arguments["robot"]
+        if source is None and any(self._links):
+            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
+        return None if source is None else self.robot(source, poses)
 
-    The joint columns of ``poses``, a path or poses read before, choose the chain of a URDF without a ``tip_link``.
+    def stated(self, source: PosesSource) -> PosesSource:
+        """Return poses whose file is read with the statements of the arguments, which are those of a ``PoseFile``.
 
-    Raises:
-        InputError: The file cannot be read or is wrong.
-        UsageError: A link does not exist, or is given with a robot that was read before.
-    """
-    if isinstance(source, Robot):
-        if base_link is not None or tip_link is not None:
-            raise UsageError("`base_link` and `tip_link` apply when a URDF is read; this robot has been read already")
-        digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
-        return source, InputFile(source.name, digest, kind, identity=source.identity)
-    robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
-    return robot, InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity)
+        Raises:
+            UsageError: Poses read before have statements.
+        """
+        reading = {name: self.arguments[name] for name in READING}
+        if not any(reading.values()):
+            return source
+        if isinstance(source, Measurements):
+            message = f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses"
+            raise UsageError(message)
+        return PoseFile(source, **reading)
+
+    def poses(
+        self,
+        source: PosesSource,
+        robot: Robot | None,
+        *,
+        ordered: bool | None = None,
+        kind: str = "poses",
+        attained: bool = True,
+        any_target: bool = False,
+        any_kind: bool = False,
+        visited_by: KnownRobot | None = None,
+    ) -> Measurements:
+        """Return poses, checked against ``robot`` if there is one.
+
+        Args:
+            source: Path, ``-`` for standard input, a data frame, or poses that were read or made before.
+            robot: Robot whose joints, limits and targets apply to the poses.
+            ordered: The rows of the file are in the order measured; poses read before carry this themselves. None is
+                the argument.
+            kind: Kind of the input in the record.
+            attained: The poses were measured; planned poses may lack x, y, z.
+            any_target: Several targets are valid although the robot has one tool.
+            any_kind: Other kinds of measurement than positions and poses are valid.
+            visited_by: Names and limits that apply to poses to visit, which name no target: all are visited at each
+                pose.
+
+        Raises:
+            InputError: The file or the arrays are wrong; with every problem.
+            UsageError: The rows are ordered, and the poses were read before without their order.
+        """
+        ordered = self.arguments.get("ordered", False) if ordered is None else ordered
+        limits = {"ignore_limits": self.arguments.get("ignore_limits", False)}
+        if isinstance(source, Measurements):
+            if ordered and not source.ordered:
+                raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
+            data = checked_poses(source, robot)
+            if robot is not None and visited_by is None and (robot.targets or not any_target):
+                check_targets(data, robot)
+            name, digest = "arrays", data.sha256
+            if digest is not None:
+                name = STDIN if data.source in (None, "<stdin>") else str(data.source)
+            record = InputFile.at(name, digest or sha256(csv_file.format_poses(data).encode()).hexdigest(), kind)
+        else:
+            path, reading = pose_path(source), dict[str, Any]()
+            commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
+            try:
+                if commands is not None:
+                    data, reading = _with_commands(path, commands, robot, ordered, **limits)
+                elif visited_by is not None:
+                    data = csv_file.read_poses(path, robot=visited_by, attained=False, **limits)
+                elif robot is None:
+                    data = csv_file.read_poses(path, ordered=ordered)
+                else:
+                    options: dict[str, Any] = {**limits, "attained": attained, "any_target": any_target}
+                    data = read_robot_poses(path, robot, ordered=ordered, **options)
+            except InputError:
+                from robacc.programs.reading import mistaken_for_poses
+
+                if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
+                    raise InputError(problem) from None
+                raise
+            record = InputFile.at(path, data.sha256 or "", kind)
+            if reading:
+                record = replace(record, reading={**(record.reading or {}), **reading})
+        if data.kind is not None and not any_kind:
+            kinds = " and ".join(dict.fromkeys(map(str, data.kind)))
+            fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
+            raise InputError(Problem(f"the rows are of kind {kinds}, which are no positions", data.source, fix=fix))
+        if not data.n:
+            raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
+        self.records.append(record)
+        return data
+
+    def campaign(
+        self,
+        robot: Robot,
+        data: Measurements | None = None,
+        *,
+        measured: bool = True,
+        digests: Sequence[str] | None = None,
+    ) -> Robot:
+        """Return the robot as it applies to ``data``, and note its warnings and the poses outside its ranges.
+
+        The arguments ``campaign`` and ``strict_range`` hold. ``auto`` keeps the effects of the campaign that the model
+        was fitted in for its own poses, and for measured poses that agree better with them than without.
+
+        Args:
+            robot: Robot as read.
+            data: The poses; None if there are none, as for configurations over the joint ranges.
+            measured: The positions of ``data`` were measured.
+            digests: Digests of the files of the poses; by default that of the file read last.
+
+        Raises:
+            InputError: ``strict_range``, and a pose is outside.
+        """
+        digests = [self.records[-1].sha256] if digests is None else digests
+        robot, notes = resolve_campaign(robot, data if measured else None, digests, self.arguments["campaign"])
+        outside = (None if data is None else outside_validity(robot, data)) or OutsideValidity(0, 0, (), 0.0)
+        if data is not None and self.arguments["strict_range"]:
+            outside.refuse(data)
+        self.outside = self.outside or outside
+        self.warnings += (*notes, *outside.warnings())
+        return robot
+
+    def made(self, *files: str, **resolved: object) -> Provenance:
+        """Return the options, inputs and seed of the result.
+
+        Args:
+            files: Further parameters that are not among the options.
+            resolved: Values that replace arguments as given; a parameter named here is recorded in any case.
+        """
+        apart = RECORDED_APART.union(files) - resolved.keys()
+        options = {name: value for name, value in {**self.arguments, **resolved}.items() if name not in apart}
+        inputs = tuple(sorted(self.records, key=lambda record: record.kind not in self.first))
+        return Provenance(options, inputs, self.arguments.get("seed"), self.outside, tuple(self.warnings))
 
 
 def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
@@ -148,119 +290,9 @@ def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
     return []
 
 
-def load_optional_robot(
-    source: StrPath | Robot | None,
-    base_link: str | None = None,
-    tip_link: str | None = None,
-    poses: PosesSource | None = None,
-) -> tuple[Robot | None, tuple[InputFile, ...]]:
-    """Return :func:`load_robot` of ``source``, or no robot and no record if ``source`` is None.
-
-    Raises:
-        InputError: The file cannot be read or is wrong.
-        UsageError: A link does not exist, or is given without a robot.
-    """
-    if source is None and (base_link or tip_link):
-        raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
-    return optional(load_robot, source, base_link, tip_link, poses)
-
-
 def pose_path(source: StrPath | SupportsColumns | Mapping[str, Any]) -> str:
     """Return the path of a pose file, or of a data frame a path that carries it."""
     return os.fspath(source) if isinstance(source, str | os.PathLike) else PoseFile(source)
-
-
-def stated(source: PosesSource, **reading: Any) -> PosesSource:
-    """Return poses whose file is read with these statements, which are those of a ``PoseFile``; as is without any.
-
-    Raises:
-        UsageError: Poses read before have statements.
-    """
-    if not any(reading.values()):
-        return source
-    if isinstance(source, Measurements):
-        raise UsageError(f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses")
-    return PoseFile(source, **reading)
-
-
-def load_poses(
-    source: PosesSource,
-    robot: Robot | None,
-    *,
-    ordered: bool = False,
-    ignore_limits: bool = False,
-    kind: str = "poses",
-    attained: bool = True,
-    any_target: bool = False,
-    any_kind: bool = False,
-    visited_by: KnownRobot | None = None,
-) -> tuple[Measurements, InputFile]:
-    """Return poses, checked against ``robot`` if there is one, and their record.
-
-    Args:
-        source: Path, ``-`` for standard input, a data frame, or poses that were read or made before.
-        robot: Robot whose joints, limits and targets apply to the poses.
-        ordered: The rows of the file are in the order measured; poses read before carry this themselves.
-        ignore_limits: Joints of the file outside their limits are a warning, not an error.
-        kind: Kind of the input in the record.
-        attained: The poses were measured; planned poses may lack x, y, z.
-        any_target: Several targets are valid although the robot has one tool.
-        any_kind: Other kinds of measurement than positions and poses are valid.
-        visited_by: Names and limits that apply to poses to visit, which name no target: all are visited at each pose.
-
-    Raises:
-        InputError: The file or the arrays are wrong; with every problem.
-        UsageError: ``ordered`` is given with poses that were read before.
-    """
-    if isinstance(source, Measurements):
-        if ordered and not source.ordered:
-            raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
-        data = checked_poses(source, robot)
-        if robot is not None and visited_by is None and (robot.targets or not any_target):
-            check_targets(data, robot)
-        record = _record_of(data, kind)
-    else:
-        path = pose_path(source)
-        commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
-        try:
-            if commands is not None:
-                data, statements = _with_commands(path, commands, robot, ordered, ignore_limits)
-            elif visited_by is not None:
-                data = csv_file.read_poses(path, robot=visited_by, ignore_limits=ignore_limits, attained=False)
-            elif robot is None:
-                data = csv_file.read_poses(path, ordered=ordered)
-            else:
-                data = read_robot_poses(
-                    path,
-                    robot,
-                    ordered=ordered,
-                    ignore_limits=ignore_limits,
-                    attained=attained,
-                    any_target=any_target,
-                )
-        except InputError:
-            from robacc.programs.reading import mistaken_for_poses
-
-            if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
-                raise InputError(problem) from None
-            raise
-        if data.kind is not None and not any_kind:
-            kinds = " and ".join(dict.fromkeys(map(str, data.kind)))
-            fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
-            raise InputError(Problem(f"the rows are of kind {kinds}, which are no positions", data.source, fix=fix))
-        record = InputFile.at(path, data.sha256 or "", kind)
-        if commands is not None:
-            record = replace(record, reading={**(record.reading or {}), **statements})
-    if not data.n:
-        raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
-    return data, record
-
-
-def _record_of(data: Measurements, kind: str) -> InputFile:
-    """Return the record of the file that the poses come from, else of the CSV that they would make."""
-    if data.sha256 is not None:
-        return InputFile.at(STDIN if data.source in (None, "<stdin>") else str(data.source), data.sha256, kind)
-    return InputFile("arrays", sha256(csv_file.format_poses(data).encode()).hexdigest(), kind)
 
 
 def fitted_pose_warnings(robot: Robot | None, inputs: Sequence[InputFile]) -> tuple[str, ...]:
@@ -316,12 +348,9 @@ def read_poses(
         >>> data.n, data.position.shape
         (60, (3, 60))
     """
-    poses = stated(
-        path, angles=angles, units=units, columns=columns, skip_gaps=skip_gaps, coverage=coverage, sheet=sheet,
-        commanded=commanded, bag=bag,
-    )  # fmt: skip
-    known, _ = optional(load_robot, robot, poses=poses)
-    return load_poses(poses, known, ordered=ordered, ignore_limits=ignore_limits)[0]
+    inputs = Inputs(locals())
+    poses = inputs.stated(path)
+    return inputs.poses(poses, inputs.optional_robot(poses))
 
 
 def write_poses(path: StrPath, data: Measurements) -> None:

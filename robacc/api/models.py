@@ -8,7 +8,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
 from typing import Annotated, ClassVar, Literal, get_args
 
-from robacc.api.inputs import load_poses, load_robot, load_text, optional
+from robacc.api.inputs import Inputs
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
@@ -25,12 +25,13 @@ from robacc.api.parameters import (
     numbers,
     temperatures,
 )
-from robacc.api.result import CsvResult, Provenance, Result, fields_of, use_model
+from robacc.api.result import CsvResult, Result, fields_of
 from robacc.controllers import ExportedModel, export_model, known_ur_arm, parse_controller_file
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
-from robacc.errors import MissingColumnError, Note, UsageError
+from robacc.errors import MissingColumnError, Note, UsageError, refuse
 from robacc.io.files import read_text, write_text
+from robacc.modelling.campaign import resolve_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_fit import model_fit
 from robacc.quantities import size
@@ -53,7 +54,7 @@ class Simulated(CsvResult, Simulation):
     @property
     def warnings(self) -> tuple[str, ...]:
         """How poses to visit were read, poses outside the model's validity range, and campaign effects left out."""
-        return (*self.data.warnings, *(() if self.made.use is None else self.made.use.warnings))
+        return (*self.data.warnings, *self.made.warnings)
 
     @property
     def outlier_lines(self) -> list[int]:
@@ -146,8 +147,8 @@ def simulate(
         >>> robacc.estimate(result.data, robot="sample_data/robot.yaml").n_poses
         20
     """
-    if (poses is None) == (at is None):
-        raise UsageError("give either `poses`, the number of poses to sample, or `at`, the poses to visit")
+    inputs, either = Inputs(locals()), "give either `poses`, the number of poses to sample, or `at`, the poses to visit"
+    refuse(((poses is None) == (at is None), either))
     ends = temperature if isinstance(temperature, tuple | None) else (temperature, temperature)
     plan = Plan(
         poses=poses or 0,
@@ -166,24 +167,22 @@ def simulate(
         temperature=None if ends is None else (float(ends[0]), float(ends[1])),
         payloads=masses("payload", payload),
     )
-    if not all(map(math.isfinite, plan.temperature or ())):
-        raise UsageError("`temperature`: expected finite numbers")
-    if plan.sigma and (plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)):
-        raise UsageError("`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`")
-    described, arm_record = load_robot(robot, base_link, tip_link, at)
-    arm = use_model(described, None, campaign=campaign).robot or described
-    planned, records = optional(
-        load_poses, at, arm, ignore_limits=ignore_limits, attained=False, visited_by=joints_of(arm)
+    has_no_noise = plan.noise_position == 0 or (plan.orientation and plan.noise_orientation == 0)
+    refuse(
+        (not all(map(math.isfinite, plan.temperature or ())), "`temperature`: expected finite numbers"),
+        (sigma and has_no_noise, "`sigma` needs `noise` above zero, and `noise_orientation` unless `position_only`"),
     )
+    described = inputs.robot(robot, at)
+    arm, _ = resolve_campaign(described, None, (), campaign)
+    planned = None if at is None else inputs.poses(at, arm, attained=False, visited_by=joints_of(arm))
     try:
         body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
         message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
         raise MissingColumnError(message) from error
-    use = use_model(described, body.data, campaign=campaign, strict_range=strict_range, measured=False)
+    inputs.campaign(described, body.data, measured=False, digests=())
     options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
-    made = Provenance(options, (arm_record, *records), seed, use)
-    return Simulated(**fields_of(body), robot=arm, plan=plan, made=made)
+    return Simulated(**fields_of(body), robot=arm, plan=plan, made=inputs.made()._replace(options=options))
 
 
 ExportFormatName = Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets"]
@@ -248,7 +247,8 @@ def export(
         >>> result.text.splitlines()[0], result.remaining.position_max < 1e-9
         ('robacc: 1', True)
     """
-    robot, record = load_robot(model, base_link, tip_link)
+    inputs = Inputs(locals())
+    robot = inputs.robot(model)
     notes: tuple[str, ...] = ()
     if format is None:
         format, name = "ur-calibration", arm or known_ur_arm(robot)
@@ -260,15 +260,15 @@ def export(
         ("template", template, ("ur-calibration", "ur-kinematics")),
         ("arm", arm, ("ur-calibration",)),
     ):
-        if value is not None and format not in formats:
-            raise UsageError(f"`{parameter}` belongs to `format` {' and '.join(formats)}")
-    controller, nominal_records = optional(load_robot, nominal, kind="nominal")
-    text, template_records = optional(load_text, template, "template", lambda text, _: text)
+        refuse(
+            (value is not None and format not in formats, f"`{parameter}` belongs to `format` {' and '.join(formats)}")
+        )
+    controller = None if nominal is None else inputs.robot(nominal, kind="nominal")
+    text = None if template is None else inputs.text(template, "template", lambda text, _: text)
     body = export_model(robot, format, nominal=controller, arm=arm, template=text)
-    options = {"format": format, "arm": arm, "base_link": base_link, "tip_link": tip_link}
     fit = model_fit(robot)
     warnings = notes if fit is None else (*notes, *fit.warnings)
-    made = Provenance(options, (record, *nominal_records, *template_records), None)
+    made = inputs.made("model", "nominal", "template", format=format)
     return Exported(**fields_of(body), format=format, made=made, warnings=warnings)
 
 

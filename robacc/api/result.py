@@ -1,26 +1,21 @@
-"""Members that every result of a call has, checks that calls share, and the use of a model on poses."""
+"""Members that every result of a call has."""
 
 from __future__ import annotations
 
-import inspect
 import io
 import json
 import os
 from abc import abstractmethod
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TextIO
 
-from robacc.api.parameters import CampaignUse
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
 from robacc.documents.keys import Kind
 from robacc.errors import UsageError
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
-from robacc.measurements import Measurements
-from robacc.modelling.campaign import resolve_campaign
-from robacc.modelling.validity import OutsideValidity, outside_validity
-from robacc.robots.description import Robot
+from robacc.modelling.validity import OutsideValidity
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -29,77 +24,23 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
 
-# Use of a model on poses: the campaign's effects that apply to them, and the poses outside its validity ranges.
-
-
-@dataclass(frozen=True, slots=True)
-class ModelUse:
-    """A robot as it applies to some poses."""
-
-    robot: Robot | None
-    """The robot, with the effects of its campaign if they apply."""
-    outside: OutsideValidity | None
-    """Poses outside the validity ranges; None if the model has none."""
-    warnings: tuple[str, ...]
-
-
-def use_model(
-    robot: Robot | None,
-    data: Measurements | None,
-    records: Sequence[InputFile] = (),
-    *,
-    campaign: CampaignUse = "auto",
-    strict_range: bool = False,
-    measured: bool = True,
-) -> ModelUse:
-    """Return the robot with what applies to ``data``.
-
-    Args:
-        robot: Robot as read; None gives an empty result.
-        data: The poses; None if there are none, as for configurations over the joint ranges.
-        records: Records of the files of the poses, with their digests.
-        campaign: ``keep`` or ``drop`` the facts of the campaign that the model was fitted in; ``auto`` keeps its
-            effects for its own poses, and for measured poses that agree better with them than without.
-        strict_range: Refuse poses outside the validity ranges.
-        measured: The positions of ``data`` were measured.
-
-    Raises:
-        InputError: ``strict_range``, and a pose is outside.
-    """
-    if robot is None:
-        return ModelUse(None, None, ())
-    digests = [record.sha256 for record in records]
-    robot, notes = resolve_campaign(robot, data if measured else None, digests, campaign)
-    outside = None if data is None else outside_validity(robot, data)
-    if outside is not None and data is not None:
-        if strict_range:
-            outside.refuse(data)
-        notes = (*notes, *outside.warnings())
-    return ModelUse(robot, outside, notes)
-
-
-RECORDED_APART = frozenset(
-    (
-        *("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"),
-        *("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag"),
-    )
-)
-"""Parameters that are not among the options: files and how they are read stand among the inputs, the seed has a key of
-its own."""
-
-
-@dataclass(frozen=True, slots=True)
-class Provenance:
+class Provenance(NamedTuple):
     """Options, input files and seed that a result was computed with."""
 
     options: Mapping[str, Any]
     """Options that the figures depend on, by parameter name."""
     inputs: tuple[InputFile, ...]
     """Every file that was read, and every object that replaced one."""
-    seed: int | None
+    seed: int | None = None
     """Seed of the random numbers; None without any."""
-    use: ModelUse | None = None
-    """How the robot's model applies to the poses; None without a robot."""
+    outside: OutsideValidity | None = None
+    """Poses outside the validity ranges of the robot's model; None without a robot."""
+    warnings: tuple[str, ...] = ()
+    """Warnings about the use of the model on the poses."""
+
+    def document(self, command: str, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the document of a result of ``command`` with its own keys."""
+        return envelope(command, payload, options=self.options, inputs=self.inputs, seed=self.seed)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -153,15 +94,14 @@ class Result:
         Raises:
             InputError: The gate cannot be read.
         """
-        made = self.made
-        options, inputs, seed = made.options, made.inputs, made.seed
         if gate is None:
-            return envelope(self.command, self.payload(), options=options, inputs=inputs, seed=seed)
+            return self.made.document(self.command, self.payload())
         from robacc.documents.gate import gate_document, read_gate
         from robacc.gates.evaluate import evaluate_gate
 
         criteria, baselines, records = read_gate(os.fspath(gate))
-        document = envelope(self.command, self.payload(), options=options, inputs=(*inputs, *records), seed=seed)
+        made = self.made._replace(inputs=(*self.made.inputs, *records))
+        document = made.document(self.command, self.payload())
         return {**document, "gate": gate_document(evaluate_gate(criteria, document, baselines))}
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
@@ -281,19 +221,6 @@ class CsvResult(Result):
 def fields_of(body: DataclassInstance) -> dict[str, Any]:
     """Return the fields of a dataclass by name, not copied."""
     return {field.name: getattr(body, field.name) for field in fields(body)}
-
-
-def options_of(call: Callable[..., Result], arguments: Mapping[str, object], **resolved: object) -> dict[str, Any]:
-    """Return the options of a call in the order of its signature.
-
-    Args:
-        call: The function that was called.
-        arguments: Its arguments, as ``locals()`` gives them before the first assignment.
-        resolved: Values that replace the arguments as given; a parameter named here is recorded in any case.
-    """
-    values = {**arguments, **resolved}
-    names = inspect.signature(call).parameters
-    return {name: values[name] for name in names if name in resolved or name not in RECORDED_APART}
 
 
 def effect_names(effects: str | Sequence[str] | None) -> tuple[str, ...]:

@@ -2,23 +2,25 @@
 
 from __future__ import annotations
 
+import json
 import os
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from hashlib import sha256
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
 from robacc.api.accuracy import estimate
-from robacc.api.inputs import STDIN, load_grade_scale, load_optional_robot, load_poses, load_result, path_of
+from robacc.api.inputs import STDIN, Inputs, path_of, read_result
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
-from robacc.api.result import Provenance, Result, fields_of, options_of
+from robacc.api.result import Provenance, Result, fields_of
 from robacc.comparison.comparing import ResultComparison, compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import InputFile, StoredResult, understood
+from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.gate import CHECK, read_gate
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.gates.evaluate import GateOutcome, evaluate_gate
 from robacc.prediction.model_fit import model_fit
 
@@ -59,10 +61,22 @@ def check(
         fail 4
     """
     loaded, baselines, records = read_gate(os.fspath(gate))
-    stored = load_result(result)
+    stored = _stored(result)
     with understood(stored.name, stored.command):
         outcome = evaluate_gate(loaded, stored.document, baselines)
-    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records), None))
+    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records)))
+
+
+def _stored(source: StrPath | Result | StoredResult) -> StoredResult:
+    """Return a stored result; one just computed becomes what its file would be, named by its command.
+
+    Raises:
+        InputError: The file cannot be read or holds no result.
+    """
+    if isinstance(source, Result):
+        text = source.to_json()
+        return StoredResult(json.loads(text), source.command, sha256(text.encode()).hexdigest(), source.command)
+    return source if isinstance(source, StoredResult) else read_result(source)
 
 
 Source = StrPath | Result | StoredResult
@@ -125,11 +139,10 @@ def compare(
         >>> robacc.compare(plain, aligned).ranking.names
         ('estimate (2)', 'estimate')
     """
-    arguments = locals()
-    if scale is not None and grade is None:
-        raise UsageError("`scale` needs `grade`, the grade to check the results for")
-    compared_results, inputs, doubts = _load(results, robot=robot, align=align)
-    grades, scale_record = load_grade_scale(scale)
+    inputs = Inputs(locals())
+    refuse((scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"))
+    compared_results, doubts = _load(results, inputs, robot=robot, align=align)
+    grades = inputs.scale()
     names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
     comparison = compare_results(
         compared_results,
@@ -141,46 +154,44 @@ def compare(
         seed=seed,
     )
     comparison = replace(comparison, warnings=(*comparison.warnings, *doubts))
-    options = options_of(compare, arguments, baseline=comparison.baseline, by=comparison.ranking.key)
-    return Compared(**fields_of(comparison), made=Provenance(options, (*inputs, *scale_record), seed))
+    made = inputs.made(baseline=comparison.baseline, by=comparison.ranking.key)
+    return Compared(**fields_of(comparison), made=made)
 
 
-def _load(results: Sequence[Source], **options: Any) -> tuple[list[ComparedResult], list[InputFile], list[str]]:
-    """Return the results to compare, the records of their files, and the warnings of files that had to be estimated.
+def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[list[ComparedResult], list[str]]:
+    """Return the results to compare, and the warnings of files that had to be estimated.
 
     Raises:
         InputError: A file cannot be used; with the problems of every file.
         UsageError: Standard input is named twice, there is one result only, or ``options`` are for no file.
     """
-    if len(results) < 2:
-        raise UsageError("a comparison takes at least two results")
-    if [path_of(source) for source in results].count(STDIN) > 1:
-        raise UsageError("standard input can be read only once")
+    refuse(
+        (len(results) < 2, "a comparison takes at least two results"),
+        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
+    )
     are_poses = [*map(_are_poses, results)]
-    for option in options if not any(are_poses) else ():
-        if options[option] is not None:
-            raise UsageError(f"`{option}` is for files of poses, and all files are results")
+    unused = [option for option in options if options[option] is not None and not any(are_poses)]
+    refuse(*((True, f"`{option}` is for files of poses, and all files are results") for option in unused))
     problems: list[Problem] = []
     compared_results: list[ComparedResult] = []
-    inputs: list[InputFile] = []
     warnings: list[str] = []
     for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
         try:
             if is_poses:
                 made = estimate(_path(source), **options)
                 warnings += [type(text)(f"{name}: {text}") for text in made.warnings]
-                result = load_result(made)
-                inputs += [record for record in made.made.inputs if record not in inputs]
+                result = _stored(made)
+                inputs.records += [record for record in made.made.inputs if record not in inputs.records]
             else:
-                result = load_result(source)
-                inputs.append(result.record)
+                result = _stored(source)
+                inputs.records.append(result.record)
             with understood(result.name, result.command):
                 compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
         except InputError as error:
             problems += error.problems
     if problems:
         raise InputError(problems)
-    return compared_results, inputs, warnings
+    return compared_results, warnings
 
 
 def _are_poses(source: Source) -> bool:
@@ -280,10 +291,10 @@ def compare_paired(
         >>> result.loaded.verdict, result.metrics_after.rms < 0.1 * result.metrics_before.rms
         ('loaded', True)
     """
-    arm, arm_records = load_optional_robot(model)
-    controller, nominal_records = load_optional_robot(nominal)
-    first, first_record = load_poses(before, controller or arm, kind="before")
-    second, second_record = load_poses(after, controller or arm, kind="after")
+    inputs = Inputs(locals(), "before", "after")
+    arm, controller = (None if robot is None else inputs.robot(robot) for robot in (model, nominal))
+    first = inputs.poses(before, controller or arm, kind="before")
+    second = inputs.poses(after, controller or arm, kind="after")
     targets = shared_targets(first, second)
     wanted = targets.wanted(controller)
     doubts = [*first.warnings, *second.warnings]
@@ -298,5 +309,5 @@ def compare_paired(
         doubts += (*noise_doubts(promise.noise), *(() if fit is None else fit.warnings))
     first_means, second_means = (file.means(file.data.position) for file in (targets.before, targets.after))
     body = paired_targets(targets.names, first_means, second_means, wanted, promise)
-    records = (first_record, second_record, *arm_records, *nominal_records)
-    return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=Provenance({"noise": noise}, records, None))
+    made = inputs.made("before", "after", "model", "nominal")
+    return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)

@@ -30,7 +30,7 @@ from robacc.cli.output import (
     progress_bar,
     write,
 )
-from robacc.errors import InputError, Note, Problem, UsageError
+from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.render.text import say_warnings, warnings_below
 
 if TYPE_CHECKING:
@@ -220,15 +220,17 @@ def correct(
     outlets = outlets._replace(format=format, output="-")
     is_plain = outlets == Outlets(format="table")
     if is_program(targets):
-        if output == "-" or not is_plain or per_target or given["frame"] == "base":
-            raise UsageError(
-                "a program needs --output, and takes no --format, --gate, --report, --per-target and --frame"
-            )
-        if reading_of(targets) != AS_NAMED:
-            raise UsageError(
+        refuse(
+            (
+                output == "-" or not is_plain or per_target or given["frame"] == "base",
+                "a program needs --output, and takes no --format, --gate, --report, --per-target and --frame",
+            ),
+            (
+                reading_of(targets) != AS_NAMED,
                 "a program states its own units and angles; leave out --angles, --units, --columns, --skip-gaps and "
-                "--sheet"
-            )
+                "--sheet",
+            ),
+        )
         # The program's own frames and the model's arm hold.
         options = {name: given[name] for name in given if name not in ("targets", "frame", "base_link", "tip_link")}
         program = correct_program(targets, frames=frames or [], **options)
@@ -238,10 +240,8 @@ def correct(
             draw(correction_text(parts, len(program.program.targets), (targets, model), output), sys.stdout)
             sys.stdout.flush()
         return
-    if frames:
-        raise UsageError("--frames belongs to a robot program")
-    if output == "-" and not is_plain:
-        raise UsageError("--format json, --gate, --junit and --report need --output, the CSV that they describe")
+    needs = "--format json, --gate, --junit and --report need --output, the CSV that they describe"
+    refuse((frames, "--frames belongs to a robot program"), (output == "-" and not is_plain, needs))
     result = call()
     if per_target is not None:
         write(per_target, (result.per_target_csv(),))
@@ -267,7 +267,7 @@ def simulate(call: Call, *, format: CsvFormat = "table", output: Output = "-") -
 
     Example: robacc simulate robot.yaml --poses 60 --seed 1 --noise 0.03mm --output simulated.csv
     """
-    _check_csv(format, output)
+    refuse(_csv_form(format, output))
     result = call()
     say_warnings(result.data.warnings)
     write(output, result.csv_pieces())
@@ -306,14 +306,21 @@ def export(
     from robacc.render.views.expected import export_view
 
     if urdf is not None:
-        if output is not None or document or any(call.keywords[name] for name in ("nominal", "arm", "template")):
-            raise UsageError("--urdf names the file to write; the other options belong to --format and --output")
-        if format not in (None, "table", "json"):
-            raise UsageError(f"--urdf writes a URDF, --format {format} another file; use --output with --format")
+        others = (output, document, *(call.keywords[name] for name in ("nominal", "arm", "template")))
+        refuse(
+            (any(others), "--urdf names the file to write; the other options belong to --format and --output"),
+            (
+                format not in (None, "table", "json"),
+                f"--urdf writes a URDF, --format {format} another file; use --output with --format",
+            ),
+            (
+                format == "json" and urdf == "-",
+                "--format json and --urdf - both write to standard output; name a file for --urdf",
+            ),
+        )
         _write_urdf(call, urdf, format == "json")
         return
-    if format == "table":
-        raise UsageError("--format table belongs to --urdf")
+    refuse((format == "table", "--format table belongs to --urdf"))
     if output is None:
         raise UsageError("name the file to write with --output; - is standard output")
     result = call(format=format)
@@ -326,24 +333,20 @@ def export(
 
 def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
-    from robacc.api.inputs import load_robot
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import urdf_payload
-    from robacc.documents.envelope import envelope
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
     from robacc.robots.urdf import robot_to_urdf
 
-    if is_json and urdf == "-":
-        raise UsageError("--format json and --urdf - both write to standard output; name a file for --urdf")
-    options = {name: call.keywords[name] for name in ("base_link", "tip_link")}
-    robot, record = load_robot(call.keywords["model"], **options)
+    inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
+    robot = inputs.robot(call.keywords["model"])
     text, losses = robot_to_urdf(absorb_constants(robot))
     write(urdf, (text,))
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
-        keys = urdf_payload(sha256_of(urdf), losses)
-        write("-", json_pieces(envelope("export", keys, options=options, inputs=(record,), seed=None)))
+        write("-", json_pieces(inputs.made().document("export", urdf_payload(sha256_of(urdf), losses))))
 
 
 # Plans.
@@ -372,9 +375,8 @@ def plan(
     """
     from robacc.render.views.expected import plan_view
 
-    _check_csv(format, output)
-    if (validation_output is None) != (call.keywords["validation"] == 0):
-        raise UsageError("--validation N and --validation-output FILE belong together")
+    are_together = (validation_output is None) == (call.keywords["validation"] == 0)
+    refuse(_csv_form(format, output), (not are_together, "--validation N and --validation-output FILE belong together"))
     result = call()
     with warnings_below(result.warnings):
         files = {} if program is None else result.programs(program)
@@ -400,7 +402,7 @@ def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput 
 
     Example: robacc plan robot.yaml --for iso9283 --payload 6 --output plan.csv
     """
-    _check_csv(format, output)
+    refuse(_csv_form(format, output))
     result = call()
     if output is not None:
         write(output, result.csv_pieces())
@@ -408,10 +410,9 @@ def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput 
         emit(format, "-", result.draw, result.document)
 
 
-def _check_csv(format: str, output: str | None) -> None:
-    """Raise UsageError for a JSON document where the CSV would go to standard output too."""
-    if format == "json" and output == "-":
-        raise UsageError("--format json needs --output, the CSV that it describes")
+def _csv_form(format: str, output: str | None) -> tuple[bool, str]:
+    """Return whether a JSON document would go to standard output beside the CSV, and what is said of it."""
+    return format == "json" and output == "-", "--format json needs --output, the CSV that it describes"
 
 
 # Stored results.
@@ -452,10 +453,8 @@ def compare(
     targets = {"model": model, "nominal": nominal, "noise": noise}
     stored = {name: call.keywords.get(name) for name in ("baseline", "by", "grade", "scale", "robot", "align")}
     stored |= {"gate": outlets.gate, "report": outlets.report}
-    for name, value in (stored if paired else targets).items():
-        if value is not None:
-            why = "compares stored results; leave it out with --paired" if paired else "needs --paired"
-            raise UsageError(f"--{name} {why}")
+    why = "compares stored results; leave it out with --paired" if paired else "needs --paired"
+    refuse(*((value is not None, f"--{name} {why}") for name, value in (stored if paired else targets).items()))
     if not paired:
         result = call()
         deliver(outlets, result, lambda stream: draw(comparison_view(result.payload(), "full"), stream))
@@ -543,10 +542,10 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     from robacc.render.plots.results import chart_of, charts_of, kinds_of
 
     form = PurePath(output).suffix.lower()
-    if form not in _PICTURES:
-        raise UsageError(f"--output {output}: expected a name that ends in .svg, .png or .pdf")
-    if len(results) > 1:
-        raise UsageError(f"a chart is of one result, found {len(results)}")
+    refuse(
+        (form not in _PICTURES, f"--output {output}: expected a name that ends in .svg, .png or .pdf"),
+        (len(results) > 1, f"a chart is of one result, found {len(results)}"),
+    )
     need("matplotlib")
     stored = read_result(results[0])
     with understood(stored.name, stored.command):
@@ -576,21 +575,21 @@ def show(
 
     Example: robacc show robot.yaml
     """
-    from robacc.api.inputs import load_robot
+    arguments = locals()
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import SHOW
-    from robacc.documents.envelope import envelope
     from robacc.effects.specification import coefficients
     from robacc.render.views.robot import robot_view
     from robacc.robots.library import summarise
 
-    options = {"base_link": base_link, "tip_link": tip_link}
-    arm, record = load_robot(robot, base_link, tip_link)
+    inputs = Inputs(arguments)
+    arm = inputs.robot(robot)
     summary = summarise(arm, coefficients(arm))
     emit(
         format,
         output,
         lambda stream: draw(robot_view(summary), stream),
-        lambda: envelope("show", SHOW.write(summary), options=options, inputs=(record,), seed=None),
+        lambda: inputs.made("format", "output").document("show", SHOW.write(summary)),
     )
 
 
@@ -606,8 +605,8 @@ def robots(
 
     Example: robacc show robots ur
     """
+    from robacc.api.result import Provenance
     from robacc.documents.descriptions import ROBOTS
-    from robacc.documents.envelope import envelope
     from robacc.render.views.robot import robots_view
     from robacc.robots.library import library, similar_arms
 
@@ -625,7 +624,7 @@ def robots(
         format,
         output,
         lambda stream: draw(robots_view(arms), stream),
-        lambda: envelope("robots", ROBOTS.write({"robots": arms}), options={"name": name}, inputs=(), seed=None),
+        lambda: Provenance({"name": name}, ()).document("robots", ROBOTS.write({"robots": arms})),
     )
 
 
@@ -652,31 +651,28 @@ def effects(
 
     Example: robacc show effects backlash --robot robot.yaml
     """
-    from robacc.api.inputs import load_optional_robot, load_poses
+    arguments = locals()
+    from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import EFFECTS
-    from robacc.documents.envelope import envelope
     from robacc.effects import effect_class
     from robacc.effects.request import catalogue
     from robacc.render.views.robot import effects_view
 
+    inputs = Inputs(arguments)
     if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
         raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
     if effect is not None:
         effect_class(effect)
-    arm, inputs = load_optional_robot(robot, base_link, tip_link, poses)
-    data = None
-    if poses is not None:
-        data, record = load_poses(poses, arm, ordered=ordered, ignore_limits=ignore_limits)
-        inputs = (*inputs, record)
-        say_warnings(data.warnings)
+    arm = inputs.optional_robot(poses)
+    data = None if poses is None else inputs.poses(poses, arm)
+    say_warnings(() if data is None else data.warnings)
     entries = catalogue(effect, arm, data)
-    options = {"effect": effect, "robot": robot, "poses": poses, "ordered": ordered, "ignore_limits": ignore_limits}
-    options |= {"base_link": base_link, "tip_link": tip_link}
+    made = inputs.made("format", "output", robot=robot, poses=poses)
     emit(
         format,
         output,
         lambda stream: draw(effects_view(entries, effect is not None), stream),
-        lambda: envelope("effects", EFFECTS.write({"effects": entries}), options=options, inputs=inputs, seed=None),
+        lambda: made.document("effects", EFFECTS.write({"effects": entries})),
     )
 
 
@@ -737,8 +733,7 @@ def init(
     from robacc.robots.yaml_robot import parse_robot
     from robacc.simulation.templates import poses_template, robot_template, urdf_template
 
-    if (source is None) == (joints is None):
-        raise UsageError("give either a file or --joints, the number of joints")
+    refuse(((source is None) == (joints is None), "give either a file or --joints, the number of joints"))
     files = [os.path.normpath(os.path.join(folder, name)) for name in (robot, poses, columns)]
     if source is not None and PurePath(source).suffix.lower() in _TABLES:
         _write_columns(source, files[2], folder, force)
@@ -746,8 +741,7 @@ def init(
     _check_free(files[:2], source, force)
     names = PurePath(files[0]).name, PurePath(files[1]).name
     if source is None:
-        if base_link or tip_link:
-            raise UsageError("--base-link and --tip-link choose a chain of a URDF, so they need a URDF")
+        refuse((base_link or tip_link, "--base-link and --tip-link choose a chain of a URDF, so they need a URDF"))
         text = robot_template(joints or 0, *names)
     else:
         model = read_robot(source, base_link=base_link, tip_link=tip_link)
@@ -797,15 +791,19 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
 
 def _check_free(files: list[str], urdf: str | None, force: bool) -> None:
     """Raise UsageError for files that are one, would overwrite the URDF, or exist."""
-    if os.path.realpath(files[0]) == os.path.realpath(files[1]):
-        raise UsageError(f"--robot and --poses both name {files[0]}; name two files")
-    for path in files:
-        if urdf is not None and os.path.realpath(path) == os.path.realpath(urdf):
-            raise UsageError(f"{path} is the URDF and would be overwritten; name another file")
-    existing = [path for path in files if os.path.exists(path)]
-    if existing and not force:
-        verb = "exists" if len(existing) == 1 else "exist"
-        raise UsageError(f"{' and '.join(existing)} {verb} already; overwrite with --force, or name another --folder")
+    places, existing = [*map(os.path.realpath, files)], [path for path in files if os.path.exists(path)]
+    names = f"{' and '.join(existing)} {'exists' if len(existing) == 1 else 'exist'}"
+    refuse(
+        (places[0] == places[1], f"--robot and --poses both name {files[0]}; name two files"),
+        *(
+            (
+                urdf is not None and place == os.path.realpath(urdf),
+                f"{path} is the URDF and would be overwritten; name another file",
+            )
+            for path, place in zip(files, places, strict=True)
+        ),
+        (existing and not force, f"{names} already; overwrite with --force, or name another --folder"),
+    )
 
 
 def import_(

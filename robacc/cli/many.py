@@ -4,23 +4,31 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import time
+import traceback
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
+from concurrent.futures.process import BrokenProcessPool
 from dataclasses import replace
 from functools import partial
+from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from typing import Any, NamedTuple, TextIO
+from threading import Thread
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO, TypeVar
 
 import typer
 
-from robacc import parallel
 from robacc.cli import output
 from robacc.cli.output import Outlets
-from robacc.errors import InputError, Problem, RobaccError, UsageError
-from robacc.outcomes import FileOutcome, exit_status
+from robacc.errors import InputError, Problem, RobaccError, refuse
+from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
+
+if TYPE_CHECKING:
+    from robacc.api.inputs import Inputs
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
@@ -28,6 +36,13 @@ _FILE_COST = 3 * 2**20
 """Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
 _PROCESS_COST = 24 * 2**20
 """Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
+
+
+_GRACE_PERIOD = 5.0
+"""s that a process has to clean up after it was asked to end."""
+
+Task = TypeVar("Task")
+Outcome = TypeVar("Outcome")
 
 
 class FileTask(NamedTuple):
@@ -38,9 +53,7 @@ class FileTask(NamedTuple):
     options: Mapping[str, Any]
     """Arguments of :func:`robacc.estimate` besides the poses."""
     outlets: Outlets
-    """Form and gate of all results."""
-    result: str | None
-    """File for the result in the requested form."""
+    """Form, gate and file of the result; no file if its name is empty."""
     document: str | None
     """File for the JSON document of the result, which becomes part of the document of all files."""
     per_pose: str | None
@@ -62,15 +75,14 @@ def estimate_file(task: FileTask) -> FileOutcome:
             output.write(task.per_pose, (result.per_pose_csv(),))
         if task.document is not None:
             output.write(task.document, json_pieces(document()))
-        if task.result is not None:
-            outlets = Outlets(format=task.outlets.form, output=task.result)
+        if task.outlets.output:
             table = partial(result.draw, full=task.full, poses=task.path, robot=task.options["robot"])
-            output.write_result(outlets, "estimate", document, table, gate, warnings)
+            output.write_result(task.outlets, "estimate", document, table, gate, warnings)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
     else:
-        status, written = 0 if gate is None else gate["exit_status"], task.result and PurePath(task.result).name
+        status, written = 0 if gate is None else gate["exit_status"], PurePath(task.outlets.output).name or None
         outcome = FileOutcome(task.name, status, SUMMARY.write(result), warnings=warnings, gate=gate, written=written)
     return replace(outcome, seconds=time.perf_counter() - started)
 
@@ -98,7 +110,7 @@ def estimate_each(
         InputError: an input of all files cannot be read, or a result cannot be written.
         typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
-    _check_call(paths, options, per_pose)
+    inputs = _check_call(paths, options, per_pose)
     folder, per_pose_folder = _folder(outlets.output), per_pose and _folder(per_pose)
     needs_documents = outlets.report is not None or (outlets.form == "json" and folder is None)
     with TemporaryDirectory(prefix="robacc-") as documents:
@@ -107,8 +119,7 @@ def estimate_each(
                 path,
                 name,
                 options,
-                outlets,
-                _target(folder, name, _SUFFIXES[outlets.form]),
+                Outlets(outlets.gate, format=outlets.form, output=_target(folder, name, _SUFFIXES[outlets.form]) or ""),
                 _target(documents if needs_documents else None, str(number), ".json"),
                 _target(per_pose_folder, name, ".csv"),
                 full,
@@ -119,36 +130,43 @@ def estimate_each(
         outcomes = _run(tasks, jobs, folder)
         warnings = _warnings(outcomes)
         try:
-            _write(outcomes, tasks, outlets, folder, warnings)
+            _write(outcomes, tasks, inputs, outlets, folder, warnings)
         finally:
             say_warnings(warnings)
             for outcome in outcomes:
                 if outcome.failed:
                     say_error(InputError(outcome.problems, total=outcome.n_problems))
             _say_tip(outcomes)
-    if status := exit_status(outcomes):
+    # A defect, a file without a result, else the worst of the gates.
+    statuses = {3 if outcome.exit_status == 2 else outcome.exit_status for outcome in outcomes}
+    if status := min(statuses, key=(1, 3, 4, 5, 0).index):
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> None:
-    """Raise an error that concerns every file once, before the first file is read."""
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> Inputs:
+    """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
     from robacc.accuracy.estimation import check_confidence
-    from robacc.api.inputs import load_grade_scale, load_optional_robot
+    from robacc.api.inputs import Inputs
     from robacc.fitting.registration import check_frames
 
-    if "-" in paths:
-        raise UsageError("- (standard input) has no name for the table of several files; give it alone")
     places = [os.path.realpath(path) for path in paths]
-    for i, path in enumerate(paths):
-        if places[i] in places[:i]:
-            raise UsageError(f"{path} is given twice; give each file once")
-    if per_pose is not None and _folder(per_pose) is None:
-        raise UsageError(f"--per-pose {per_pose}: several files need a folder, whose name ends with /")
-    load_optional_robot(options["robot"], options["base_link"], options["tip_link"])
+    refuse(
+        ("-" in paths, "- (standard input) has no name for the table of several files; give it alone"),
+        *((places[i] in places[:i], f"{path} is given twice; give each file once") for i, path in enumerate(paths)),
+    )
+    refuse(
+        (
+            per_pose is not None and _folder(per_pose) is None,
+            f"--per-pose {per_pose}: several files need a folder, whose name ends with /",
+        )
+    )
+    inputs = Inputs(options)
+    inputs.optional_robot()
     if options["align"]:
         check_frames(options["align"])
     check_confidence(options["confidence"])
-    load_grade_scale(options["scale"])
+    inputs.scale()
+    return inputs
 
 
 def _folder(path: str) -> str | None:
@@ -185,26 +203,33 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     written: dict[str, str] = {}
     inputs = {os.path.realpath(task.path) for task in tasks}
     for task in tasks:
-        for target in filter(None, (task.result, task.per_pose)):
+        for target in filter(None, (task.outlets.output, task.per_pose)):
             place = os.path.realpath(target)
-            if place in inputs:
-                raise UsageError(f"{target} is also an input and would be overwritten; name another folder")
-            if (other := written.setdefault(place, task.path)) != task.path:
-                message = f"the results of {other} and {task.path} would both be written to {target}"
-                raise UsageError(f"{message}; rename one of the files")
+            other = written.setdefault(place, task.path)
+            both = f"the results of {other} and {task.path} would both be written to {target}"
+            refuse(
+                (place in inputs, f"{target} is also an input and would be overwritten; name another folder"),
+                (other != task.path, f"{both}; rename one of the files"),
+            )
 
 
 def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:
     """Return the outcome of each file; without ``jobs`` on each core, but on no more than the work is worth."""
     work = sum(_FILE_COST + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
-    jobs = jobs or max(1, min(parallel.usable_cores(), len(tasks), 1 + work // _PROCESS_COST))
+    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:
             progress("estimating", 0, len(tasks))
-            for number, outcome in parallel.each(estimate_file, tasks, jobs):
-                if isinstance(outcome, parallel.Died):
-                    outcome = _crashed(tasks[number], outcome.exit_code)
+            for number, outcome in each(estimate_file, tasks, jobs or max(1, min(cores, 1 + work // _PROCESS_COST))):
+                if isinstance(outcome, BaseException):
+                    message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
+                    if not isinstance(outcome, BrokenProcessPool):
+                        traceback.print_exception(outcome)
+                        message = "robacc crashed on this file, which is a defect of robacc; the traceback is above"
+                        status = 1
+                    problems = (Problem(message, tasks[number].path),)
+                    outcome = FileOutcome(tasks[number].name, status, problems=problems, n_problems=1)
                 outcomes[number] = outcome
                 progress("estimating", len(outcomes), len(tasks))
     except KeyboardInterrupt:
@@ -214,12 +239,70 @@ def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> lis
     return [outcomes[number] for number in range(len(tasks))]
 
 
-def _crashed(task: FileTask, exit_code: int) -> FileOutcome:
-    """Return the outcome of a file whose process ended before its work was done."""
-    message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
-    if 0 < exit_code < 128:
-        message, status = "robacc crashed on this file, which is a defect of robacc; the traceback is above", 1
-    return FileOutcome(task.name, status, problems=(Problem(message, task.path),), n_problems=1)
+# Work in several processes: interruptible, and safe when one of them dies.
+
+
+def each(
+    work: Callable[[Task], Outcome], tasks: Sequence[Task], jobs: int
+) -> Iterator[tuple[int, Outcome | BaseException]]:
+    """Yield the number of each task as it is done, and its outcome or error, with at most ``jobs`` tasks at a time.
+
+    With one job, this process does the work, and an error ends it. Each other job is a pool with one process: one that
+    is ended from outside (for want of memory, for example) fails only its task, with ``BrokenProcessPool``. ``work`` is
+    a function of a module; its task and its outcome can be pickled. Processes are spawned, not forked, so they share no
+    thread and no lock with this process.
+    """
+    if min(jobs, len(tasks)) <= 1:
+        yield from ((number, work(task)) for number, task in enumerate(tasks))
+        return
+    waiting = [*enumerate(tasks)][::-1]
+    idle: list[ProcessPoolExecutor] = []
+    running: dict[Future[Outcome], tuple[int, ProcessPoolExecutor]] = {}
+    # Interrupts are blocked for processes that start meanwhile: only this process acts on them. Windows has no masks.
+    has_masks = hasattr(signal, "pthread_sigmask")
+    try:
+        while waiting or running:
+            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if has_masks else set()
+            try:
+                while waiting and len(running) < jobs:
+                    pool = idle.pop() if idle else ProcessPoolExecutor(1, get_context("spawn"), _prepare)
+                    number, task = waiting.pop()
+                    running[pool.submit(work, task)] = number, pool
+            finally:
+                if has_masks:
+                    signal.pthread_sigmask(signal.SIG_SETMASK, before)
+            for done in wait(running, return_when=FIRST_COMPLETED).done:
+                number, pool = running.pop(done)
+                error = done.exception()
+                if not isinstance(error, BrokenProcessPool):
+                    idle.append(pool)
+                yield number, error or done.result()
+    finally:
+        for pool in (*idle, *(pool for _, pool in running.values())):
+            pool.shutdown(wait=False)
+        processes = active_children()
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join(_GRACE_PERIOD)
+            process.kill()
+
+
+def _prepare() -> None:
+    """Make a process leave interrupts to its parent, and end when it is told or when its parent has ended."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    signal.signal(signal.SIGTERM, _leave)
+    Thread(target=_follow, args=(parent_process(),), daemon=True).start()
+
+
+def _follow(parent: Any) -> NoReturn:
+    parent.join()
+    os._exit(1)
+
+
+def _leave(number: int, frame: object) -> NoReturn:
+    """Exit by an exception, so that half-written files are removed."""
+    raise SystemExit(128 + number)
 
 
 def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
@@ -235,6 +318,7 @@ def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
 def _write(
     outcomes: Sequence[FileOutcome],
     tasks: Sequence[FileTask],
+    inputs: Inputs,
     outlets: Outlets,
     folder: str | None,
     warnings: tuple[str, ...],
@@ -261,7 +345,7 @@ def _write(
         output.write(outlets.report, (render(read, [*documents]),))
     place = outlets.output if folder is None else "-"
     if outlets.form == "json":
-        output.write(place, _document(outcomes, tasks, {} if folder else documents))
+        output.write(place, _document(outcomes, inputs, outlets.gate, {} if folder else documents))
     elif outlets.form == "github":
         output.write(place, (many_annotations(outcomes),))
     else:
@@ -283,23 +367,15 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
 
 
 def _document(
-    outcomes: Sequence[FileOutcome], tasks: Sequence[FileTask], documents: Mapping[str, str]
+    outcomes: Sequence[FileOutcome], inputs: Inputs, gate: str | None, documents: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield the JSON document of all files, with the full results in ``documents``, by the names of the files."""
-    from robacc.api.result import RECORDED_APART
     from robacc.documents.accuracy import many_pieces
-    from robacc.documents.envelope import InputFile, envelope
+    from robacc.documents.envelope import InputFile
     from robacc.io.files import sha256_of
-    from robacc.modelling.robot_file import robot_path
 
-    options = tasks[0].options
-    robot = None if options["robot"] is None else robot_path(options["robot"])
-    shared = ((robot, "robot"), (options["scale"], "scale"), (tasks[0].outlets.gate, "gate"))
-    head = envelope(
-        "estimate-many",
-        {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)},
-        options={name: value for name, value in options.items() if name not in RECORDED_APART},
-        inputs=[InputFile.at(path, sha256_of(path), kind) for path, kind in shared if path is not None],
-        seed=options["seed"],
-    )
+    if gate is not None:
+        inputs.records.append(InputFile.at(gate, sha256_of(gate), "gate"))
+    payload = {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
+    head = inputs.made().document("estimate-many", payload)
     return many_pieces(head, [(outcome, documents.get(outcome.name)) for outcome in outcomes])

@@ -99,10 +99,8 @@ OUTSIDE = part(
 
 def _outside(result: Any) -> Any:
     """Return the poses outside the validity ranges of a result's model; nothing without files or a robot."""
-    use = getattr(getattr(result, "made", None), "use", None)
-    if use is None or use.robot is None:
-        return LEFT_OUT
-    return use.outside or {"n_poses": 0, "position_std_max_m": 0.0, "ranges": []}
+    outside = getattr(getattr(result, "made", None), "outside", None)
+    return LEFT_OUT if outside is None else outside
 
 
 OUTSIDE_KEY = Key(OUTSIDE, "Poses outside the validity range of the robot file's effects.", _outside, optional=True)

@@ -8,6 +8,7 @@ import signal
 import subprocess
 import sys
 import time
+from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -16,8 +17,7 @@ import commands
 import pytest
 from commands import missing, refused
 
-from robacc.cli.many import distinct_names
-from robacc.parallel import Died, each
+from robacc.cli.many import distinct_names, each
 
 ROOT = Path(__file__).resolve().parents[2]
 SAMPLE = ROOT / "sample_data"
@@ -217,15 +217,17 @@ def test_names_are_as_short_as_they_can_be_told_apart(paths: list[str], names: l
     assert distinct_names(paths) == names
 
 
-@pytest.mark.parametrize(("code", "message", "status"), [(-9, "lack of memory", 3), (1, "which is a defect", 1)])
+@pytest.mark.parametrize(
+    ("error", "message", "status"), [(BrokenProcessPool(), "lack of memory", 3), (KeyError(), "which is a defect", 1)]
+)
 def test_what_is_said_of_a_file_whose_process_died(
-    folder: Path, monkeypatch: pytest.MonkeyPatch, code: int, message: str, status: int
+    folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, message: str, status: int
 ) -> None:
     def dying(work: object, tasks: list[object], jobs: int) -> object:
-        yield 1, Died(code)
+        yield 1, error
         yield from each(work, tasks[:1], 1)  # type: ignore[arg-type]
 
-    monkeypatch.setattr("robacc.parallel.each", dying)
+    monkeypatch.setattr("robacc.cli.many.each", dying)
     done = run(*files(folder, "ac"), *HOW)
     assert done.exit_code == status
     assert missing(done.stdout, message, "a.csv                   60") == []

@@ -1,4 +1,4 @@
-"""Measurements that are no positions: sockets, planes, anchors and distances between poses, arm simulated independently."""
+"""Measurements that are no positions: sockets, planes, anchors, distances between poses; arm simulated independently."""
 
 from __future__ import annotations
 
@@ -91,7 +91,7 @@ def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
     ids=lambda value: "+".join(value) if isinstance(value, dict) else None,
 )
 def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float, tmp_path: Path) -> None:
-    """``elsewhere`` is the share of the nominal error that may remain at other poses; without lengths the scale does."""
+    """``elsewhere`` is the share of the nominal error that may remain elsewhere; without lengths the scale does."""
     generator = np.random.default_rng(3)
     rows = [row for kind, count in kinds.items() for row in rows_of(kind, count, generator)]
     one_kind = len({row["kind"] for row in rows}) == 1

@@ -10,7 +10,6 @@ from arms import arm
 from test_expected import positions
 
 import robacc
-from robacc.api.inputs import load_poses, load_robot
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
@@ -117,8 +116,8 @@ EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"
 @pytest.mark.skipif(not DATA.exists(), reason="needs the recorded UR10")
 @pytest.mark.slow
 def test_sixty_planned_rows_do_for_all() -> None:
-    robot, _ = load_robot(DATA / "robot.yaml")
-    data, _ = load_poses(DATA / "series_B.csv", robot)
+    robot = robacc.read_robot(DATA / "robot.yaml")
+    data = robacc.read_poses(DATA / "series_B.csv", robot=robot)
 
     def error(rows: np.ndarray, at: np.ndarray) -> float:
         fitted = fit(Model.of(robot, free_effects(robot, EFFECTS)), data.subset(rows))

@@ -319,7 +319,6 @@ class InstrumentScale(Effect):
     traits = Traits(
         per_joint=False,
         extrapolates="a scale acts in proportion to the distance",
-        needs=(Need("no row measures a length", lambda arm, data: data.has_length),),
         is_of_measurement=True,
         shared_by=("origin", "span"),
     )
@@ -340,8 +339,9 @@ class InstrumentScale(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a constant scale, and drifts if the time varies."""
-        yield cls()
-        if data.time is not None and varies(data.time):
+        if data.has_length:
+            yield cls()
+        if data.has_length and data.time is not None and varies(data.time):
             low, high = float(data.time.min()), float(data.time.max())
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 

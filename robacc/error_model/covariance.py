@@ -99,7 +99,8 @@ class Whitened:
     log_likelihood: float
     factor: Array
     """``(n, n)`` lower factor of V, or ``(n,)`` its standard deviations where it is diagonal."""
-    rows: Rows
+    rows: Rows | None = None
+    """Rows, which say what was measured; None if every component was."""
 
     @property
     def coefficients(self) -> Array:
@@ -242,15 +243,15 @@ def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     return np.asarray(np.sqrt(mean.reshape(-1, 3).mean(axis=1)))
 
 
-def _flat(a: Array, rows: Rows) -> Array:
+def _flat(a: Array, rows: Rows | None) -> Array:
     """Return ``(N, M, …)`` as ``(n, …)``, component by component, without components that were not measured."""
     flat = np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
-    return flat if rows.kept is None else flat[rows.kept]
+    return flat if rows is None or rows.kept is None else flat[rows.kept]
 
 
-def by_row(flat: Array, rows: Rows, components: int) -> Array:
+def by_row(flat: Array, rows: Rows | None, components: int) -> Array:
     """Return ``(n,)`` as ``(N, M)``, 0 for components that were not measured."""
-    if rows.kept is not None:
+    if rows is not None and rows.kept is not None:
         flat, measured = np.zeros(rows.stated.size), flat
         flat[rows.kept] = measured
     return flat.reshape(components, -1).T

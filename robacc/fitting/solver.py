@@ -13,7 +13,7 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import Effect, Term
+from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
@@ -314,10 +314,12 @@ class _Solver:
         lengths = [
             (float(np.max(np.abs(nominal[motion]))), i)
             for i, motion in motions.items()
-            if free[i].unit == "m" and arm.chain.motions[motion].owner >= 0
+            if free[i].unit == "m" and motion >= 0 and arm.chain.motions[motion].owner >= 0
         ]
-        if lengths and not self.data.has_length:
-            found[max(lengths)[1]] = "the scale of all lengths, none of which was measured,"
+        if not self.data.has_length:
+            scales = [i for i, motion in motions.items() if motion == SCALE_OF_INSTRUMENT]
+            longest = [max(lengths)[1]] if lengths else []
+            found |= dict.fromkeys(scales + longest, "the scale of all lengths, none of which was measured,")
         return found
 
     def _priors(self) -> Priors:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, TextIO, TypeVar, cast
@@ -229,20 +230,21 @@ def calibrate(
     priors = tolerance_priors(inputs.robot) if prior else {}
     if prior and not priors:
         raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or inputs.robot.name} has none on any joint")
-    calibration = fit_effects(
-        inputs.robot,
-        inputs.data,
-        requests,
-        options=Options(robust=robust),
-        priors=priors,
-        shrink=shrink,
-        n_folds=folds,
-        seed=seed,
-        holdout=inputs.holdout,
-        progress=progress or (lambda label, done, total: None),
-    )
-    options = options_of(calibrate, arguments, **inputs.names, fit=_joined(fit, inputs))
-    return _made(Calibrated, calibration, inputs, options, seed)
+    with _solvable(inputs.data):
+        calibration = fit_effects(
+            inputs.robot,
+            inputs.data,
+            requests,
+            options=Options(robust=robust),
+            priors=priors,
+            shrink=shrink,
+            n_folds=folds,
+            seed=seed,
+            holdout=inputs.holdout,
+            progress=progress or (lambda label, done, total: None),
+        )
+        options = options_of(calibrate, arguments, **inputs.names, fit=_joined(fit, inputs))
+        return _made(Calibrated, calibration, inputs, options, seed)
 
 
 @call
@@ -302,18 +304,19 @@ def trace(
     if inputs.data.reference is not None:
         message = "distances from an earlier pose do not show what acts at each of the two poses"
         raise InputError(Problem(message, inputs.data.source, fix="use calibrate, or measure distances from an anchor"))
-    effects = build(parse_requests(",".join(inputs.baseline.names)), Arm.of(inputs.robot), inputs.data)
-    body = trace_effects(
-        Model.of(inputs.robot, effects),
-        inputs.data,
-        n_folds=folds,
-        seed=seed,
-        holdout=inputs.holdout,
-        empirical=empirical,
-        progress=progress or (lambda label, done, total: None),
-    )
-    options = options_of(trace, arguments, **inputs.names, declared=_joined(declared, inputs))
-    return _made(Traced, body, inputs, options, seed)
+    with _solvable(inputs.data):
+        effects = build(parse_requests(",".join(inputs.baseline.names)), Arm.of(inputs.robot), inputs.data)
+        body = trace_effects(
+            Model.of(inputs.robot, effects),
+            inputs.data,
+            n_folds=folds,
+            seed=seed,
+            holdout=inputs.holdout,
+            empirical=empirical,
+            progress=progress or (lambda label, done, total: None),
+        )
+        options = options_of(trace, arguments, **inputs.names, declared=_joined(declared, inputs))
+        return _made(Traced, body, inputs, options, seed)
 
 
 def _load(
@@ -355,6 +358,7 @@ def _load(
     validation, validation_records = optional(read, holdout, "holdout", any_target=False)
     if validation is not None:
         _refuse_shared(data, validation, names["holdout"])
+        _refuse_unknown(data, validation, names["holdout"])
     if effects is None:
         baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
     else:
@@ -384,6 +388,36 @@ def _refuse_shared(data: Measurements, validation: Measurements, name: str | Non
             fix="remove these poses from one of the two files: validation poses must not be used in the fit",
         )
     )
+
+
+def _refuse_unknown(data: Measurements, validation: Measurements, name: str | None) -> None:
+    """Raise InputError if validation poses were measured from what the calibration poses do not place."""
+    unknown = min(_origins(validation) - _origins(data) - {"distance"}, default=None)
+    if unknown is not None:
+        message = f"the calibration poses have no {unknown}, so where it is remains unknown"
+        fix = "measure such rows in both files, with a column kind if either has other kinds, or leave them out"
+        raise InputError(Problem(message, name, fix=fix))
+
+
+def _origins(data: Measurements) -> set[str]:
+    """Return the kinds and names of what the rows were measured from."""
+    if data.kind is None or data.fixture is None:
+        return {"position without a kind"}
+    return {f"{kind} {fixture}".strip() for kind, fixture in zip(data.kind, data.fixture, strict=True)}
+
+
+@contextmanager
+def _solvable(data: Measurements) -> Iterator[None]:
+    """Raise InputError where no arm like the robot fits other kinds of measurement, as one of no size may do."""
+    if data.kind is None:
+        yield
+        return
+    try:
+        with np.errstate(divide="raise", invalid="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError):
+        fix = "check the units, the joints, and the names of sockets, planes and anchors"
+        raise InputError(Problem("no arm like the robot explains what was measured", data.source, fix=fix)) from None
 
 
 def _rows(data: Measurements) -> Iterator[bytes]:

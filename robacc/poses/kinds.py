@@ -25,7 +25,8 @@ from robacc.io.dialect import number_of
 from robacc.io.files import clip
 from robacc.io.table import Table, TableBody
 from robacc.measurements import SHOWN, Measurements
-from robacc.poses.columns import AXES, UNITS, split_unit
+from robacc.poses.columns import AXES, UNITS, Heading, heading_of, labelled, source_of
+from robacc.poses.reading import Reading
 from robacc.poses.reshaped_tables import ReshapedTable, Rows
 from robacc.poses.row_checks import SMALLEST_SIGMA
 
@@ -37,34 +38,40 @@ _LARGEST = 100.0
 """m; a larger length is in another unit."""
 
 
-def _key(name: str) -> str:
+def _key(heading: Heading) -> str:
     """Return the key of a column: its name without capitals, and without the unit of a length."""
-    return stem if (stem := split_unit(name.lower())[0]) in _LENGTHS else name.lower()
+    return heading.text if heading.text in _LENGTHS else heading.name.lower()
 
 
 class KindTable(ReshapedTable):
     """Table without the columns of other kinds of measurement, whose cells it keeps."""
 
-    def __init__(self, table: Table, apart: Mapping[str, int]) -> None:
-        """Take the columns ``apart``, by their keys, out of a table."""
+    def __init__(self, table: Table, apart: Mapping[str, int], unit: str) -> None:
+        """Take the columns ``apart``, by their keys, out of a table; lengths without a unit are in ``unit``."""
         super().__init__(table, apart.values(), {}, ([], [*apart.values()]), self._keep, "")
         table.sparse = apart.values()
-        for index, name in enumerate(table.names):
-            if (key := _key(name)) in apart and apart[key] != index:
-                self.log.add("the column is a duplicate", self.line, clip(name), "keep one of them")
-            elif key in apart and key in _LENGTHS and UNITS[split_unit(name.lower())[1] or "m"][0] != "length":
-                self.log.add("expected a unit of length (m, mm, um)", self.line, clip(name))
+        self._units = dict.fromkeys(_LENGTHS, unit)
+        for index, heading in enumerate(map(heading_of, table.names)):
+            if (key := _key(heading)) in apart and apart[key] != index:
+                self.log.add("the column is a duplicate", self.line, heading.name, "keep one of them")
+            elif key in apart and heading.unit is not None and key in _LENGTHS:
+                self._units[key] = heading.unit
+                if UNITS[heading.unit][0] != "length":
+                    self.log.add("expected a unit of length (m, mm, um)", self.line, heading.name)
         self._names = {key: table.names[index] for key, index in apart.items()}
         self._cells: dict[str, list[str]] = {}
 
     @classmethod
-    def of(cls, table: Table) -> KindTable | None:
+    def of(cls, table: Table, reading: Reading) -> KindTable | None:
         """Return the table without its columns of other kinds of measurement; None if it has none."""
-        keys = {_key(name): i for i, name in enumerate(table.names)}
+        headings = [*map(heading_of, table.names)]
+        keys = {_key(heading): i for i, heading in enumerate(headings)}
         apart = {key: keys[key] for key in (*_TEXTS, *_LENGTHS) if key in keys}
-        is_distance = "distance" in apart and not {"anchor", "from"}.isdisjoint(apart)
-        is_other = is_distance or "socket" in apart or "plane" in apart
-        return cls(table, apart) if is_other and ("kind" in apart or "x" not in apart) else None
+        is_other = not {"distance", "socket", "plane"}.isdisjoint(apart)
+        parts = [part for each in headings if (part := labelled(each)) and source_of(each.words) >= 0]
+        has_positions = any(axis != "turn" for _, axis in parts)
+        stated = reading.unit_of.get("length", "m")
+        return cls(table, apart, stated) if is_other and ("kind" in apart or not has_positions) else None
 
     def _keep(self, old: TableBody) -> Rows:
         self._cells = {key: column.tolist() for key, column in zip(self._names, old.texts, strict=True)}
@@ -80,7 +87,9 @@ class KindTable(ReshapedTable):
         kinds = self._kinds(data)
         position, fixture, earlier = np.zeros((3, n)), [""] * n, list(range(n))
         of_distance = [self._column(key) for key in ("distance", "anchor", "from")]
-        is_start = np.array([not any(row) for row in zip(*of_distance, strict=True)], dtype=bool) & (kinds == "distance")
+        is_start = np.array([not any(row) for row in zip(*of_distance, strict=True)], dtype=bool) & (
+            kinds == "distance"
+        )
         owners: dict[str, str] = {}
         rows_of: dict[str, list[int]] = {}
         for row, pose in enumerate([] if data.pose is None else data.pose.tolist()):
@@ -108,9 +117,16 @@ class KindTable(ReshapedTable):
         position[2] += self._lengths("distance", (kinds == "distance") & ~is_start, data, least=0.0)
         position[2] += self._lengths("reading", kinds == "plane", data, 0.0)
         sigma = self._lengths("sigma", ~is_start, data, least=SMALLEST_SIGMA) if "sigma" in cells else None
+        if data.sigma_position is not None:
+            self.log.add("sigma_x, sigma_y and sigma_z are of positions", self.line, fix="give one column sigma")
+        if data.rotation is not None:
+            self.log.warn("orientation is not used beside other kinds of measurement", of_file=True)
         self.log.raise_if_any()
         return replace(
             data,
+            rotation=None,
+            sigma_rotation=None,
+            warnings=self.log.warnings,
             position=position,
             sigma_position=None if sigma is None else np.tile(sigma, (3, 1)),
             kind=kinds,
@@ -121,7 +137,7 @@ class KindTable(ReshapedTable):
 
     def _kinds(self, data: Measurements) -> NDArray[np.str_]:
         """Return the kind of each row."""
-        found = [kind for kind, names in _NAMED_BY.items() if not self._cells.keys().isdisjoint(names)]
+        found = [kind for kind, names in _NAMED_BY.items() if not self._cells.keys().isdisjoint((kind, *names))]
         if "kind" not in self._cells and len(found) > 1:
             self.log.add(f"the file has columns of the kinds {' and '.join(found)}", self.line, fix="add a column kind")
             self.log.raise_if_any()
@@ -148,7 +164,7 @@ class KindTable(ReshapedTable):
     ) -> Array:
         """Return the numbers ``(N,)`` of a column in m, 0 outside the ``rows``; ``default`` stands for empty cells."""
         values, cells = np.zeros(data.n), self._column(key)
-        divisor = UNITS[split_unit(self._names.get(key, key).lower())[1] or "m"][1]
+        divisor = UNITS[self._units[key]][1]
         for row in np.flatnonzero(rows).tolist():
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import os
 from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TextIO, TypeVar, cast
@@ -213,19 +214,20 @@ def calibrate(
     priors = tolerance_priors(read.robot) if prior else {}
     if prior and not priors:
         raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or read.robot.name} has none on any joint")
-    calibration = fit_effects(
-        read.robot,
-        read.data,
-        requests,
-        options=Options(robust=robust),
-        priors=priors,
-        shrink=shrink,
-        n_folds=folds,
-        seed=seed,
-        holdout=read.holdout,
-        progress=progress or (lambda label, done, total: None),
-    )
-    return _made(Calibrated, calibration, inputs, read)
+    with _solvable(read.data):
+        calibration = fit_effects(
+            read.robot,
+            read.data,
+            requests,
+            options=Options(robust=robust),
+            priors=priors,
+            shrink=shrink,
+            n_folds=folds,
+            seed=seed,
+            holdout=read.holdout,
+            progress=progress or (lambda label, done, total: None),
+        )
+        return _made(Calibrated, calibration, inputs, read)
 
 
 @call
@@ -285,17 +287,18 @@ def trace(
     if read.data.reference is not None:
         message = "distances from an earlier pose do not show what acts at each of the two poses"
         raise InputError(Problem(message, read.data.source, fix="use calibrate, or measure distances from an anchor"))
-    effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
-    body = trace_effects(
-        Model.of(read.robot, effects),
-        read.data,
-        n_folds=folds,
-        seed=seed,
-        holdout=read.holdout,
-        empirical=empirical,
-        progress=progress or (lambda label, done, total: None),
-    )
-    return _made(Traced, body, inputs, read)
+    with _solvable(read.data):
+        effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
+        body = trace_effects(
+            Model.of(read.robot, effects),
+            read.data,
+            n_folds=folds,
+            seed=seed,
+            holdout=read.holdout,
+            empirical=empirical,
+            progress=progress or (lambda label, done, total: None),
+        )
+        return _made(Traced, body, inputs, read)
 
 
 def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
@@ -317,6 +320,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
             raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
     if validation is not None:
         _refuse_shared(data, validation, _name(holdout))
+        _refuse_unknown(data, validation, _name(holdout))
     if effects is None:
         baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
     else:
@@ -346,6 +350,36 @@ def _refuse_shared(data: Measurements, validation: Measurements, name: str | Non
             fix="remove these poses from one of the two files: validation poses must not be used in the fit",
         )
     )
+
+
+def _refuse_unknown(data: Measurements, validation: Measurements, name: str | None) -> None:
+    """Raise InputError if validation poses were measured from what the calibration poses do not place."""
+    unknown = min(_origins(validation) - _origins(data) - {"distance"}, default=None)
+    if unknown is not None:
+        message = f"the calibration poses have no {unknown}, so where it is remains unknown"
+        fix = "measure such rows in both files, with a column kind if either has other kinds, or leave them out"
+        raise InputError(Problem(message, name, fix=fix))
+
+
+def _origins(data: Measurements) -> set[str]:
+    """Return the kinds and names of what the rows were measured from."""
+    if data.kind is None or data.fixture is None:
+        return {"position without a kind"}
+    return {f"{kind} {fixture}".strip() for kind, fixture in zip(data.kind, data.fixture, strict=True)}
+
+
+@contextmanager
+def _solvable(data: Measurements) -> Iterator[None]:
+    """Raise InputError where no arm like the robot fits other kinds of measurement, as one of no size may do."""
+    if data.kind is None:
+        yield
+        return
+    try:
+        with np.errstate(divide="raise", invalid="raise"):
+            yield
+    except (ArithmeticError, np.linalg.LinAlgError):
+        fix = "check the units, the joints, and the names of sockets, planes and anchors"
+        raise InputError(Problem("no arm like the robot explains what was measured", data.source, fix=fix)) from None
 
 
 def _rows(data: Measurements) -> Iterator[bytes]:

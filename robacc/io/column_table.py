@@ -75,7 +75,7 @@ class ColumnTable(Table):
         table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
             row[:] = self._numbers(*self.column(i), self.labels[i])
-        columns = [self._texts(_as_text(self.column(i)[0]), self.labels[i]) for i in texts]
+        columns = [self._texts(i) for i in texts]
         return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.log.gaps)
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -109,9 +109,12 @@ class ColumnTable(Table):
             self.log.add_rows(infinite, rows, name, lambda i: f"found {clip(str(values[i]))}, expected a finite number")
         return np.where(infinite, np.nan, values)
 
-    def _texts(self, texts: list[str], name: str) -> NDArray[np.str_]:
-        if not self.skip_gaps:
-            return np.array([self.text(text, i, name) for i, text in enumerate(texts, 1)], dtype=str)
+    def _texts(self, index: int) -> NDArray[np.str_]:
+        texts, name = _as_text(self.column(index)[0]), self.labels[index]
+        is_sparse = index in self.sparse
+        if is_sparse or not self.skip_gaps:
+            filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in enumerate(texts, 1)]
+            return np.array(filled, dtype=str)
         self.log.gaps.update(i for i, text in enumerate(texts, 1) if not text)
         return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
 
@@ -298,7 +301,7 @@ class ParquetTable(ColumnTable):
 
         of_numbers = (types.is_integer, types.is_floating, types.is_decimal, types.is_null)
         of_texts = (types.is_string, types.is_large_string, types.is_integer)
-        for i in (*numbers, *({*texts} - self.times)):
+        for i in (*numbers, *({*texts} - self.times - {*self.sparse})):
             kind = self._kinds[i]
             inner = kind.value_type if types.is_dictionary(kind) and i not in numbers else kind
             if not any(is_kind(inner) for is_kind in (of_numbers if i in numbers else of_texts)):

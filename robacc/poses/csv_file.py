@@ -140,7 +140,7 @@ def read_poses(
             # An arm of four joints may count them from 0.
             counts_joints = commands and len(robot.joint_names or ()) == len(QUATERNION)
             table.names = table.names if counts_joints else with_named_quaternion(table)
-        kinds = KindTable.of(table) if attained else None
+        kinds = KindTable.of(table, reading) if attained else None
         table, attained = (table, attained) if kinds is None else (kinds, False)
         layout = read_layout(table, robot, attained, reading, commands)
         values = _with_named_poses(_read_values(table, layout), targets)

@@ -1,4 +1,4 @@
-"""Measurements that are no positions: sockets, planes, anchors, distances between poses; arm simulated independently."""
+"""Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently."""
 
 from __future__ import annotations
 
@@ -166,14 +166,14 @@ JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
     ("row", "message"),
     [
         ("point,,,,,,,p1,1e-5", "a row of kind point needs socket, found none"),
-        ("plane,,t,x,,,,p1,1e-5", "reading_mm: found x, expected a number"),
-        ("plane,,t,200000,,,,p1,1e-5", "found 200 m, expected at most 100 m"),
+        ("plane,,t,x,,,,p1,1e-5", "reading_mm: found 'x', expected a number"),
+        ("plane,,t,200000,,,,p1,1e-5", "reading_mm: found 200 m, expected"),
         ("distance,,,,12,a,p0,p1,1e-5", "needs anchor or from, found both"),
-        ("distance,,,,12,,p9,p1,1e-5", "from: no earlier row is of the pose p9"),
+        ("distance,,,,12,,p9,p1,1e-5", "from: no earlier row is of the pose 'p9'"),
         ("distance,,,,,a,,p1,1e-5", "distance_mm: the value is missing, expected a number"),
         ("plane,,a,0,,,,p1,1e-5", "a is also the name of a socket"),
         ("photo,,,,,,,p1,1e-5", "found 'photo', expected one of position, point, plane, distance"),
-        ("point,a,,,,,,p1,0", "sigma: expected a positive number"),
+        ("point,a,,,,,,p1,0", "sigma: found 0 m, expected"),
     ],
 )
 def test_a_row_that_lacks_what_its_kind_needs_is_refused(row: str, message: str, tmp_path: Path) -> None:

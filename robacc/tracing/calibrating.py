@@ -325,6 +325,11 @@ def _warnings(
             f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
             "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
         )
+    if not data.has_length:
+        yield (
+            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
+            "add rows of kind distance, such as between two sockets, or positions"
+        )
     yield from mass_warning(fit)
     yield from data.warnings
     yield from data.contradicted_ids()

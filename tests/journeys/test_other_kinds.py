@@ -11,6 +11,7 @@ from commands import run
 from independent_arm import DECLARED, LIMITS, robot, target
 
 import robacc
+from robacc.api.inputs import with_measured_targets
 from robacc.effects.base import effect_class
 from robacc.errors import InputError
 from robacc.measurements import Measurements
@@ -97,6 +98,9 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     one_kind = len({row["kind"] for row in rows}) == 1
     path = written(rows, tmp_path / "poses.csv", "kind" if one_kind else "")
     result = robacc.calibrate(path, robot=robot(), fit=DECLARED)
+    assert any("measures a length" in warning for warning in result.warnings) == (
+        not {"anchor", "from", "position"} & {*kinds}
+    )
     parameters = {parameter.name: parameter for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         found = parameters[f"joint_offset.j{number}"]
@@ -147,7 +151,7 @@ def test_derivatives_of_all_kinds_are_those_of_the_predictions() -> None:
     fixture = np.array(["", "a", "table", "p"] * 2 + ["", "a", "table", ""])
     earlier = Measurements(np.zeros((3, n)), q=generator.uniform(LOW, HIGH, (n, 6)).T)
     data = Measurements(np.zeros((3, n)), q=q, kind=kinds, fixture=fixture, reference=earlier)
-    arm, _ = robacc.api.inputs.with_measured_targets(robot(), data)
+    arm, _ = with_measured_targets(robot(), data)
     effects = [effect_class(name).default(Model.of(arm).arm, data) for name in DECLARED.split(",")]
     bound = Model.of(arm, effects).bind(data)
     theta = 1e-3 * generator.standard_normal(len(bound.terms))

@@ -31,6 +31,8 @@ Row = dict[str, object]
 def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray | None:
     """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none."""
     for _ in range(40):
+        if np.abs(gap(target(q + ZEROS))).max() < 1e-13:
+            break
         slope = np.array([(gap(target(q + ZEROS + e)) - gap(target(q + ZEROS - e))) / 2e-6 for e in 1e-6 * np.eye(6)])
         q = q - np.clip(np.linalg.pinv(slope.T) @ gap(target(q + ZEROS)), -0.2, 0.2)
     return q if np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > LOW) & (q < HIGH)) else None

@@ -380,10 +380,12 @@ _MOST_ALTERNATIVES = 3
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """Raise an error if the data contain a mistake; return warnings of mistakes in a few rows.
 
+    Other kinds of measurement than positions are not checked.
+
     Raises:
         InputError: the mistake, its errors and the fix.
     """
-    if data.n < _LEAST_POSES or data.q is None:
+    if data.n < _LEAST_POSES or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
     found = find_row_mistake(robot, data, poses.translation)

@@ -339,9 +339,10 @@ class InstrumentScale(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a constant scale, and drifts if the time varies."""
-        if data.has_length:
-            yield cls()
-        if data.has_length and data.time is not None and varies(data.time):
+        if not data.has_length:
+            return
+        yield cls()
+        if data.time is not None and varies(data.time):
             low, high = float(data.time.min()), float(data.time.max())
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 

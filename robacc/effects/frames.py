@@ -89,7 +89,7 @@ class BaseFrame(Effect):
         regressors: dict[str, Array | float] = {self.name: 1.0}
         if arm.robot.fixtures:
             fixture = np.full(data.n, "") if data.fixture is None else data.fixture
-            names = {f"{self.name}.{name}".rstrip("."): name for name in arm.robot.fixtures}
+            names = {f"{self.name}.{name}" if name else self.name: name for name in arm.robot.fixtures}
             regressors = {prefix: (fixture == name).astype(float) for prefix, name in names.items()}
         still = [
             f"{self.name}.{name}" for name, each in arm.robot.fixtures.items() if each.kind in ("point", "distance")

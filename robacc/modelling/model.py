@@ -512,10 +512,7 @@ def observed(kind: NDArray[Any], position: NDArray[Any]) -> tuple[NDArray[Any], 
     is_length, is_number = kind == "distance", np.isin(kind, ("distance", "plane"))
     value[:2, is_number], gradient[:2, :, is_number] = 0.0, 0.0
     value[2, is_length] = np.sqrt(np.sum(np.square(position[:, is_length]), axis=0))
-    length = value[2, is_length].real  # the gradient at no distance is that of any direction
-    gradient[2][:, is_length] = np.where(length > 0.0, position[:, is_length].real, 0.0) / np.where(
-        length > 0.0, length, 1.0
-    )
+    gradient[2][:, is_length] = position[:, is_length].real / np.maximum(value[2, is_length].real, 1e-300)
     return value, gradient
 
 

@@ -478,7 +478,7 @@ def _calibrate(
     progress: Progress,
 ) -> Calibration:
     """Return the result of :func:`calibrate` with weights as the poses have them."""
-    mistakes = () if data.kind is not None else check_data(stated, data)
+    mistakes = check_data(stated, data)
     effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
     robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
     progress("fitting", 0, 1)

@@ -614,7 +614,7 @@ def trace(
 
 def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress) -> Trace:
     """Return the result of :func:`trace` with weights as the poses have them."""
-    stated, mistakes = model.arm.robot, () if data.kind is not None else check_data(model.arm.robot, data)
+    stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
     model = with_gravity_direction(model, data)
 
     def searching(moves: int, count: int) -> None:

@@ -199,3 +199,18 @@ def test_estimate_says_that_the_rows_are_no_positions(tmp_path: Path) -> None:
     done = run("estimate", str(path), "--robot", str(arm))
     assert done.exit_code == 3
     assert "the rows are of kind distance, which are no positions" in done.stderr
+
+
+def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
+    rows = list(rows_of("point", 24, np.random.default_rng(2)))
+    renamed = [{**row, "socket": f"{row['socket']}."} for row in rows]
+    first, second = (
+        robacc.calibrate(written(each, tmp_path / f"{i}.csv"), robot=robot(), fit="tool_frame,joint_offset")
+        for i, each in enumerate((rows, renamed))
+    )
+    assert [p.name for p in second.parameters if "a." in p.name] == [
+        "base_frame.a..x",
+        "base_frame.a..y",
+        "base_frame.a..z",
+    ]
+    assert second.after.fitted.position.rms == pytest.approx(first.after.fitted.position.rms)

@@ -138,6 +138,14 @@ def skew(vector: Array) -> Array:
     )
 
 
+def nearest_rotation(matrix: Array) -> Array:
+    """Return the rotations nearest to ``(..., 3, 3)`` matrices (polar factor by SVD; Kabsch 1976)."""
+    u, _, vt = np.linalg.svd(matrix)
+    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
+    result: Array = u @ vt
+    return result
+
+
 def _size(vector: Array) -> tuple[Array, NDArray[np.bool_], Array]:
     """Return the length of vectors, where it is so small that closed forms lose digits, and the length or 1 there."""
     length = np.sqrt(np.sum(np.square(vector), axis=0))

@@ -14,10 +14,13 @@ from robacc.geometry import Array, Poses
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
+IMAGES = ("image", "image from hand")
+"""Kinds of images: of a camera beside the arm, and of one on its hand."""
 SHOWN = {
     "position": (True, True, True),
     "point": (True, True, True),
     **dict.fromkeys(("plane", "distance"), (False, False, True)),
+    **dict.fromkeys(IMAGES, (True, True, False)),
 }
 """Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
 _SAME_COMMAND = 1e-3
@@ -71,6 +74,11 @@ class Measurements:
     """``(N,)`` name of the socket, plane or anchor that a row is measured from; empty for the measuring frame."""
     reference: Measurements | None = None
     """N poses that distances without an anchor are measured from."""
+    seen: Array | None = None
+    """``(4, N)`` point of a board, in its frame, of which a row is the image, and the usual depth of such points before
+    their camera, at which images are measured; m."""
+    photos: Measurements | None = None
+    """Pose of the board, or of a camera on the hand, as the photo of each row shows it; N poses."""
     visit: NDArray[Any] | None = None
     """``(N,)`` number or name of the arm's arrival, text: rows with the same visit were measured in one arrival."""
     time: Array | None = None
@@ -139,13 +147,13 @@ class Measurements:
         """Return the poses of an index array, a boolean array or a slice (without a copy), in its order."""
         if isinstance(index, np.ndarray) and index.dtype == bool and index.all():
             return self
-        changes = {
+        changes: dict[str, Any] = {
             field.name: getattr(self, field.name)[..., index]
             for field in dataclasses.fields(self)
             if isinstance(getattr(self, field.name), np.ndarray)
         }
-        if self.reference is not None:
-            changes["reference"] = self.reference.subset(index)
+        nested = {"reference": self.reference, "photos": self.photos}
+        changes |= {name: data.subset(index) for name, data in nested.items() if data is not None}
         return dataclasses.replace(self, **changes)
 
     @property
@@ -153,10 +161,19 @@ class Measurements:
         """``(3, N)`` the components that each row shows; None if all."""
         return None if self.kind is None else np.array([SHOWN[kind] for kind in self.kind.tolist()]).T
 
+    def each_photo(self) -> Measurements | None:
+        """Return the pose that each photo shows; None without photos."""
+        if self.photos is None:
+            return None
+        first = np.sort(np.unique(self.photos.position, axis=1, return_index=True)[1])
+        of_pose = ("position", "rotation", "sigma_position", "sigma_rotation")
+        columns = {name: getattr(self.photos.subset(first), name) for name in of_pose}
+        return dataclasses.replace(self.subset(first), kind=None, fixture=None, seen=None, photos=None, **columns)
+
     @property
     def has_length(self) -> bool:
         """Whether any row measures a length; a smaller arm reaches the same sockets and planes in the same joints."""
-        return self.kind is None or bool(np.isin(self.kind, ("position", "distance")).any())
+        return self.kind is None or bool(np.isin(self.kind, ("point", "plane"), invert=True).any())
 
     def count(self, rows: NDArray[np.bool_]) -> int:
         """Return how many numbers were measured in rows ``(N,)``."""

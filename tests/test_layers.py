@@ -52,6 +52,7 @@ OPENS_FILES = (
     "robacc.documents.envelope",
     "robacc.modelling.robot_file",
     "robacc.programs.reading",
+    "robacc.poses.cameras",
     "robacc.poses.reading",
     "robacc.api.",
     "robacc.cli.",

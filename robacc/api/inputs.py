@@ -17,6 +17,8 @@ from robacc.accuracy.grade import Scale, load_scale
 from robacc.api.parameters import (
     Angles,
     Bag,
+    BoardFile,
+    CameraFile,
     Columns,
     Commanded,
     Coverage,
@@ -40,7 +42,7 @@ from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
 from robacc.io.open_table import open_table
-from robacc.measurements import Measurements, commanded_groups
+from robacc.measurements import IMAGES, Measurements, commanded_groups
 from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity
@@ -65,11 +67,10 @@ from robacc.robots.yaml_robot import robot_to_yaml
 
 Read = TypeVar("Read")
 STDIN = "-"
+READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "camera", "board", "bag")
+"""Parameters that state how a file of poses is read."""
 RECORDED_APART = frozenset(
-    (
-        *("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress"),
-        *(READING := ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")),
-    )
+    ("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress", *READING)
 )
 """Parameters that are not among the options: files and how they are read stand among the inputs, the seed has a key of
 its own."""
@@ -224,7 +225,9 @@ class Inputs:
             record = InputFile.at(path, data.sha256 or "", kind)
             if reading:
                 record = replace(record, reading={**(record.reading or {}), **reading})
-        if data.kind is not None and not any_kind:
+        if data.kind is not None and not any_kind and np.isin(data.kind, IMAGES).all():
+            data = replace(data.each_photo() or data, warnings=data.warnings)
+        elif data.kind is not None and not any_kind:
             kinds = " and ".join(dict.fromkeys(map(str, data.kind)))
             fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
             raise InputError(Problem(f"the rows are of kind {kinds}, which are no positions", data.source, fix=fix))
@@ -332,6 +335,8 @@ def read_poses(
     coverage: Coverage = None,
     sheet: Sheet = None,
     commanded: Commanded = None,
+    camera: CameraFile = None,
+    board: BoardFile = None,
     bag: Bag = None,
 ) -> Measurements:
     """Read and check the measured poses of a file or a data frame.

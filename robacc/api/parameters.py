@@ -292,7 +292,19 @@ Coverage = Annotated[float | None, Help("Coverage factor of columns such as Ux: 
 Sheet = Annotated[str | None, Help("Sheet of a workbook.", "NAME")]
 Commanded = Annotated[
     StrPath | None,
-    Help("Commands of the measured poses in another file: robot program, or table of joints or poses.", "FILE"),
+    Help(
+        "Commands of the measured poses in another file: robot program, or table of joints or poses.",
+        "FILE",
+        names=("commanded", "joints"),
+    ),
+]
+CameraFile = Annotated[
+    StrPath | None,
+    Help("Camera that took the images of kind image: YAML with fx, fy, cx, cy, distortion, size, mount.", "FILE"),
+]
+BoardFile = Annotated[
+    StrPath | None,
+    Help("Board that photos show: YAML with type, squares, square_mm, marker_mm, dictionary.", "FILE"),
 ]
 Bag = Annotated[
     str | None,

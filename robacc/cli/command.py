@@ -26,9 +26,9 @@ from robacc.plug_ins import plug_in_names
 from robacc.render import text as console
 from robacc.render.text import as_options
 
-_READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "bag")
+_READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "camera", "board", "bag")
 """Parameters of ``read_poses`` that are options of every command with a file of poses."""
-_OF_MEASUREMENTS = ("coverage", "commanded", "bag")
+_OF_MEASUREMENTS = ("coverage", "commanded", "camera", "board", "bag")
 """Those of them that say something of measured poses only."""
 
 

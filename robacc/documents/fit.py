@@ -76,6 +76,7 @@ NOISE = part(
         "position_m": Key(
             size | None, "Standard deviation along an axis, m; rms of the three if they differ.", "noise.position"
         ),
+        "rms_m": Key(size | None, "Root mean square length of the noise of a position, m.", "rms"),
         "along_axes_m": Key(
             array(size, 3) | None,
             "Standard deviations along x, y, z of the measuring frame, m; null if they do not differ.",

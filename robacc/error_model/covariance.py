@@ -439,6 +439,8 @@ def gains_at_sizes(
 
     The gain is no more than the term gains at its best.
     """
+    if TERMS[name].is_along_axes and linear.rows.shown is not None:
+        return
     part, noise = on_subset(noise, linear)
     for start in TERMS[name].starts(part, usual_std(noise, part)):
         grown = np.zeros_like(start)

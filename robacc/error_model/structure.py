@@ -154,7 +154,8 @@ def with_error_structure(
     elif "scatter" in noise.terms:
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
-    independent = np.square(noise.independent(linear.rows.stated)[:, :3]).sum(axis=1)
+    independent = np.square(noise.independent(linear.rows.stated)[:, :3])
+    independent = (independent if linear.rows.shown is None else independent * linear.rows.shown[:, :3]).sum(axis=1)
     parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))

@@ -224,6 +224,8 @@ class CovarianceTerm(abc.ABC):
     """Whether it acts on joints that do not move."""
     amplitudes: ClassVar[slice] = slice(None)
     """Which of the parameters are standard deviations."""
+    is_along_axes: ClassVar[bool] = False
+    """It moves all rows along the axes of the measuring frame, so that it is none of images, planes and distances."""
     shape_bounds: ClassVar[tuple[float, float]] = (0.0, 0.0)
     """Bounds of the other parameters."""
 
@@ -387,6 +389,7 @@ class Field(SmoothProcess):
     name = "field"
     meaning = "error along fixed axes that depends on the pose, no cause named"
     of_joints = False
+    is_along_axes = True
     shape_bounds = (math.log(0.1), math.log(30.0))
 
 
@@ -397,6 +400,7 @@ class Wander(CovarianceTerm):
     meaning = "error that wanders over time"
     part = "wander"
     of_joints = False
+    is_along_axes = True
     amplitudes = slice(0, -1)
     shape_bounds = (math.log(0.003), math.log(0.5))  # The time, as a share of the campaign.
 

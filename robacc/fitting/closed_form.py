@@ -22,8 +22,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError
-from robacc.geometry import Array, Poses, rpy_from_rotation, skew
-from robacc.measurements import Measurements
+from robacc.geometry import Array, Poses, nearest_rotation, rpy_from_rotation, skew
+from robacc.measurements import IMAGES, Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Frame, Robot
 
@@ -94,7 +94,7 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     if not (base or tool):
         return robot
     if data.fixture is not None:
-        return _with_placed_fixtures(robot, data) if base else robot
+        return _with_placed_fixtures(robot, data, tool) if base else robot
     needed = 1 if data.rotation is not None else 3
     if data.n < needed or data.q is None:
         raise InputError(
@@ -135,15 +135,23 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     return dataclasses.replace(robot, targets=placed) if robot.targets else dataclasses.replace(robot, tool=placed[""])
 
 
-def _with_placed_fixtures(robot: Robot, data: Measurements) -> Robot:
-    """Return the robot with the place of its base, seen from each socket, plane and anchor, by the nominal arm."""
+def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot:
+    """Return the robot with the place of its base, seen from each socket, plane, anchor and camera, by the nominal arm.
+
+    Images place the tool too.
+    """
     bare = dataclasses.replace(data, kind=None, fixture=None, reference=None)
     position = predict(dataclasses.replace(robot, base=Frame()), bare).translation
     assert data.fixture is not None
     assert data.kind is not None
     fixtures = dict(robot.fixtures)
+    for name in (name for name, fixture in robot.fixtures.items() if fixture.kind in IMAGES):
+        poses = data.subset((data.fixture == name) & np.isin(data.kind, IMAGES)).each_photo()
+        if poses is not None:
+            robot, tool = register_frames(robot, poses, base=True, tool=tool), False
+        fixtures[name] = dataclasses.replace(fixtures[name], base=robot.base)
     for name, fixture in fixtures.items():
-        if name and (rows := data.fixture == name).any():
+        if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any():
             base = _base_seen_from(fixture.kind, position[:, rows], data.position[2, rows])
             fixtures[name] = dataclasses.replace(fixture, base=base)
     if (rows := data.kind == "position").sum() >= 3:
@@ -263,14 +271,6 @@ def orientation_errors(rotation: Array, measured: Array, base: Array) -> Array:
     turned = base[:, None] @ measured
     tool = nearest_rotation(np.einsum("hnji,hnjk->hik", rotation, turned))
     return np.asarray(np.median(_angles(rotation @ tool[:, None], turned), axis=1))
-
-
-def nearest_rotation(matrix: Array) -> Array:
-    """Return the rotations nearest to ``(..., 3, 3)`` matrices (polar factor by SVD; Kabsch 1976)."""
-    u, _, vt = np.linalg.svd(matrix)
-    u[..., :, 2] *= np.sign(np.linalg.det(u @ vt))[..., None]
-    result: Array = u @ vt
-    return result
 
 
 def _best_rotation(form: Array, start: Array) -> Array:

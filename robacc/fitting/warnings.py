@@ -16,6 +16,7 @@ from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Noise, NoiseSource
+from robacc.poses.motion import numbered
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 
@@ -36,11 +37,18 @@ class LackOfFit:
     """None if noise is known from the residual alone."""
     ratio: float
     """Root mean square of the residual over that of the noise."""
+    axes: float = 3.0
+    """Coordinates of a position that a row shows, on average."""
+
+    @property
+    def rms(self) -> float:
+        """Root mean square length of the noise of a row's position, m."""
+        return math.sqrt(self.axes) * self.noise.position
 
 
 def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     """Compare the residual of the inliers with the measurement noise."""
-    residual = fit.residual[:3, fit.inliers]
+    residual, axes = fit.residual[:3, fit.inliers], 3.0 if data.shown is None else float(data.shown.sum(axis=0).mean())
     dof = fit.degrees_of_freedom * (0.5 if fit.residual.shape[0] == 6 else 1.0)
     squares, stated = float(np.sum(np.square(residual))), data.sigma_position
     rms = math.sqrt(squares / max(dof, 1.0))
@@ -48,22 +56,22 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
         # Noise and scatter were estimated together from this residual, so it cannot be more than both.
         white = fit.whitening.apply(fit.residual * fit.inliers)[:3]
         noise = replace(fit.noise, source=_source_beside_scatter(fit, data))
-        return LackOfFit(noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))))
+        return LackOfFit(noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))), axes)
     variance, repeat_dof = _pure_error(fit, data)
     if variance > 0.0:
         remaining_dof = max(dof - repeat_dof, 1.0)
         between = max(squares - variance * repeat_dof, 0.0) / remaining_dof
         noise = Noise(math.sqrt(variance), fit.noise.orientation, "repeats")
-        return LackOfFit(noise, f_sf(between / variance, remaining_dof, repeat_dof), rms / noise.position)
+        return LackOfFit(noise, f_sf(between / variance, remaining_dof, repeat_dof), rms / noise.position, axes)
     if stated is None:
-        return LackOfFit(fit.noise, None, 1.0)
+        return LackOfFit(fit.noise, None, 1.0, axes)
     known = np.square(stated[:, fit.inliers])
     orientation = None
     if data.sigma_rotation is not None and data.rotation is not None:
         orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[fit.inliers]))))
     p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
     noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
-    return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))))
+    return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)
 
 
 def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
@@ -80,13 +88,11 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     The variance is 0 if there are too few repeats.
     """
     rows = data.first_measured(fit.inliers)
-    groups = data.groups()[rows]
-    if data.target is not None:
-        pairs = np.stack((groups, np.unique(data.target[rows], return_inverse=True)[1]))
-        groups = np.unique(pairs, axis=1, return_inverse=True)[1]
-    counts = np.bincount(groups)
-    dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
-    if dof < _LEAST_REPEATS:
+    named = [column[rows] for column in (data.target, data.fixture) if column is not None]
+    groups = numbered(data.groups()[rows], *named)
+    counts, shown = np.bincount(groups), np.full(groups.size, 3.0) if data.shown is None else data.shown[:, rows].sum(0)
+    dof = float(np.sum(shown * (1.0 - 1.0 / counts[groups])))
+    if dof < _LEAST_REPEATS or data.seen is not None:  # Images of a pose show several points of the board.
         return 0.0, dof
     residual = fit.residual[:3, rows]
     means: Array = np.array([np.bincount(groups, weights=axis) / np.maximum(counts, 1) for axis in residual])

@@ -53,6 +53,8 @@ class TableOptions:
     """Sheet of a workbook; None for its only sheet."""
     bag: str | None = None
     """Topics and samples of a recording, as the reader of recordings takes them."""
+    board: str | None = None
+    """File of the board that photos show, as the reader of photos takes it."""
     frame: Any = None
     """Data frame that is read in place of a file."""
 

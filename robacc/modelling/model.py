@@ -20,9 +20,20 @@ from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, command
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
 from robacc.errors import EquilibriumError, UsageError
-from robacc.geometry import Array, Poses, left_jacobian_inverse, log_between
+from robacc.geometry import (
+    Array,
+    Poses,
+    compose,
+    left_jacobian_inverse,
+    log_between,
+    rotate,
+    rotate_back,
+    skew,
+    transpose,
+)
 from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
-from robacc.measurements import Measurements
+from robacc.measurements import IMAGES, Measurements
+from robacc.poses.cameras import projection
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Robot
 
@@ -236,6 +247,8 @@ class BoundModel:
     """Index of each term's effect among the free effects of the model."""
     kind: NDArray[Any] | None = None
     """``(N,)`` what each row shows, of :data:`~robacc.measurements.SHOWN`; None for its pose."""
+    seen: Array | None = None
+    """``(4, N)`` points of a board whose images rows are; see :class:`~robacc.measurements.Measurements`."""
     earlier: tuple[BoundModel, NDArray[np.bool_]] | None = None
     """The same model at the poses that distances are measured from, and the rows ``(N,)`` of such; None if none are."""
 
@@ -260,7 +273,7 @@ class BoundModel:
         if self.earlier is not None:
             other, rows = self.earlier
             position = position - rows * other.poses(theta).translation
-        return Poses(poses.rotation, observed(self.kind, position)[0])
+        return Poses(poses.rotation, observed(self.kind, self.seen, Poses(poses.rotation, position))[0])
 
     def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6) -> tuple[Poses, Array]:
         """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
@@ -272,6 +285,7 @@ class BoundModel:
         column, requested, motions, is_plain = self._layout(np.arange(len(self.terms)) if columns is None else columns)
         elastic, coefficients = self._elastic, np.concatenate((self.fixed_values, theta))
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, elastic.counts)
+        rows, wanted = rows if self.kind is None else 6, rows
         jacobian = sweep.jacobian[:rows]
         if not is_plain:
             rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
@@ -293,14 +307,14 @@ class BoundModel:
                 jacobian[:3, column[entry.number]] += sweep.poses.translation * entry.part.factor
         if self.kind is None:
             return poses, jacobian
-        position, moved = poses.translation, jacobian[:3]
+        position = poses.translation
         if self.earlier is not None:
             other, between = self.earlier
-            start, start_moved = other.linearise(theta, columns, 3)
-            position, moved = position - between * start.translation, moved - between * start_moved
-        position, gradient = observed(self.kind, position)
-        moved = np.einsum("abn,bpn->apn", gradient, moved)
-        return Poses(poses.rotation, position), np.concatenate((moved, jacobian[3:]))
+            start, moved = other.linearise(theta, columns)
+            position, jacobian = position - between * start.translation, jacobian - between * moved
+        position, gradient = observed(self.kind, self.seen, Poses(poses.rotation, position))
+        shown = np.einsum("abn,bpn->apn", gradient, jacobian)
+        return Poses(poses.rotation, position), np.concatenate((shown, jacobian[3:]))[:wanted]
 
     def _layout(self, columns: NDArray[np.int64]) -> _Layout:
         """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""
@@ -446,6 +460,7 @@ class Model:
             tuple(term for terms in free for term in terms),
             tuple(i for i, terms in enumerate(free) for _ in terms),
             data.kind,
+            data.seen,
             self._at_earlier(data, validity, fades),
         )
 
@@ -503,16 +518,32 @@ def _with_frames(
 # With p the position of the target in the frame of a socket, a plane or an anchor, a row of kind `point` shows p, which
 # is 0 in the socket; `plane` its z, the height above the plane; `distance` its length |p|, or that of the difference of
 # two positions. Where the fixture stands is unknown: six coordinates of the base for each, of which the poses determine
-# three. What a row does not show is 0, measured and predicted.
+# three. `image` shows the ray of a point X of a board, in m at the usual depth: with R the orientation of the target, X
+# is at p + R X before a camera beside the arm, whose frame that of the fixture is, and at R'(X - p) before one that is
+# the target. What a row does not show is 0, measured and predicted.
 
 
-def observed(kind: NDArray[Any], position: NDArray[Any]) -> tuple[NDArray[Any], Array]:
-    """Return what rows of these kinds ``(N,)`` show of positions ``(3, N)``, and the derivative ``(3, 3, N)``."""
-    value, gradient = position.copy(), np.repeat(np.eye(3)[..., None], kind.size, axis=2)
+def observed(kind: NDArray[Any], seen: Array | None, poses: Poses) -> tuple[NDArray[Any], Array]:
+    """Return what rows of these kinds ``(N,)`` show of poses, and the derivative ``(3, 6, N)`` by dp and dphi."""
+    position = poses.translation
+    value, gradient = position.copy(), np.repeat(np.eye(3, 6)[..., None], kind.size, axis=2)
     is_length, is_number = kind == "distance", np.isin(kind, ("distance", "plane"))
     value[:2, is_number], gradient[:2, :, is_number] = 0.0, 0.0
     value[2, is_length] = np.sqrt(np.sum(np.square(position[:, is_length]), axis=0))
-    gradient[2][:, is_length] = position[:, is_length].real / np.maximum(value[2, is_length].real, 1e-300)
+    gradient[2, :3, is_length] = (position[:, is_length].real / np.maximum(value[2, is_length].real, 1e-300)).T
+    if seen is None:
+        return value, gradient
+    for from_hand in (False, True):
+        rows = np.flatnonzero(kind == IMAGES[from_hand])
+        turn, depth = poses.rotation[..., rows], seen[3, rows]
+        lever = seen[:3, rows] - position[:, rows] if from_hand else rotate(turn, seen[:3, rows])
+        at = rotate_back(turn, lever) if from_hand else position[:, rows] + lever
+        ahead = depth * projection(at.real)
+        if from_hand:
+            ahead = -compose(ahead, transpose(turn.real))
+        value[:, rows] = depth * at / at[2]
+        value[2, rows], gradient[2][:, rows] = 0.0, 0.0
+        gradient[:2, :3, rows], gradient[:2, 3:, rows] = ahead, -compose(ahead, skew(lever.real))
     return value, gradient
 
 

@@ -135,13 +135,14 @@ def read_poses(
     with open_table(os.fspath(path), table_options(path)) as source:
         table: Table = source
         log, targets = table.log, robot.targets
-        if reading.columns is None:
+        kinds = KindTable.of(table, reading) if attained else None
+        if kinds is not None:
+            table, attained = kinds, False
+        elif reading.columns is None:
             table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
             counts_joints = commands and len(robot.joint_names or ()) == len(QUATERNION)
             table.names = table.names if counts_joints else with_named_quaternion(table)
-        kinds = KindTable.of(table, reading) if attained else None
-        table, attained = (table, attained) if kinds is None else (kinds, False)
         layout = read_layout(table, robot, attained, reading, commands)
         values = _with_named_poses(_read_values(table, layout), targets)
         if len(targets) > 1 and "target" not in layout.columns and layout.has(layout.joints()):

@@ -1,4 +1,4 @@
-"""Other kinds of measurement in a pose file: the target in a socket, on a plane, and at measured distances.
+"""Other kinds of measurement in a pose file: the target in a socket, on a plane, at a distance, and points in photos.
 
 A row has the joints of its pose, a column ``kind`` where the file has several kinds, and the columns of its kind:
 
@@ -6,6 +6,8 @@ A row has the joints of its pose, a column ``kind`` where the file has several k
 - ``plane``: ``plane``, the name of an unknown plane, and ``reading``, the height of the target above it (default 0);
 - ``distance``: ``distance``, and either ``anchor``, the name of an unknown fixed point, or ``from``, the pose of an
   earlier row (one without any of the three is such a pose alone);
+- ``image``: ``u_px`` and ``v_px``, the pixel at which a ``camera`` shows the point ``board_x``, ``board_y``,
+  ``board_z`` (default 0) of a board: one row for each point of a photo;
 - ``position``: ``x``, ``y``, ``z``.
 
 ``sigma`` is the standard deviation of the measured number. Lengths have a unit in the name, or are in m.
@@ -13,6 +15,7 @@ A row has the joints of its pose, a column ``kind`` where the file has several k
 
 from __future__ import annotations
 
+import statistics
 from bisect import bisect_left
 from collections.abc import Mapping
 from dataclasses import replace
@@ -20,33 +23,41 @@ from dataclasses import replace
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.dialect import number_of
 from robacc.io.files import clip
 from robacc.io.table import Table, TableBody
-from robacc.measurements import SHOWN, Measurements
+from robacc.measurements import IMAGES, Measurements
+from robacc.poses.cameras import calibrated, read_cameras, views_of
 from robacc.poses.columns import AXES, UNITS, Heading, heading_of, labelled, source_of
+from robacc.poses.motion import numbered, rank_among_equals
 from robacc.poses.reading import Reading
 from robacc.poses.reshaped_tables import ReshapedTable, Rows
 from robacc.poses.row_checks import SMALLEST_SIGMA
 
 _NAMED_BY = {"point": ("socket",), "plane": ("plane",), "distance": ("anchor", "from")}
 """Columns that name what a row of each kind is measured from."""
-_LENGTHS = ("distance", "reading", "sigma", *AXES)
-_TEXTS = ("kind", "socket", "plane", "anchor", "from")
+_PIXELS = ("u_px", "v_px")
+_BOARD = ("board_x", "board_y", "board_z")
+_LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
+_TEXTS = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
 _LARGEST = 100.0
 """m; a larger length is in another unit."""
+_MOST_PIXELS = 1e5
+"""px; no sensor is wider."""
 
 
 def _key(heading: Heading) -> str:
     """Return the key of a column: its name without capitals, and without the unit of a length."""
-    return heading.text if heading.text in _LENGTHS else heading.name.lower()
+    text = heading.text.replace(" ", "_")
+    return text if text in _LENGTHS else heading.name.lower()
 
 
 class KindTable(ReshapedTable):
     """Table without the columns of other kinds of measurement, whose cells it keeps."""
 
-    def __init__(self, table: Table, apart: Mapping[str, int], unit: str) -> None:
+    def __init__(self, table: Table, apart: Mapping[str, int], unit: str, cameras: str | None) -> None:
         """Take the columns ``apart``, by their keys, out of a table; lengths without a unit are in ``unit``."""
         super().__init__(table, apart.values(), {}, ([], [*apart.values()]), self._keep, "")
         table.sparse = apart.values()
@@ -58,6 +69,7 @@ class KindTable(ReshapedTable):
                 self._units[key] = heading.unit
                 if UNITS[heading.unit][0] != "length":
                     self.log.add("expected a unit of length (m, mm, um)", self.line, heading.name)
+        self._cameras = cameras
         self._names = {key: table.names[index] for key, index in apart.items()}
         self._cells: dict[str, list[str]] = {}
 
@@ -67,11 +79,12 @@ class KindTable(ReshapedTable):
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}
         apart = {key: keys[key] for key in (*_TEXTS, *_LENGTHS) if key in keys}
-        is_other = not {"distance", "socket", "plane"}.isdisjoint(apart)
-        parts = [part for each in headings if (part := labelled(each)) and source_of(each.words) >= 0]
-        has_positions = any(axis != "turn" for _, axis in parts)
-        stated = reading.unit_of.get("length", "m")
-        return cls(table, apart, stated) if is_other and ("kind" in apart or not has_positions) else None
+        is_other = not {"distance", "socket", "plane", "u_px"}.isdisjoint(apart)
+        others = [each for each in headings if _key(each) not in (*_BOARD, *_PIXELS)]
+        parts = [part for each in others if (part := labelled(each)) and source_of(each.words) >= 0]
+        if not is_other or (any(axis != "turn" for _, axis in parts) and "kind" not in apart):
+            return None
+        return cls(table, apart, reading.unit_of.get("length", "m"), reading.camera)
 
     def _keep(self, old: TableBody) -> Rows:
         self._cells = {key: column.tolist() for key, column in zip(self._names, old.texts, strict=True)}
@@ -113,66 +126,134 @@ class KindTable(ReshapedTable):
             else:
                 fixture[row] = cells[given[0]][row]
         for axis, key in enumerate(AXES):
-            position[axis] = self._lengths(key, kinds == "position", data)
-        position[2] += self._lengths("distance", (kinds == "distance") & ~is_start, data, least=0.0)
-        position[2] += self._lengths("reading", kinds == "plane", data, 0.0)
-        sigma = self._lengths("sigma", ~is_start, data, least=SMALLEST_SIGMA) if "sigma" in cells else None
+            position[axis] = self._numbers(key, kinds == "position", data)
+        position[2] += self._numbers("distance", (kinds == "distance") & ~is_start, data, least=0.0)
+        position[2] += self._numbers("reading", kinds == "plane", data, 0.0)
+        of_lengths = ~is_start & (kinds != "image")
+        sigma = self._numbers("sigma", of_lengths, data, least=SMALLEST_SIGMA) if "sigma" in cells else None
         if data.sigma_position is not None:
             self.log.add("sigma_x, sigma_y and sigma_z are of positions", self.line, fix="give one column sigma")
         if data.rotation is not None:
             self.log.warn("orientation is not used beside other kinds of measurement", of_file=True)
         self.log.raise_if_any()
-        return replace(
+        data = replace(
             data,
             rotation=None,
             sigma_rotation=None,
-            warnings=self.log.warnings,
             position=position,
             sigma_position=None if sigma is None else np.tile(sigma, (3, 1)),
             kind=kinds,
             fixture=np.array(fixture),
             reference=None if earlier == list(range(n)) else data.subset(np.array(earlier)),
             copies=None,
-        ).subset(np.flatnonzero(~is_start))
+        )
+        data = self._with_images(data.subset(~is_start))
+        self.log.raise_if_any()
+        return replace(data, warnings=self.log.warnings)
 
     def _kinds(self, data: Measurements) -> NDArray[np.str_]:
         """Return the kind of each row."""
-        found = [kind for kind, names in _NAMED_BY.items() if not self._cells.keys().isdisjoint((kind, *names))]
+        named = {**_NAMED_BY, "image": _PIXELS}
+        found = [kind for kind, names in named.items() if not self._cells.keys().isdisjoint((kind, *names))]
         if "kind" not in self._cells and len(found) > 1:
             self.log.add(f"the file has columns of the kinds {' and '.join(found)}", self.line, fix="add a column kind")
             self.log.raise_if_any()
+        known = ("position", *named)
         kinds = [kind.lower() for kind in self._cells.get("kind", [found[0]] * data.n)]
         for row, kind in enumerate(kinds):
-            if kind not in SHOWN:
+            if kind not in known:
                 fix = (
                     "beside other kinds, name the row position: its orientation is not used" if kind == "pose" else None
                 )
-                self._add(f"found {kind!r}, expected one of {', '.join(SHOWN)}", data, row, "kind", fix)
+                self._add(f"found {kind!r}, expected one of {', '.join(known)}", data, row, "kind", fix)
         return np.array(kinds, dtype=str)
+
+    def _with_images(self, data: Measurements) -> Measurements:
+        """Return the data with what rows of kind image show, and with the photos they are from as visits."""
+        assert data.kind is not None
+        assert data.fixture is not None
+        rows = data.kind == "image"
+        if not rows.any():
+            return data
+        if self._cameras is None:
+            self.log.add("images need the camera that took them", self.line, fix="give its file as `camera`")
+            self.log.raise_if_any()
+        known, names = read_cameras(self._cameras or ""), np.array(self._column("camera"))
+        pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
+        points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
+        noise = self._numbers("sigma", rows, data, least=0.0, unit="px") if "sigma" in self._cells else None
+        self.log.raise_if_any()
+        photo = data.visit
+        if photo is None:
+            poses, place = numbered(data.groups(), np.zeros(data.n) if data.cycle is None else data.cycle), points.T
+            which = np.unique(place, axis=0, return_inverse=True)[1].ravel()
+            photo = numbered(poses, rank_among_equals(numbered(poses, names, which))).astype(str)
+        seen, place, spread = (np.zeros((count, data.n)) for count in (4, 3, 6))
+        turn, position, stay = np.zeros((3, 3, data.n)), data.position.copy(), ~rows
+        sigma = np.zeros((3, data.n)) if data.sigma_position is None else data.sigma_position.copy()
+        kind, fixture = data.kind.astype(object), data.fixture.astype(object)
+        for name in np.unique(names[rows]).tolist():
+            mine = np.flatnonzero(rows & (names == name))
+            if (camera := known.get(name) or known.get("")) is None:
+                expected = f"expected a camera of {self._cameras}: {', '.join(known)}"
+                self._add(f"found {name!r}, {expected}", data, int(mine[0]), "camera")
+                continue
+            of_board = points[:, mine], photo[mine]
+            try:
+                camera = calibrated(camera, pixels[:, mine], *of_board)
+                rays = camera.rays(pixels[:, mine])
+                views, used, rest = views_of(camera, rays, *of_board, None if noise is None else noise[mine])
+            except ValueError as error:
+                self._add(str(error), data, int(mine[0]), fix="check u_px, v_px, board_x, board_y and the camera")
+                continue
+            depth = statistics.median(view.depth for view in views)
+            for view in views:
+                three = mine[view.rows]
+                stay[three], seen[3, three], position[:2, three] = True, depth, depth * view.rays
+                seen[:3, three], sigma[:, three] = view.points, depth * view.std
+                place[:, three], turn[..., three] = view.pose.translation[:, None], view.pose.rotation[..., None]
+                spread[:, three] = view.pose_std[:, None]
+            kind[mine], fixture[mine] = IMAGES[camera.is_on_hand], "board" if camera.is_on_hand else name or "camera"
+            lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
+            text = (
+                f"{used} of {mine.size} points in {len(views)} of {np.unique(photo[mine]).size} photos are "
+                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}; a photo counts as three points"
+            )
+            self.log.warn(Note(text), of_file=True)
+        is_several = len(known) > 1 and data.target is None and IMAGES[True] in kind
+        data = replace(data, visit=photo, target=np.where(rows, names, "") if is_several else data.target)
+        turned = np.sqrt(np.square(spread[3:]).mean(axis=0))
+        photos = Measurements(place, turn, sigma_position=spread[:3], sigma_rotation=turned)
+        kinds, fixtures = kind.astype(str), fixture.astype(str)
+        data = replace(data, kind=kinds, fixture=fixtures, position=position, sigma_position=sigma, seen=seen)
+        return replace(data, photos=photos).subset(stay)
 
     def _column(self, key: str) -> list[str]:
         """Return the cells of a column, empty ones where the file has none."""
         return self._cells.get(key) or [""] * len(next(iter(self._cells.values())))
 
-    def _lengths(
+    def _numbers(
         self,
         key: str,
         rows: NDArray[np.bool_],
         data: Measurements,
         default: float | None = None,
-        least: float = -_LARGEST,
+        least: float = -np.inf,
+        unit: str = "m",
     ) -> Array:
-        """Return the numbers ``(N,)`` of a column in m, 0 outside the ``rows``; ``default`` stands for empty cells."""
+        """Return the numbers ``(N,)`` of a column in m or px, 0 outside the ``rows``; ``default`` is of empty cells."""
         values, cells = np.zeros(data.n), self._column(key)
-        divisor = UNITS[self._units[key]][1]
+        unit = "px" if key in _PIXELS else unit
+        divisor, most = (1.0, _MOST_PIXELS) if unit == "px" else (UNITS[self._units[key]][1], _LARGEST)
         for row in np.flatnonzero(rows).tolist():
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):
                 found = f"found {clip(cells[row])}" if cells[row] else "the value is missing"
                 self._add(f"{found}, expected a number", data, row, key)
-            elif not least <= value / divisor <= _LARGEST:
-                fix = f"name the column {key}_mm if it is in mm" if value > 0.0 and divisor == 1.0 else None
-                found = f"found {value / divisor:.4g} m, expected {least:g} to {_LARGEST:g} m"
+            elif not max(least, -most) <= value / divisor <= most:
+                is_bare = unit == "m" and divisor == 1.0 and value > 0.0
+                fix = f"name the column {key}_mm if it is in mm" if is_bare else None
+                found = f"found {value / divisor:.4g} {unit}, expected {max(least, -most):g} to {most:g} {unit}"
                 self._add(found, data, row, key, fix)
             else:
                 values[row] = value / divisor

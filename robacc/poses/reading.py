@@ -244,6 +244,10 @@ class Reading:
     """Name of a workbook's sheet; None for its only sheet."""
     commanded: str | None = None
     """File with the commands: a robot program, or a table of joints or commanded poses."""
+    camera: str | None = None
+    """File of the camera, or cameras, that took images of a board."""
+    board: str | None = None
+    """File of the board that photos show."""
     bag: str | None = None
     """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
 
@@ -324,6 +328,8 @@ class PoseFile(str):
         coverage: float | None = None,
         sheet: str | None = None,
         commanded: str | os.PathLike[str] | None = None,
+        camera: str | os.PathLike[str] | None = None,
+        board: str | os.PathLike[str] | None = None,
         bag: str | None = None,
     ) -> PoseFile:
         """Return the path with the statements, which are those of :class:`Reading`.
@@ -337,6 +343,8 @@ class PoseFile(str):
             coverage: See above.
             sheet: See above.
             commanded: See above.
+            camera: See above.
+            board: See above.
             bag: See above.
 
         Raises:
@@ -353,7 +361,8 @@ class PoseFile(str):
         result.frame = getattr(path, "frame", None) if is_path else path
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
-        given["commanded"] = None if commanded is None else os.fspath(commanded)
+        files = {"commanded": commanded, "camera": camera, "board": board}
+        given |= {name: None if file is None else os.fspath(file) for name, file in files.items()}
         stated |= {name: value for name, value in given.items() if value is not None}
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
@@ -370,4 +379,4 @@ def table_options(path: str | os.PathLike[str]) -> TableOptions:
 
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, frame)
+    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, reading.board, frame)

@@ -408,7 +408,7 @@ def remaining_error(
             )
     return Unexplained(
         rms=rms,
-        noise_rms=None if noise.p_value is None else math.sqrt(3) * noise.noise.position,
+        noise_rms=None if noise.p_value is None else noise.rms,
         structured=bool(hints),
         p_value=min(p_values),
         hints=tuple(hints),
@@ -436,7 +436,7 @@ def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bo
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
     if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
         return False
-    return math.sqrt(3) * noise.noise.position < HIDDEN_NOISE * repeatability.position
+    return noise.rms < HIDDEN_NOISE * repeatability.position
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
@@ -463,7 +463,7 @@ def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability
     """Return the share of the explainable held-out variance of the baseline that the findings explain, 0 to 1."""
     if before.held_out is None or after.held_out is None:
         return None
-    floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
+    floor = noise.rms**2 + (0.0 if repeatability is None else repeatability.position**2)
     total = before.held_out.position.rms**2 - floor
     if total <= 0.0:
         return None

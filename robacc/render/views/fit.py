@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import re
 import statistics
 from collections import Counter
@@ -50,8 +49,8 @@ from robacc.render.views.elements import (
 )
 
 _NOISE_SOURCES = {
-    "file": "from the file's sigma columns",
-    "file and misfit": "from the file's sigma columns and what the remaining error adds to them",
+    "file": "from the file",
+    "file and misfit": "from the file and what the remaining error adds to it",
     "repeats": "from repeated poses",
 }
 """Where a known measurement noise comes from; any other source is the remaining error alone."""
@@ -489,7 +488,7 @@ def _residual(document: Document) -> str:
     from robacc.tracing.trace import HIDDEN_NOISE
 
     noise, repeatability = document["noise"], document["repeatability"]
-    size, source = math.sqrt(3) * noise["position_m"], _NOISE_SOURCES.get(noise["source"])
+    size, source = noise["rms_m"], _NOISE_SOURCES.get(noise["source"])
     why = "because the file has neither sigma columns nor repeated poses"
     text = f"{with_unit(size)} rms, {source or f'estimated from the remaining error {why}'}"
     if (

@@ -1,0 +1,292 @@
+"""Cameras: the rays of pixels, and the pose of a board from its points in one photo.
+
+A camera file (YAML) has ``fx``, ``fy``, ``cx``, ``cy`` (px), ``distortion`` (``[k1, k2, p1, p2, k3]``, zero by
+default), ``size`` (px) and ``mount``: ``world`` for a camera beside the arm, ``hand`` for one that the arm moves. With
+the mount only, the photos are to show the lens. For several cameras, ``cameras`` has these keys under each name.
+"""
+
+from __future__ import annotations
+
+import math
+import os
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.errors import UsageError, install_advice
+from robacc.geometry import Array, Poses, compose, exp_so3, nearest_rotation, skew
+from robacc.io.files import read_text
+from robacc.io.yaml_nodes import YamlSection, join, top_section
+
+_KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
+_STEPS = 100
+"""Steps at most; distortion of usual lenses takes ten, the pose of a board five."""
+_SETTLED = 1e-12
+_TRIM = 6.0
+"""Median errors beyond which a point is no image of its board, as a wrong corner is."""
+FEWEST_POINTS = 4
+"""Points of a plane that a photo must show for the pose of the board."""
+
+
+@dataclass(frozen=True, slots=True)
+class Camera:
+    """Pinhole camera with the distortion of D. C. Brown (1971), as OpenCV numbers it."""
+
+    focal: tuple[float, float]
+    """Focal lengths along x and y, px; zero where the file states the mount only."""
+    centre: tuple[float, float]
+    """Principal point, px."""
+    distortion: tuple[float, ...] = (0.0,) * 5
+    """k1, k2, p1, p2, k3."""
+    size: tuple[float, ...] | None = None
+    """Width and height, px."""
+    is_on_hand: bool = False
+    """The arm moves the camera; otherwise it stands beside the arm, and the arm moves the board."""
+
+    def rays(self, pixels: Array) -> Array:
+        """Return the directions x/z, y/z ``(2, N)`` of pixels ``(2, N)``.
+
+        Raises:
+            ValueError: The distortion has no inverse there, so that it is not of this camera.
+        """
+        seen = ((pixels.T - self.centre) / self.focal).T
+        ray = seen
+        for _ in range(_STEPS):
+            before = ray
+            radius, shift = self._distortion(ray)
+            with np.errstate(all="ignore"):
+                ray = (seen - shift) / radius
+            if np.max(np.abs(ray - before), initial=0.0) < _SETTLED:
+                break
+        radius, shift = self._distortion(ray)
+        if not np.max(np.abs(radius * ray + shift - seen), initial=0.0) < _SETTLED**0.5:
+            raise ValueError("the distortion of the camera has no inverse at the pixels")
+        return ray
+
+    def _distortion(self, ray: Array) -> tuple[Array, Array]:
+        """Return the factor ``(N,)`` and the shift ``(2, N)`` by which the lens moves rays."""
+        k1, k2, p1, p2, k3 = self.distortion
+        (x, y), square = ray, np.sum(np.square(ray), axis=0)
+        shift = np.stack((2 * p1 * x * y + p2 * (square + 2 * x * x), p1 * (square + 2 * y * y) + 2 * p2 * x * y))
+        return 1 + square * (k1 + square * (k2 + square * k3)), shift
+
+
+def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
+    """Return the cameras of a file by their names; the only one has the name ``""``.
+
+    Raises:
+        InputError: The file cannot be read or is wrong; with every problem.
+    """
+    name = os.fspath(path)
+    top = top_section(read_text(name), name, (*_KEYS, "cameras"))
+    sections = {"": top}
+    if (several := top.get("cameras")) is not None:
+        names = top.source.plain(several, "cameras")
+        if not isinstance(names, dict):
+            top.report("cameras", "expected names with the keys of each camera")
+            names = {}
+        named = top.source.section(several, "cameras", tuple(names))
+        found = {} if named is None else {key: named.get(key) for key in names}
+        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, node in found.items() if node}
+        sections = {key: part for key, part in parts.items() if part is not None}
+    cameras = {key: _camera(section) for key, section in sections.items()}
+    top.source.finish()
+    return cameras
+
+
+def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]) -> Camera:
+    """Return a camera whose file states its mount only with the lens that shows a flat board best (Z. Zhang 2000).
+
+    ``pixels`` ``(2, N)`` are images of ``points`` ``(3, N)`` of each ``photo`` ``(N,)``.
+
+    Raises:
+        UsageError: The extra ``camera`` is not installed.
+        ValueError: The photos do not show the lens.
+    """
+    if camera.focal[0] > 0.0:
+        return camera
+    try:
+        import cv2
+    except ImportError:
+        message = f"the lens of a camera without fx needs opencv: {install_advice('camera')}"
+        raise UsageError(message) from None
+    photos = [rows for each in np.unique(photo) if (rows := np.flatnonzero(photo == each)).size >= FEWEST_POINTS]
+    size = camera.size or tuple(np.ceil(pixels.max(axis=1) + pixels.min(axis=1)).tolist())
+    each_board = [np.ascontiguousarray(points[:, rows].T, dtype=np.float32) for rows in photos]
+    each_image = [np.ascontiguousarray(pixels[:, rows].T, dtype=np.float32) for rows in photos]
+    try:
+        _, matrix, distortion, *_ = cv2.calibrateCamera(each_board, each_image, tuple(map(int, size)), None, None)
+    except cv2.error as error:
+        raise ValueError("the photos do not show the lens of the camera") from error
+    (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
+    return replace(camera, focal=(fx, fy), centre=(cx, cy), distortion=tuple(distortion.ravel()[:5].tolist()))
+
+
+def _camera(section: YamlSection) -> Camera:
+    is_known = any(section.get(key) is not None for key in _KEYS[:5])
+    fx, fy, cx, cy = (
+        section.number(key, lambda value: value > 0, "a positive number of pixels") if is_known else 0.0
+        for key in _KEYS[:4]
+    )
+    lists: dict[str, tuple[float, ...] | None] = {"distortion": None, "size": None}
+    for key, count in (("distortion", 5), ("size", 2)):
+        if (node := section.get(key)) is not None:
+            lists[key] = section.source.numbers(node, section.at(key), count)
+    mount = section.text("mount", ("hand", "world"), needed=True)
+    return Camera((fx, fy), (cx, cy), lists["distortion"] or (0.0,) * 5, lists["size"], mount == "hand")
+
+
+# Pose of a board from its points: a homography of their plane, improved to the least squares of the rays.
+
+
+class Photo(NamedTuple):
+    """Pose of a board in the camera, as one photo shows it."""
+
+    rows: NDArray[np.int64]
+    """``(K,)`` its points, without those far off."""
+    pose: Poses
+    covariance: Array
+    """``(6, 6)`` of the shift and the turn of the pose in the axes of the camera, for rays of unit noise."""
+    squares: float
+    """Sum of squares of the remaining errors of the rays."""
+
+    def of_camera(self) -> Photo:
+        """Return the pose of the camera in the board: it stands at -R' t, which a turn of the board moves too."""
+        back = self.pose.rotation.T
+        moves = np.block([[-back, -back @ skew(self.pose.translation)], [np.zeros((3, 3)), -back]])
+        covariance = np.asarray(moves @ self.covariance @ moves.T)
+        return self._replace(pose=Poses(back, -back @ self.pose.translation), covariance=covariance)
+
+
+def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
+    """Return the photos that show the pose of the board.
+
+    Args:
+        rays: ``(2, N)`` directions x/z, y/z without distortion.
+        points: ``(3, N)`` points in the frame of the board, those of a photo near a plane, m.
+        photo: ``(N,)`` the photo of each.
+    """
+    found = []
+    for name in np.unique(photo):
+        rows = np.flatnonzero(photo == name)
+        each = _fitted(rays, points, rows)
+        if each is not None:
+            errors = np.linalg.norm(rays[:, rows] - rays_of(each.pose, points[:, rows]), axis=0)
+            near = rows[errors <= max(_TRIM * float(np.median(errors)), _SETTLED)]
+            each = each if near.size == rows.size else _fitted(rays, points, near)
+        if each is not None:
+            found.append(each)
+    return found
+
+
+class View(NamedTuple):
+    """One photo as three points of its board, whose six numbers are its pose."""
+
+    rows: NDArray[np.int64]
+    """``(3,)`` rows of the photo that stand for it."""
+    points: Array
+    """``(3, 3)`` the points, in the board, m."""
+    rays: Array
+    """``(2, 3)`` the rays at which they are seen."""
+    std: float
+    """Standard deviation of each ray."""
+    depth: float
+    """Depth of the board's origin before the camera, m."""
+    pose: Poses
+    """The board in the camera, or a camera on the hand in the board."""
+    pose_std: Array
+    """``(6,)`` m and rad."""
+
+
+def views_of(
+    camera: Camera, rays: Array, points: Array, photo: NDArray[Any], noise: Array | None
+) -> tuple[list[View], int, float]:
+    """Return the photos of a camera, the number of points in use, and by how much they are off the board, px.
+
+    ``noise`` ``(N,)`` are stated standard deviations, px; by default what remains shows them.
+
+    Raises:
+        ValueError: No photo shows the pose of the board.
+    """
+    photos, focal = photos_of(rays, points, photo), float(np.mean(camera.focal))
+    spare = sum(2 * each.rows.size - 6 for each in photos)
+    rest = math.sqrt(sum(each.squares for each in photos) / max(spare, 1))
+    views = []
+    for each in photos:
+        std = rest if noise is None else math.sqrt(np.mean(np.square(noise[each.rows]))) / focal
+        three, shown = three_points(points[:, each.rows]), each.of_camera() if camera.is_on_hand else each
+        own = std * math.sqrt(3.0 / each.rows.size)
+        pose_std = std * np.sqrt(np.diag(shown.covariance))
+        seen, depth = rays_of(each.pose, three), float(each.pose.translation[2])
+        views.append(View(each.rows[:3], three, seen, own, depth, shown.pose, pose_std))
+    if not views:
+        raise ValueError(f"no photo shows {FEWEST_POINTS} points of a board that are not in a line")
+    return views, sum(each.rows.size for each in photos), rest * focal
+
+
+def three_points(points: Array) -> Array:
+    """Return three points ``(3, 3)`` that show a board's pose nearly as its points ``(3, K)`` do, each K/3 times.
+
+    They have the same mean and the same spread in the plane of the board (sigma points; Julier and Uhlmann 1997), on
+    which shifts, the distance and the turn in the plane depend. A tilt depends on higher moments too, so that its
+    variance is off by up to a third.
+    """
+    centre = points.mean(axis=1, keepdims=True)
+    axes, spread, _ = np.linalg.svd((points - centre) / np.sqrt(points.shape[1]), full_matrices=False)
+    angle = 2.0 * np.pi / 3.0 * np.arange(3)
+    moved: Array = centre + np.sqrt(2.0) * (axes[:, :2] * spread[:2]) @ np.stack((np.cos(angle), np.sin(angle)))
+    return moved
+
+
+def rays_of(pose: Poses, points: Array) -> Array:
+    """Return the rays ``(2, K)`` of points ``(3, K)`` of a board at a pose in the camera."""
+    at = pose.rotation @ points + pose.translation[:, None]
+    return np.asarray(at[:2] / at[2])
+
+
+def _fitted(rays: Array, points: Array, rows: NDArray[np.int64]) -> Photo | None:
+    """Return the pose of a board by Gauss-Newton from its homography; None if the points do not show it."""
+    if rows.size < FEWEST_POINTS:
+        return None
+    rays, points = rays[:, rows], points[:, rows]
+    pose = _start(rays, points)
+    for _ in range(_STEPS):
+        lever = pose.rotation @ points
+        at = lever + pose.translation[:, None]
+        if not np.all(at[2] > 0.0):
+            return None
+        ahead = projection(at)
+        moved = np.concatenate((ahead, -compose(ahead, skew(lever))), axis=1)
+        jacobian, error = moved.transpose(2, 0, 1).reshape(2 * rows.size, 6), (rays - at[:2] / at[2]).T.ravel()
+        if np.linalg.matrix_rank(jacobian) < 6:
+            return None
+        step = np.linalg.lstsq(jacobian, error, rcond=None)[0]
+        if np.max(np.abs(step)) < _SETTLED:
+            return Photo(rows, pose, np.asarray(np.linalg.inv(jacobian.T @ jacobian)), float(error @ error))
+        pose = Poses(exp_so3(step[3:]) @ pose.rotation, pose.translation + step[:3])
+    return None
+
+
+def projection(position: Array) -> Array:
+    """Return the derivative ``(2, 3, N)`` of the rays x/z, y/z of positions ``(3, N)`` in the camera."""
+    x, y, z = position
+    zero = np.zeros_like(z)
+    return np.stack((np.stack((1 / z, zero, -x / z**2)), np.stack((zero, 1 / z, -y / z**2))))
+
+
+def _start(rays: Array, points: Array) -> Poses:
+    """Return the pose of a board from the homography of its plane (Z. Zhang 2000, section 3.1)."""
+    centre = points.mean(axis=1)
+    axes = np.linalg.svd(points - centre[:, None])[0]
+    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
+    scale = np.sqrt(np.mean(np.square(points - centre[:, None]))) or 1.0
+    plane = np.concatenate(((axes[:, :2].T @ (points - centre[:, None])) / scale, np.ones((1, points.shape[1]))))
+    rows = [np.kron((0.0, -1.0, y), each) for (_, y), each in zip(rays.T, plane.T, strict=True)]
+    rows += [np.kron((1.0, 0.0, -x), each) for (x, _), each in zip(rays.T, plane.T, strict=True)]
+    first, second, origin = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3).T
+    size = (np.linalg.norm(first) + np.linalg.norm(second)) / 2 * np.copysign(1.0, origin[2])
+    first, second, origin = first / size, second / size, origin * scale / size
+    rotation = nearest_rotation(np.column_stack((first, second, np.cross(first, second)))) @ axes.T
+    return Poses(rotation, origin - rotation @ centre)

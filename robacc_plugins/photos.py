@@ -1,0 +1,136 @@
+"""Folders of photos as tables: the points of a printed board that each photo shows, a row for each.
+
+The board (YAML) is ``type: charuco``, ``apriltag`` or ``chessboard`` with ``squares: [7, 5]``, ``square_mm``, and for
+the first two ``marker_mm`` and ``dictionary``, one of OpenCV's (``DICT_4X4_50``, ``DICT_APRILTAG_36h11``).
+A chessboard has an even number of squares along one side and an odd one along the other; its origin is a black corner.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.geometry import Array
+from robacc.io.column_table import ColumnTable
+from robacc.io.files import read_text
+from robacc.io.table import TableOptions
+from robacc.io.yaml_nodes import top_section
+
+_SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"})
+_TYPES = ("charuco", "apriltag", "chessboard")
+_NAMED = 5
+"""Photos that a message names."""
+
+
+def takes(path: str, first: bytes) -> bool:
+    """Return whether a folder has photos."""
+    return Path(path).is_dir() and bool(_photos(path))
+
+
+def read(path: str, options: TableOptions) -> ColumnTable:
+    """Return the points of the board in the photos of a folder; each photo's name without its end is its pose.
+
+    Raises:
+        InputError: A photo or the file of the board cannot be read, or no photo shows the board.
+        UsageError: No board is stated, or the extra ``camera`` is not installed.
+    """
+    try:
+        import cv2
+    except ImportError:
+        raise UsageError(f"{path} has photos, which need OpenCV; run {install_advice('camera')}") from None
+    if options.board is None:
+        raise UsageError(f"{path} has photos; state the board that they show with `board`")
+    board, digest = Board(options.board, cv2), hashlib.sha256()
+    poses: list[str] = []
+    found: list[tuple[Array, Array]] = []
+    without: list[str] = []
+    files = _photos(path)
+    for file in files:
+        content = file.read_bytes()
+        digest.update(content)
+        image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
+        if image is None:
+            raise InputError(Problem("is no photo that OpenCV can read", str(file), fix="take it out of the folder"))
+        pixels, points = board.seen_in(image)
+        if len(pixels):
+            poses += [file.stem] * len(pixels)
+            found.append((pixels, points))
+        else:
+            without.append(file.name)
+    if not found:
+        fix = "check type, squares and dictionary of the board, and that its points are sharp"
+        raise InputError(Problem(f"none of {len(files)} photos shows the board of {options.board}", path, fix=fix))
+    pixels, points = (np.concatenate(each) for each in zip(*found, strict=True))
+    names = f": {', '.join(without[:_NAMED])}{' …' * (len(without) > _NAMED)}" if without else ""
+    remark = f"{len(found)} of {len(files)} photos show the board{' (not' * bool(names)}{names}{')' * bool(names)}"
+    columns = [("pose", np.array(poses)), ("u_px", pixels[:, 0]), ("v_px", pixels[:, 1])]
+    columns += [(f"board_{axis}_m", points[:, i]) for i, axis in enumerate("xyz")]
+    return ColumnTable(columns, path, options.skip_gaps, digest.hexdigest(), remark)
+
+
+def _photos(path: str) -> list[Path]:
+    return sorted(file for file in Path(path).iterdir() if file.suffix.lower() in _SUFFIXES)
+
+
+class Board:
+    """Printed board, and the detector of its points."""
+
+    def __init__(self, path: str, cv2: Any) -> None:
+        """Read the file of a board.
+
+        Raises:
+            InputError: The file cannot be read or is wrong.
+        """
+        top = top_section(read_text(path), path, ("type", "squares", "square_mm", "marker_mm", "dictionary"))
+        self._cv2, self._type = cv2, top.text("type", _TYPES, needed=True)
+        node = top.require("squares")
+        squares = None if node is None else top.source.numbers(node, "squares", 2)
+        square = top.number("square_mm", lambda size: size > 0, "a size above 0 mm") / 1e3
+        if self._type != "chessboard":
+            marker = top.number("marker_mm", lambda size: 0 < size <= 1e3 * square, "a size up to square_mm") / 1e3
+            names = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
+            dictionary = top.text("dictionary", names, needed=True)
+        if squares is not None and self._type == "chessboard" and sum(squares) % 2 == 0:
+            top.report("squares", "such a chessboard looks the same when it is turned by half", "for example [8, 5]")
+        top.source.finish()
+        assert squares is not None
+        self._size = (int(squares[0]), int(squares[1]))
+        self._square = square
+        if self._type != "chessboard":
+            known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(dictionary)))
+            if self._type == "charuco":
+                self._board = cv2.aruco.CharucoBoard(self._size, square, marker, known)
+                self._detector = cv2.aruco.CharucoDetector(self._board)
+            else:
+                self._board = cv2.aruco.GridBoard(self._size, marker, square - marker, known)
+                fine = cv2.aruco.DetectorParameters()
+                fine.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+                self._detector = cv2.aruco.ArucoDetector(known, fine)
+
+    def seen_in(self, image: Any) -> tuple[Array, Array]:
+        """Return pixels ``(K, 2)`` and points ``(K, 3)``, m, of the board in a grey image; none if it is not there."""
+        pixels: Any = None
+        points: Any = None
+        if self._type == "chessboard":
+            inner = (self._size[0] - 1, self._size[1] - 1)
+            is_seen, pixels = self._cv2.findChessboardCornersSB(image, inner)
+            if is_seen:
+                corners = pixels.reshape(inner[1], inner[0], 2)
+                outside = np.array([1.5 * corners[i, i] - 0.5 * corners[i + j, i + j] for i, j in ((0, 1), (-1, -1))])
+                first, last = (float(image[round(v), round(u)]) for u, v in outside.tolist())
+                pixels = pixels if first < last else pixels[::-1]  # The origin is where a black square is.
+            grid = [(x, y, 0.0) for y in range(1, inner[1] + 1) for x in range(1, inner[0] + 1)]
+            points = self._square * np.array(grid) if is_seen else None
+        elif self._type == "charuco":
+            pixels, ids, _, _ = self._detector.detectBoard(image)
+            points = None if ids is None else self._board.getChessboardCorners()[ids.ravel()]
+        else:
+            corners, ids, _ = self._detector.detectMarkers(image)
+            points, pixels = (None, None) if ids is None else self._board.matchImagePoints(corners, ids)
+        if points is None or pixels is None:
+            return np.empty((0, 2)), np.empty((0, 3))
+        return np.asarray(pixels, dtype=float).reshape(-1, 2), np.asarray(points, dtype=float).reshape(-1, 3)

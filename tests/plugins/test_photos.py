@@ -1,0 +1,124 @@
+"""Photos of printed boards, drawn by OpenCV's warp of the flat board: an arm's zeros from the pixels themselves."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import run
+from homogeneous import shift, turn
+from independent_arm import link_frames, robot
+
+import robacc
+from robacc.errors import InputError, UsageError
+from robacc.poses.reading import PoseFile
+
+cv2 = pytest.importorskip("cv2")
+
+ZEROS = np.array([0.0, 12e-3, -10e-3, 8e-3, 10e-3, 0.0])
+"""Errors of the joint zeros, rad."""
+MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
+REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
+TOOL = shift(0.05, -0.03, 0.12) @ turn(2, 0.4)
+AHEAD = shift(-0.09, -0.06, 0.55) @ turn(0, 0.3)
+"""The board in the camera, in the middle."""
+BASE = np.linalg.inv(AHEAD) @ np.linalg.inv(link_frames(MIDDLE + ZEROS)[-1] @ TOOL)
+CAMERA = "fx: 1000\nfy: 1000\ncx: 639.5\ncy: 479.5\nmount: hand\n"
+LENS = np.array([[1000.0, 0.0, 639.5], [0.0, 1000.0, 479.5], [0.0, 0.0, 1.0]])
+SIZE = (1280, 960)
+SCALE = 10
+"""Pixels of the print to the mm."""
+BOARDS = {
+    "charuco": "type: charuco\nsquares: [6, 4]\nsquare_mm: 30\nmarker_mm: 22\ndictionary: DICT_4X4_50\n",
+    "apriltag": "type: apriltag\nsquares: [4, 3]\nsquare_mm: 45\nmarker_mm: 35\ndictionary: DICT_APRILTAG_36h11\n",
+    "chessboard": "type: chessboard\nsquares: [8, 5]\nsquare_mm: 22\n",
+}
+
+
+def printed(kind: str) -> np.ndarray:
+    """Picture of the board with a margin of 10 mm; its origin is the board's."""
+    if kind == "chessboard":
+        squares = np.add.outer(np.arange(5), np.arange(8)) % 2 * 255
+        picture = np.kron(squares, np.ones((22 * SCALE, 22 * SCALE))).astype(np.uint8)
+    elif kind == "charuco":
+        known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
+        picture = cv2.aruco.CharucoBoard((6, 4), 0.03, 0.022, known).generateImage((180 * SCALE, 120 * SCALE))
+    else:
+        known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+        picture = cv2.aruco.GridBoard((4, 3), 0.035, 0.01, known).generateImage((170 * SCALE, 125 * SCALE))
+    return np.pad(picture, 10 * SCALE, constant_values=255)
+
+
+def taken(folder: Path, kind: str, count: int) -> PoseFile:
+    """A folder of photos with the joints in a table beside it, and the files of the board and the camera."""
+    generator, picture = np.random.default_rng(4), printed(kind)
+    photos = folder / "photos"
+    photos.mkdir()
+    lines = ["pose,q1,q2,q3,q4,q5,q6"]
+    # From a pixel of the print, whose corners lie half a pixel outside of its middle, to m on the board.
+    on_board = np.array([[1.0, 0.0, 0.5 - 10 * SCALE], [0.0, 1.0, 0.5 - 10 * SCALE], [0.0, 0.0, 1e3 * SCALE]])
+    while len(lines) <= count:
+        q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, 6)
+        board = np.linalg.inv(BASE @ link_frames(q + ZEROS)[-1] @ TOOL)
+        corners = board[:3, :3] @ np.array([(x, y, 0.0) for x in (0.0, 0.2) for y in (0.0, 0.13)]).T + board[:3, 3:]
+        pixels = LENS @ corners / corners[2]
+        if (
+            corners[2].min() > 0.3
+            and board[2, 2] > 0.6
+            and np.all((pixels[:2].T > 30) & (np.array(SIZE) - 30 > pixels[:2].T))
+        ):
+            warp = LENS @ board[:3][:, [0, 1, 3]] @ on_board
+            photo = cv2.warpPerspective(picture, warp, SIZE, flags=cv2.INTER_AREA, borderValue=255)
+            name = f"IMG_{len(lines)}"
+            cv2.imwrite(str(photos / f"{name}.png"), cv2.GaussianBlur(photo, (0, 0), 0.8))
+            lines.append(f"{name},{','.join(map(repr, q.tolist()))}")
+    (folder / "joints.csv").write_text("\n".join(lines) + "\n")
+    (folder / "board.yaml").write_text(BOARDS[kind])
+    (folder / "camera.yaml").write_text(CAMERA)
+    files = {name: folder / f"{name}.yaml" for name in ("board", "camera")}
+    return PoseFile(photos, commanded=folder / "joints.csv", **files)
+
+
+@pytest.mark.parametrize("kind", [*BOARDS])
+def test_photos_show_the_joint_zeros(kind: str, tmp_path: Path) -> None:
+    path = taken(tmp_path, kind, 14)
+    result = robacc.calibrate(path, robot=robot(), fit="base_frame,tool_frame,joint_offset")
+    assert any("14 of 14 photos show the board" in warning for warning in result.warnings)
+    values = {parameter.name: parameter for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        found = values[f"joint_offset.j{number}"]
+        assert found.value == pytest.approx(ZEROS[number - 1], abs=max(4.0 * (found.std or 0.0), 1e-3))
+
+
+def test_the_command_takes_a_folder_of_photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken(tmp_path, "charuco", 6)
+    robacc.write_robot(tmp_path / "arm.yaml", robot())
+    arguments = ["estimate", "photos", "--joints", "joints.csv", "--board", "board.yaml", "--camera", "camera.yaml"]
+    done = run(*arguments, "--robot", "arm.yaml")
+    assert done.exit_code == 0, done.stderr
+    assert "Error of 6 measured poses" in done.stdout
+
+
+def test_a_photo_without_the_board_is_named(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 6)
+    cv2.imwrite(str(tmp_path / "photos" / "IMG_3.png"), np.full((960, 1280), 200, np.uint8))
+    result = robacc.estimate(path, robot=robot())
+    assert result.n_poses == 5
+    assert any("5 of 6 photos show the board (not: IMG_3.png)" in warning for warning in result.warnings)
+
+
+def test_what_is_lacking_is_said(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 2)
+    with pytest.raises(UsageError, match="state the board that they show"):
+        robacc.estimate(PoseFile(str(path), camera=tmp_path / "camera.yaml"), robot=robot())
+    (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("22", "40"))
+    with pytest.raises(InputError, match="a size up to square_mm"):
+        robacc.estimate(path, robot=robot())
+    (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("4X4", "7X7"))
+    with pytest.raises(InputError, match="none of 2 photos shows the board"):
+        robacc.estimate(path, robot=robot())
+    (tmp_path / "photos" / "IMG_1.png").write_bytes(b"no photo")
+    with pytest.raises(InputError, match=r"IMG_1.png: is no photo that OpenCV can read"):
+        robacc.estimate(path, robot=robot())

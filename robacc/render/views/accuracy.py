@@ -42,7 +42,7 @@ from robacc.render.views.elements import (
     tile,
     with_unit,
 )
-from robacc.render.views.gate import LOOKS, annotation_lines, sentence, title
+from robacc.render.views.gate import LOOKS, annotation_lines, title, words_of
 from robacc.statistics.intervals import ASSURANCE
 
 _FRAMES = {
@@ -349,7 +349,7 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         "", [grid(("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate), rows)]
     )
     notes = [
-        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
+        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {words_of(criterion)['sentence']}"
         for outcome in outcomes
         for criterion in (outcome.gate or {}).get("criteria", ())
         if criterion["outcome"] != "pass"

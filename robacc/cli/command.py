@@ -136,8 +136,7 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     }
     names = meaning.names or (name.replace("_", "-"),)
     spelled = (f"-{name}" if len(name) == 1 else f"--{name.replace('/', '/--')}" for name in names)
-    info = typer.Argument(**about) if option.is_argument else typer.Option(*spelled, **about)
-    annotation = Annotated[kind, info]
+    annotation = Annotated[kind, typer.Argument(**about) if option.is_argument else typer.Option(*spelled, **about)]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 

@@ -322,8 +322,7 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.robots.urdf import robot_to_urdf
 
     inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
-    robot = inputs.robot(call.keywords["model"])
-    text, losses = robot_to_urdf(absorb_constants(robot))
+    text, losses = robot_to_urdf(absorb_constants(inputs.robot(call.keywords["model"])))
     write(urdf, text)
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:

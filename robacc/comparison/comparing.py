@@ -457,8 +457,7 @@ def _ranking(
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     names = [results[i].name for i in order]
-    tested = any(p is not None for p in corrected)
-    groups = indistinguishable_groups(len(order), different) if tested else []
+    groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
     return Ranking(
         key=key,
         unit=unit_of(key),

@@ -255,15 +255,13 @@ def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
     if promise.covariance.size:
         # Woodbury's identity with C = L L^T: coefficients without uncertainty need no inverse.
         values, vectors = np.linalg.eigh(promise.covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        columns = np.einsum("ipn,pk->ikn", promise.jacobian, root)
+        columns = np.einsum("ipn,pk->ikn", promise.jacobian, vectors * np.sqrt(np.maximum(values, 0.0)))
         score = np.einsum("ikn,in->k", columns, weighted)
         information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
         chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
         shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
-    p_value = chi2_sf(chi_square, float(residual.size))
-    return PromiseTest(chi_square, residual.size, p_value, expected, promise.noise)
+    return PromiseTest(chi_square, residual.size, chi2_sf(chi_square, float(residual.size)), expected, promise.noise)
 
 
 # What a model promises of the targets that it corrected, for the test of the error that remains.

@@ -480,8 +480,7 @@ class Difference:
     @classmethod
     def same(cls, value: float, confidence: float, why: str, paired: bool, n_poses: int | None) -> Difference:
         """Return a difference without uncertainty, and the reason."""
-        interval = Interval(value, value, None, confidence, why)
-        return cls(value, interval, float(value == 0.0), paired, n_poses)
+        return cls(value, Interval(value, value, None, confidence, why), float(value == 0.0), paired, n_poses)
 
 
 _MOMENTS: dict[str, tuple[int, int]] = {
@@ -557,8 +556,7 @@ def difference(
         # The lower limit follows from the upper quantile of t, and the upper limit from the lower quantile.
         below, above = max(t, high), max(t, -low)
         method = f"Student's t, no narrower than the studentised bootstrap ({DRAWS} draws)"
-    ratio = (below if value > 0.0 else above) / t
-    p_value = f_sf((value / error / ratio) ** 2, 1.0, dof)
+    p_value = f_sf((value / error / ((below if value > 0.0 else above) / t)) ** 2, 1.0, dof)
     basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
     interval = Interval(value - below * error, value + above * error, None, confidence, f"{method}, {basis}")
     return Difference(value, interval, p_value, paired, n)

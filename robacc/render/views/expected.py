@@ -477,8 +477,7 @@ def _sufficiency(sufficiency: Document, n_poses: int) -> Section:
         f"error to expect: {now} mm rms now, {later} mm with the next poses" * (None not in (now.si, later.si)),
         f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
     ]
-    title = "Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}"
-    return Section(title, [Listing(texts)])
+    return Section("Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}", [Listing(texts)])
 
 
 def _route_facts(document: Document, full: bool) -> list[str]:
@@ -626,11 +625,10 @@ def _found(power: Document | None) -> list[str]:
     """Return the probability that a trace of the poses finds an effect, and whether that is good."""
     if power is None:
         return []
-    shares = {key: f"{100 * share:.0f} %" for key, share in power.items()}
     return [
         "a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
         "{random_found}), and distinguishes it from the most similar cause with {separated} "
-        "({random_separated})".format(**shares),
+        "({random_separated})".format(**{key: f"{100 * share:.0f} %" for key, share in power.items()}),
         "this is good: more causes of their usual size are found than missed"
         if power["found"] >= 0.5
         else "this is low: most causes are found only if they are larger than usual; a better instrument "

@@ -322,12 +322,11 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
     if not shown:
         return [size]
     hidden, is_mixed = len(causes) - len(shown), len({cause["declared"] for cause in causes}) > 1
-    without_it = None if short else "without it, mm"
     without = "" if short else "without it: rms error that no other effect can describe; "
     return [
         size,
         grid(
-            ("effect", "coefficient", "moves, mm", "95 % interval", without_it, "share"),
+            ("effect", "coefficient", "moves, mm", "95 % interval", None if short else "without it, mm", "share"),
             [
                 (
                     f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",

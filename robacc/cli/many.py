@@ -180,15 +180,11 @@ def _folder(path: str) -> str | None:
 def distinct_names(paths: Sequence[str]) -> list[str]:
     """Return the names of the files, with as many folders as make them distinct."""
     parts = [PurePath(os.path.normpath(path)).parts for path in paths]
-    depth = [1] * len(parts)
-    while True:
-        names = ["/".join(part[-count:]) for part, count in zip(parts, depth, strict=True)]
-        counts = Counter(names)
-        ambiguous = [i for i, name in enumerate(names) if counts[name] > 1 and depth[i] < len(parts[i])]
-        if not ambiguous:
-            return names
-        for i in ambiguous:
-            depth[i] += 1
+    counts = Counter(own[-depth:] for own in parts for depth in range(1, len(own) + 1))
+    return [
+        "/".join(next((own[-depth:] for depth in range(1, len(own)) if counts[own[-depth:]] == 1), own))
+        for own in parts
+    ]
 
 
 def _target(folder: str | None, name: str, suffix: str) -> str | None:

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -366,9 +367,10 @@ def plan(
         if report is not None:
             result.report(report)
         write(output, result.csv_pieces)
-        robot, form = str(call.keywords["model"] or call.keywords["robot"]), "full" if full else "short"
+        robot = str(call.keywords["model"] or call.keywords["robot"])
         if output != "-":
-            emit(format, "-", lambda: plan_view(result.document(), form, robot, output), result.document)
+            view = partial(plan_view, form="full" if full else "short", robot=robot, output=output)
+            emit(format, "-", lambda: view(result.document()), result.document)
 
 
 def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput = None) -> None:

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array
 from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
 from robacc.statistics.intervals import (
@@ -286,8 +286,8 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         KeyError, ValueError: The document lacks what the command writes, or its lists do not belong together.
     """
     command = document["command"]
-    if command not in COMPARED:
-        raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
+    only = f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared"
+    refuse((command not in COMPARED, only))
     grade = document.get("grade") or {}
     places = _places(document, command)
     figures = dict(_figures(document, command, places))

@@ -115,7 +115,7 @@ COMPARE = part(
                         "first": Key(text, "Name of the first."),
                         "second": Key(text, "Name of the second."),
                         "paired": Key(flag, "True if the results are compared pose by pose."),
-                        "n_shared": Key(count, "Number of common commanded poses.", "shared"),
+                        "n_shared": Key(count, "Number of common commanded poses."),
                         "n_first": Key(count, "Number of commanded poses of the first."),
                         "n_second": Key(count, "Number of commanded poses of the second."),
                     }

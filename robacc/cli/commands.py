@@ -31,7 +31,7 @@ from robacc.cli.output import (
     progress_bar,
     write,
 )
-from robacc.errors import InputError, Note, Problem, UsageError, refuse
+from robacc.errors import InputError, Note, Problem, refuse
 from robacc.render.text import say_warnings, warnings_below
 
 if TYPE_CHECKING:
@@ -303,9 +303,10 @@ def export(
         )
         _write_urdf(call, urdf, format == "json")
         return
-    refuse((format == "table", "--format table belongs to --urdf"))
-    if output is None:
-        raise UsageError("name the file to write with --output; - is standard output")
+    refuse(
+        (format == "table", "--format table belongs to --urdf"),
+        (output is None, "name the file to write with --output; - is standard output"),
+    )
     result = call(format=format)
     say_warnings(result.warnings)
     write(output, result.text)
@@ -437,8 +438,8 @@ def compare(
         result = call()
         deliver(outlets, result, lambda: comparison_view(result.payload(), "full"))
         return
-    if len(call.args) != 2:
-        raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(call.args)}")
+    found = f"--paired compares two CSVs, before and after a correction, found {len(call.args)}"
+    refuse((len(call.args) != 2, found))
     changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
     deliver(outlets, changes, lambda: paired_view(changes.payload(), call.args))
 
@@ -637,8 +638,9 @@ def effects(
     from robacc.render.views.robot import effects_view
 
     inputs = Inputs(arguments)
-    if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
-        raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
+    of_robot = poses or ordered or ignore_limits or base_link or tip_link
+    needs = "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"
+    refuse((robot is None and of_robot, needs))
     if effect is not None:
         effect_class(effect)
     arm = inputs.optional_robot(poses)
@@ -722,13 +724,10 @@ def init(
         refuse((base_link or tip_link, "--base-link and --tip-link choose a chain of a URDF, so they need a URDF"))
         text = robot_template(joints or 0, *names)
     else:
-        model = read_robot(source, base_link=base_link, tip_link=tip_link)
-        if (path := robot_path(source)) != source:
-            text = read_text(path)
-        elif model.convention != "urdf":
-            raise UsageError(f"{source} is a robot file already; robacc init needs a URDF")
-        else:
-            text = urdf_template(model, PurePath(source).name, *names)
+        model, path = read_robot(source, base_link=base_link, tip_link=tip_link), robot_path(source)
+        is_robot_file = path == source and model.convention != "urdf"
+        refuse((is_robot_file, f"{source} is a robot file already; robacc init needs a URDF"))
+        text = urdf_template(model, PurePath(source).name, *names) if path == source else read_text(path)
     arm = parse_robot(text, files[0])
     table, rows = poses_template(arm, *names)
     make_folder(folder)
@@ -752,8 +751,8 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     from robacc.poses.column_proposal import propose_columns
 
     proposal = propose_columns(export, PurePath(path).name)
-    if os.path.exists(path) and not force:
-        raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
+    exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
+    refuse((os.path.exists(path) and not force, exists))
     make_folder(folder)
     write(path, proposal.text)
     commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"

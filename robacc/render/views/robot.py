@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from robacc.effects.request import CatalogueEntry
 from robacc.iso_9283.cube import Proposal
@@ -21,12 +21,10 @@ _MOST = 40
 """Coefficients of effects that are listed."""
 
 
-def robot_view(summary: Summary) -> Iterator[Section]:
+def robot_view(summary: Summary) -> list[Section]:
     """Return the report of ``robacc show``."""
     robot, count = summary.robot, len(summary.robot.variables)
     ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
-    yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
-    yield from _geometry(robot)
     follows = "follows" if any(joint.mimic or joint.coupling for joint in robot.joints) else None
     drives = [
         (
@@ -42,7 +40,6 @@ def robot_view(summary: Summary) -> Iterator[Section]:
         if joint.type != "fixed"
         for factor, unit in [unit_of("m" if joint.type == "prismatic" else "rad")]
     ]
-    yield _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives)
     links = [(joint.name, joint) for joint in robot.joints] + [
         (f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint)
         for branch in robot.branches
@@ -56,8 +53,13 @@ def robot_view(summary: Summary) -> Iterator[Section]:
         for name, joint in links
         if has_masses
     ]
-    yield _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses)
-    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text])
+    return [
+        Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")]),
+        *_geometry(robot),
+        _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives),
+        _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses),
+        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text]),
+    ]
 
 
 def _table(title: str, header: Sequence[str | None], rows: Sequence[Sequence[str]]) -> Section:
@@ -65,8 +67,8 @@ def _table(title: str, header: Sequence[str | None], rows: Sequence[Sequence[str
     return Section(title, [grid(header, rows, left=left, is_ruled=True)])
 
 
-def _geometry(robot: Robot) -> Iterator[Section]:
-    """Yield the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
+def _geometry(robot: Robot) -> list[Section]:
+    """Return the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
     is_urdf = robot.convention == "urdf"
     # Empty columns are omitted: beta of most DH tables, offsets of most URDFs.
     columns = {
@@ -80,14 +82,11 @@ def _geometry(robot: Robot) -> Iterator[Section]:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = {"joint": [joint.name for joint in robot.joints]}
     lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
-    tables = {
-        "Geometry: lengths": lengths,
-        "Geometry: angles": {head: cells for head, cells in columns.items() if head not in lengths},
-    }
+    angles = {head: cells for head, cells in columns.items() if head not in lengths}
+    tables = {"Geometry: lengths": names | lengths, "Geometry: angles": names | angles}
     if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
-        tables = {"Geometry": columns}
-    for title, own in tables.items():
-        yield _table(title, [*names, *own], [*zip(*names.values(), *own.values(), strict=True)])
+        tables = {"Geometry": names | columns}
+    return [_table(title, [*own], [*zip(*own.values(), strict=True)]) for title, own in tables.items()]
 
 
 def _axis(axis: Sequence[float]) -> str:
@@ -180,15 +179,15 @@ def _number(value: float) -> str:
 # The arms that come with the package, as a table.
 
 
-def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
+def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
     """Return a line per arm, and how to use them."""
     rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
-    yield Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))])
     use = (
         "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
         "NAME writes a copy to which you add the tool or several targets"
     )
-    yield Section("", [Listing([use])])
+    table = Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))
+    return [Section("", [table]), Section("", [Listing([use])])]
 
 
 # The catalogue of effects as text to read.

@@ -46,7 +46,7 @@ from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
 from robacc.documents.envelope import csv_text
-from robacc.documents.parts import pose_document
+from robacc.documents.keys import pose_document
 from robacc.errors import Note, UsageError
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
@@ -54,8 +54,8 @@ from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import optional_size
+from robacc.render.text import Section
 from robacc.render.views.accuracy import estimate_view
-from robacc.render.views.elements import Section
 from robacc.render.views.robot import proposal_comments, proposal_view
 from robacc.robots.description import Robot
 

@@ -46,7 +46,7 @@ from robacc.modelling.model import Model
 from robacc.modelling.robot_file import model_text
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.model_uncertainty import fit_record
-from robacc.render.views.elements import Section
+from robacc.render.text import Section
 from robacc.render.views.fit import fit_view
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
     from pandas import DataFrame
 
-    from robacc.render.views.elements import Section
+    from robacc.render.text import Section
 
 
 class Provenance(NamedTuple):
@@ -69,7 +69,7 @@ class Result:
 
     def __str__(self) -> str:
         """Return the first screen of the command as text, with the warnings below it."""
-        from robacc.render.views.elements import draw
+        from robacc.render.text import draw
 
         page = io.StringIO()
         draw(self.view(), page)

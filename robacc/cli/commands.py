@@ -26,13 +26,12 @@ from robacc.cli.output import (
     SummaryFormat,
     WriteModel,
     deliver,
-    draw,
     emit,
     progress_bar,
     write,
 )
 from robacc.errors import InputError, Note, Problem, refuse
-from robacc.render.text import say_warnings, warnings_below
+from robacc.render.text import draw, say_warnings, warnings_below
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult

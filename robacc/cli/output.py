@@ -13,23 +13,22 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
 from robacc.api.parameters import Help
 from robacc.outcomes import FileOutcome
-from robacc.render.text import as_options, warnings_below
+from robacc.render.text import Section, as_options, draw, warnings_below
 
 if TYPE_CHECKING:
     from robacc.api.result import Result
-    from robacc.render.views.elements import Section
 
 Call = partial[Any]
 """Call of a command with the arguments of its options."""
 
 
-View = Callable[[], Iterable["Section"]]
+View = Callable[[], Iterable[Section]]
 """Makes the sections of a result."""
 
 
@@ -193,14 +192,6 @@ def emit(form: Format | None, output: str, view: View, document: Document) -> No
         draw(view())
     else:
         write(output, _page(view()))
-
-
-def draw(sections: Iterable[Section], stream: TextIO | None = None) -> None:
-    """Write the sections of a view as text to ``stream``, or to standard output."""
-    from robacc.render.views import elements
-
-    elements.draw(sections, stream or sys.stdout)
-    (stream or sys.stdout).flush()
 
 
 def _page(sections: Iterable[Section]) -> str:

@@ -13,6 +13,9 @@ import numpy as np
 
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
+    FIGURES,
+    NOTES,
+    WARNINGS,
     Document,
     Key,
     array,
@@ -22,12 +25,12 @@ from robacc.documents.keys import (
     integer,
     number,
     part,
+    rounded,
     share,
     size,
     table,
     text,
 )
-from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics

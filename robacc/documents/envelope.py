@@ -21,8 +21,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.documents.keys import Document, Key, Kind, Later, array, constant, count, part, shortened, table, text
-from robacc.documents.parts import INPUT
+from robacc.documents.keys import (
+    INPUT,
+    Document,
+    Key,
+    Kind,
+    Later,
+    array,
+    constant,
+    count,
+    part,
+    shortened,
+    table,
+    text,
+)
 from robacc.errors import InputError, Problem, UsageError
 from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of

@@ -16,10 +16,21 @@ from typing import Any
 
 from robacc.render.plots.canvas import DARK, LIGHT, as_part, need
 from robacc.render.plots.results import charts_of
-from robacc.render.text import NEGATIVE_OPTIONS, Document, as_options
+from robacc.render.text import (
+    NEGATIVE_OPTIONS,
+    Cell,
+    Document,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    as_options,
+    of_robot,
+    shown,
+)
 from robacc.render.views.accuracy import estimate_headline, estimate_view, iso9283_headline, iso9283_view
 from robacc.render.views.compare import comparison_headline, comparison_view
-from robacc.render.views.elements import Cell, Grid, Listing, ReportHeadline, Section, Text, of_robot, shown
 from robacc.render.views.expected import (
     correction_headline,
     correction_view,

@@ -14,7 +14,7 @@ from robacc.documents.gate import gate_document
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, Outcome
 from robacc.gates.gate_file import Gate, GateCriterion
 from robacc.outcomes import FileOutcome
-from robacc.render.views.elements import draw
+from robacc.render.text import draw
 from robacc.render.views.gate import (
     gate_view,
     github_annotations,

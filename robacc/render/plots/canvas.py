@@ -22,8 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
-from robacc.render.text import Document
-from robacc.render.views.elements import Grid
+from robacc.render.text import Document, Grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -28,8 +28,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text import QUANTITIES, Document, unit_of
-from robacc.render.views.elements import Grid
+from robacc.render.text import QUANTITIES, Document, Grid, unit_of
 from robacc.render.views.fit import fit_stages
 
 # The errors of a result's poses by stage: nominal model, baseline, extended model.

@@ -33,8 +33,7 @@ from robacc.render.plots.poses import (
     workspace_3d_charts,
     workspace_charts,
 )
-from robacc.render.text import Document, Unit, effect_label, fixed, p_value, unit_of
-from robacc.render.views.elements import Grid, effect_families
+from robacc.render.text import Document, Grid, Unit, effect_families, effect_label, fixed, p_value, unit_of
 
 # The residual along each effect over its driver.
 

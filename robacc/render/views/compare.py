@@ -5,8 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 from robacc.comparison.stored_results import split_key
-from robacc.render.text import IN_MM, QUANTITIES, Document, chance, decimals, fixed, p_value, three_digits, unit_of
-from robacc.render.views.elements import (
+from robacc.render.text import (
+    IN_MM,
+    QUANTITIES,
+    Document,
     Form,
     Grid,
     Listing,
@@ -15,10 +17,16 @@ from robacc.render.views.elements import (
     Section,
     Tile,
     amount,
+    chance,
+    decimals,
+    fixed,
     named_by_text,
     number,
+    p_value,
     percent,
     statistics_cells,
+    three_digits,
+    unit_of,
 )
 
 _STATISTICS = {

@@ -15,18 +15,9 @@ from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
     QUANTITIES,
-    Document,
-    effect_label,
-    grouped,
-    joint_unit,
-    odds,
-    p_value,
-    three_digits,
-    unit_of,
-)
-from robacc.render.views.elements import (
     UNBOUNDED,
     Block,
+    Document,
     Form,
     Grid,
     Listing,
@@ -36,15 +27,22 @@ from robacc.render.views.elements import (
     amount,
     coefficients,
     effect_families,
+    effect_label,
     first_of,
     grid,
+    grouped,
+    joint_unit,
     number,
+    odds,
     of_robot,
+    p_value,
     parameter_tables,
     percent,
     shown,
     statistics_cells,
+    three_digits,
     tile,
+    unit_of,
     with_error,
     with_unit,
 )
@@ -225,7 +223,7 @@ def fit_view(
         title = f"Calibration from {start}: {count} coefficients fitted"
         estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
         more = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
-        listed = [coefficients(estimated[:_LISTED]), Text(more), *map(Text, masses)]
+        listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(more), *map(Text, masses)]
         parts = [
             Section("Before and after", _stage_blocks(document)),
             Section("Coefficients", listed if form == "full" else []),
@@ -247,7 +245,7 @@ def fit_view(
         "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
         "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
     )
-    tables = [note, *parameter_tables(document["parameters"])]
+    tables: list[Block] = [note, *parameter_tables(document["parameters"])]
     if not document["parameters"]:
         tables = [Text("No coefficient was fitted.")]
     return [Section("Causes", _causes(document, None)), *parts, Section("Coefficients", tables)]

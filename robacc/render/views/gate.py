@@ -8,8 +8,7 @@ from datetime import UTC, datetime
 from typing import NamedTuple
 
 from robacc.outcomes import FileOutcome
-from robacc.render.text import Document, Style, as_options, say, unit_of
-from robacc.render.views.elements import Grid, Listing, ReportHeadline, Section, Text
+from robacc.render.text import Document, Grid, Listing, ReportHeadline, Section, Style, Text, as_options, say, unit_of
 from robacc.statistics.intervals import ASSURANCE
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.

@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 from robacc.effects.request import CatalogueEntry
 from robacc.iso_9283.cube import Proposal
-from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, fixed, unit_of
-from robacc.render.views.elements import Grid, Listing, Section, Text, grid
+from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Reach, Summary
 

@@ -437,8 +437,7 @@ def compare(
         result = call()
         deliver(outlets, result, lambda: comparison_view(result.payload(), "full"))
         return
-    found = f"--paired compares two CSVs, before and after a correction, found {len(call.args)}"
-    refuse((len(call.args) != 2, found))
+    refuse((len(call.args) != 2, f"--paired compares two CSVs, before and after a correction, found {len(call.args)}"))
     changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
     deliver(outlets, changes, lambda: paired_view(changes.payload(), call.args))
 
@@ -638,8 +637,7 @@ def effects(
 
     inputs = Inputs(arguments)
     of_robot = poses or ordered or ignore_limits or base_link or tip_link
-    needs = "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"
-    refuse((robot is None and of_robot, needs))
+    refuse((robot is None and of_robot, "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"))
     if effect is not None:
         effect_class(effect)
     arm = inputs.optional_robot(poses)

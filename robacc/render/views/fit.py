@@ -222,8 +222,8 @@ def fit_view(
         option, verb, count = "fit", "fitted", document["identifiability"]["n_identifiable"]
         title = f"Calibration from {start}: {count} coefficients fitted"
         estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
-        more = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
-        listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(more), *map(Text, masses)]
+        others = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
+        listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(others), *map(Text, masses)]
         parts = [
             Section("Before and after", _stage_blocks(document)),
             Section("Coefficients", listed if form == "full" else []),
@@ -237,8 +237,8 @@ def fit_view(
     opening = Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
     if form == "short":
         ahead = Text(f"next: {next_step(document, model)}")
-        end = [Listing(_doubts(document)), Text(_MORE[is_trace], is_note=True), ahead]
-        return [opening, Section("", _causes(document, 6, short=True)), Section("", end)]
+        doubts, more = Listing(_doubts(document)), Text(_MORE[is_trace], is_note=True)
+        return [opening, Section("", _causes(document, 6, short=True)), Section("", [doubts, more, ahead])]
     if form == "full":
         return [opening, Section("Causes", _causes(document, 8)), *parts]
     note = Text(

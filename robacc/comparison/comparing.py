@@ -188,12 +188,10 @@ _CONSEQUENCES = {
 def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a line for each aspect in which the results were made differently, and for poses that differ."""
     for aspect in dict.fromkeys(aspect for result in results for aspect in result.provenance):
-        names_by_value: dict[str, list[str]] = {}
-        for result in results:
-            if aspect in result.provenance:
-                names_by_value.setdefault(result.provenance[aspect], []).append(result.name)
-        if len(names_by_value) > 1:
-            listed = "; ".join(f"{', '.join(names)}: {value}" for value, names in names_by_value.items())
+        made = {result.name: result.provenance[aspect] for result in results if aspect in result.provenance}
+        values = [*dict.fromkeys(made.values())]
+        if len(values) > 1:
+            listed = "; ".join(f"{', '.join(n for n in made if made[n] == value)}: {value}" for value in values)
             consequence = _CONSEQUENCES.get(aspect)
             yield f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else "")
     with_errors = {result.name for result in results if "position" in result.errors}

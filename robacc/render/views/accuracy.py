@@ -538,15 +538,15 @@ def _summary(criteria: Sequence[Document], confidence: float) -> list[Block]:
         if own[f"max_{unit}"] is not None
         for size, ends in [_measured(own, f"max_{unit}", factor)]
     ]
-    missing: dict[str, list[str]] = {}
-    for part in criteria:
-        if part["max_m"] is None:
-            name = _NAMES[part["symbol"]].removesuffix(", ±")
-            missing.setdefault(part["why"] or "", []).append(f"{_symbol(part)} ({name})" if _symbol(part) else name)
-    notes = dict.fromkeys(note for part in criteria for note in part["notes"])
+    missing = named_by_text(
+        (f"no {_symbol(part)} ({name})" if _symbol(part) else f"no {name}", part["why"] or "")
+        for part in criteria
+        for name in [_NAMES[part["symbol"]].removesuffix(", ±")]
+        if part["max_m"] is None
+    )
     return [
         Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows),
-        Listing([*(f"no {', no '.join(names)}: {why}" for why, names in missing.items()), *notes]),
+        Listing([*missing, *dict.fromkeys(note for part in criteria for note in part["notes"])]),
     ]
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 from robacc.outcomes import FileOutcome
@@ -190,9 +189,10 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         outcomes: Outcomes of files by their gates; a file without a result has an error instead of its criteria.
         started: Start of the command, seconds since 1970.
     """
+    from datetime import UTC, datetime
     from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-    suites = Element("testsuites")
+    suites, timestamp = Element("testsuites"), datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     for number, outcome in enumerate(outcomes):
         if (gate := outcome.gate) is None:
             cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
@@ -210,7 +210,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
             id=str(number),
             package=f"robacc.{command}",
             name=outcome.name,
-            timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+            timestamp=timestamp,
             hostname="localhost",
             tests=str(len(cases)),
             failures=str(kinds.count("fail")),
@@ -226,8 +226,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         for stream, text in streams.items():
             SubElement(suite, f"system-{stream}").text = text
     indent(suites)
-    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n'
-    return _NOT_XML.sub("\ufffd", text)
+    return _NOT_XML.sub("\ufffd", f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n')
 
 
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.

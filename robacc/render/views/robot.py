@@ -100,11 +100,12 @@ def _drive_rule(joint: Joint) -> str:
     """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
     if joint.mimic is not None:
         return f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}"
-    text = "" if joint.is_passive or not joint.coupling else joint.name
-    for name, ratio in joint.coupling.items():
-        factor = "" if abs(ratio) == 1 else f"{_number(abs(ratio))} "
-        text += f" {'-' if ratio < 0 else '+'} {factor}{name}"
-    return text.strip().removeprefix("+ ")
+    others = (
+        f" {'-' if ratio < 0 else '+'} {'' if abs(ratio) == 1 else f'{_number(abs(ratio))} '}{name}"
+        for name, ratio in joint.coupling.items()
+    )
+    own = "" if joint.is_passive or not joint.coupling else joint.name
+    return f"{own}{''.join(others)}".strip().removeprefix("+ ")
 
 
 def _facts(summary: Summary) -> list[tuple[str, str]]:
@@ -196,38 +197,33 @@ _COEFFICIENTS_SHOWN = 12
 
 def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
-    if in_detail:
-        name, about, facts = entries[0].effect.name, entries[0].effect.about, _effect_facts(entries[0])
-        rows = [(f"  {label:<14}", text) for label, text in facts.items()]
-        return [Section(name, [Text(f"  {about.summary}"), Grid(("", ""), rows, is_text=True)])]
-    rows = [
-        (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
-        for entry in entries
+    if not in_detail:
+        rows = [
+            (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
+            for entry in entries
+        ]
+        hint = (
+            "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+        )
+        return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
+    (entry,) = entries
+    about, names = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients]
+    others = f" and {len(names) - _COEFFICIENTS_SHOWN} more" * (len(names) > _COEFFICIENTS_SHOWN)
+    applicable = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
+    is_known, is_applicable = entry.for_robot, entry.for_robot and entry.why is None
+    facts = [
+        ("equation", about.equation),
+        ("unit", about.unit),
+        ("usual size", about.usual_size),
+        ("needs", about.needs),
+        ("confused with", about.confused_with),
+        ("source", about.source),
+        ("in a file", about.example),
+        ("this robot", (applicable if is_applicable else f"not applicable: {entry.why}") * is_known),
+        ("coefficients", f"{', '.join(names[:_COEFFICIENTS_SHOWN])}{others}" * is_applicable),
     ]
-    hint = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
-    return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
-
-
-def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
-    about = entry.effect.about
-    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
-    of_robot = {
-        "this robot": f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}",
-        "coefficients": ", ".join(names[:_COEFFICIENTS_SHOWN])
-        + (f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""),
-    }
-    if entry.why is not None:
-        of_robot = {"this robot": f"not applicable: {entry.why}"}
-    return {
-        "equation": about.equation,
-        "unit": about.unit,
-        "usual size": about.usual_size,
-        "needs": about.needs,
-        "confused with": about.confused_with,
-        "source": about.source,
-        "in a file": about.example,
-        **(of_robot if entry.for_robot else {}),
-    }
+    table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
+    return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]
 
 
 # The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.

@@ -173,7 +173,6 @@ def _folder(path: str) -> str | None:
 
     if path.endswith(("/", os.sep)):
         make_folder(path)
-        return path
     return path if os.path.isdir(path) else None
 
 

@@ -35,7 +35,7 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
@@ -396,6 +396,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     identity: dict[str, str] = {}
     for source in sources:
         key, sign, value = (word.strip() for word in source.partition("="))
+        stated = {key: value}
         if not sign or os.path.isfile(source):
             top = top_section(read_text(source), source, tuple(IDENTITY))
             stated = read_fields(top, IDENTITY_FIELDS)
@@ -403,12 +404,14 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
             if not stated:
                 fix = f"write at least one of {', '.join(IDENTITY)}"
                 raise InputError(Problem("names nothing of what was tested", source, fix=fix))
-            identity |= stated
-        elif key not in IDENTITY:
-            fix = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
-            raise UsageError(f"`identity`: unknown key {key!r}; {fix}")
-        elif not value or not value.isprintable():
-            raise UsageError(f"`identity`: expected one line of text for {key}, found {value!r}")
         else:
-            identity[key] = value
+            known = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
+            refuse(
+                (key not in IDENTITY, f"`identity`: unknown key {key!r}; {known}"),
+                (
+                    not value.isprintable() or not value,
+                    f"`identity`: expected one line of text for {key}, found {value!r}",
+                ),
+            )
+        identity |= stated
     return {key: identity[key] for key in IDENTITY if key in identity}

@@ -135,20 +135,18 @@ def identity_rows(
     """
     rows: list[tuple[str, str]] = []
     for key, label in IDENTITY.items():
-        stated = [
+        files = [[file for file in made["inputs"] if key in file.get("identity", ())] for made in documents]
+        texts = dict.fromkeys(
             (
-                name,
-                {file["name"]: file["identity"][key] for file in document["inputs"] if key in file.get("identity", ())},
+                name if is_one else f"{name}, {file['name']}" if len(documents) > 1 else file["name"],
+                file["identity"][key],
             )
-            for name, document in zip(names, documents, strict=True)
-        ]
-        texts = {
-            name if len({*files.values()}) == 1 else f"{name}, {file}" if len(documents) > 1 else file: text
-            for name, files in stated
-            for file, text in files.items()
-        }
-        many = "; ".join(f"{name}: {text}" for name, text in texts.items())
-        rows.append((label, identity.get(key, many if len({*texts.values()}) > 1 else "".join({*texts.values()}))))
+            for name, own in zip(names, files, strict=True)
+            for is_one in [len({file["identity"][key] for file in own}) == 1]
+            for file in own
+        )
+        many, distinct = "; ".join(f"{name}: {text}" for name, text in texts), {text for _, text in texts}
+        rows.append((label, identity.get(key, many if len(distinct) > 1 else "".join(distinct))))
     return [(label, text) for label, text in rows if text]
 
 

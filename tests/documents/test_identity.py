@@ -66,8 +66,8 @@ def test_a_robot_file_states_the_identity_of_its_arm(tmp_path: Path) -> None:
 
 def test_two_arms_on_a_page_have_their_own_numbers() -> None:
     documents = [
-        {"inputs": [{"name": "r", "kind": "robot", "identity": {"serial_number": n, "place": "hall 4"}}]}
-        for n in ("7", "8")
+        {"inputs": [{"kind": "poses"}, {"kind": "robot", "identity": {"serial_number": number, "place": "hall 4"}}]}
+        for number in ("7", "8")
     ]
     assert identity_rows(documents, ["first.json", "second.json"], {}) == [
         ("Serial number", "first.json: 7; second.json: 8"),

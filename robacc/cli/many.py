@@ -195,15 +195,17 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     """Raise UsageError if a result would overwrite an input or another result."""
     written: dict[str, str] = {}
     inputs = {os.path.realpath(task.path) for task in tasks}
-    for task in tasks:
-        for target in filter(None, (task.outlets.output, task.per_pose)):
-            place = os.path.realpath(target)
-            other = written.setdefault(place, task.path)
-            both = f"the results of {other} and {task.path} would both be written to {target}"
-            refuse(
-                (place in inputs, f"{target} is also an input and would be overwritten; name another folder"),
-                (other != task.path, f"{both}; rename one of the files"),
-            )
+    targets = [(task.path, target) for task in tasks for target in (task.outlets.output, task.per_pose) if target]
+    for path, target in targets:
+        other = written.setdefault(os.path.realpath(target), path)
+        both = f"the results of {other} and {path} would both be written to {target}"
+        refuse(
+            (
+                os.path.realpath(target) in inputs,
+                f"{target} is also an input and would be overwritten; name another folder",
+            ),
+            (other != path, f"{both}; rename one of the files"),
+        )
 
 
 def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal, TextIO
+from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
 
@@ -48,7 +48,7 @@ from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
 from robacc.documents.envelope import csv_text
-from robacc.documents.parts import pose_document
+from robacc.documents.keys import pose_document
 from robacc.errors import Note, UsageError
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
@@ -56,8 +56,8 @@ from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import optional_size
+from robacc.render.text import Section
 from robacc.render.views.accuracy import estimate_view
-from robacc.render.views.elements import draw
 from robacc.render.views.robot import proposal_comments, proposal_view
 from robacc.robots.description import Robot
 
@@ -81,10 +81,10 @@ class Estimate(Result, EstimateResult):
         poses = pose_document(self.data, self.data.position - by_frame["base"].position)
         return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
 
-    def draw(self, stream: TextIO, full: bool = False, poses: str | None = None, robot: str | None = None) -> None:
-        """Write one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
+    def view(self, full: bool = False, poses: str | None = None, robot: str | None = None) -> Iterable[Section]:
+        """Return one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
         names = poses or self.named("poses"), robot or self.named("robot")
-        draw(estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short"), stream)
+        return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short")
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
@@ -302,9 +302,9 @@ class Iso9283Poses(CsvResult):
         yield from (f"# {line}\n" for line in proposal_comments(self.proposal, self.robot.name))
         yield from pose_pieces(planned_poses(self.proposal, self.cycles, self.payload_kg), attained=False)
 
-    def draw(self, stream: TextIO) -> None:
-        """Write the cube, the commanded poses and the joints."""
-        draw(proposal_view(self.proposal, self.robot), stream)
+    def view(self) -> Iterable[Section]:
+        """Return the cube, the commanded poses and the joints."""
+        return proposal_view(self.proposal, self.robot)
 
 
 @call

@@ -36,7 +36,7 @@ from robacc.correction import (
 )
 from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
 from robacc.documents.envelope import csv_text
-from robacc.documents.parts import rounded, texts
+from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements

@@ -43,7 +43,7 @@ from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text
 from robacc.documents.expected import PLAN, PREDICT
 from robacc.documents.gate import read_gate
-from robacc.documents.parts import rounded
+from robacc.documents.keys import rounded
 from robacc.errors import UsageError, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements

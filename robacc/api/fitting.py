@@ -3,11 +3,11 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TextIO, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from robacc.modelling.model import Model
 from robacc.modelling.robot_file import model_text
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.model_uncertainty import fit_record
-from robacc.render.views.elements import draw
+from robacc.render.text import Section
 from robacc.render.views.fit import fit_view
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -88,10 +88,10 @@ class FitResult(Result):
             kind, cast("Judged", self), inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, inputs.baseline
         )
 
-    def draw(self, stream: TextIO, full: bool = False, model: str | None = None) -> None:
-        """Write how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
+    def view(self, full: bool = False, model: str | None = None) -> Iterable[Section]:
+        """Return how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""
         poses, robot = (self.made.options[kind] or self.named(kind) for kind in ("poses", "robot"))
-        draw(fit_view(self.payload(), poses, robot, "full" if full else "short", model), stream)
+        return fit_view(self.payload(), poses, robot, "full" if full else "short", model)
 
     @property
     def converged(self) -> bool:

@@ -6,9 +6,9 @@ import io
 import json
 import os
 from abc import abstractmethod
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
 from robacc.documents.keys import Kind
@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from numpy.typing import NDArray
     from pandas import DataFrame
+
+    from robacc.render.text import Section
 
 
 class Provenance(NamedTuple):
@@ -67,15 +69,17 @@ class Result:
 
     def __str__(self) -> str:
         """Return the first screen of the command as text, with the warnings below it."""
+        from robacc.render.text import draw
+
         page = io.StringIO()
-        self.draw(page)
+        draw(self.view(), page)
         return "\n".join((page.getvalue().rstrip(), *(f"warning: {text}" for text in self.warnings)))
 
-    def draw(self, stream: TextIO) -> None:
-        """Write what the command shows without options, else the headline and the key figures."""
-        from robacc.render.page import notebook_text
+    def view(self) -> Iterable[Section]:
+        """Return what the command shows without options, else the headline and the key figures."""
+        from robacc.render.page import notebook_view
 
-        stream.write(notebook_text(self._plain()))
+        return notebook_view(self._plain())
 
     def named(self, kind: str) -> str:
         """Return the name of the input of a kind; empty without any."""

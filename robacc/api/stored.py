@@ -15,7 +15,7 @@ from robacc.api.inputs import STDIN, Inputs, path_of, read_result
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.comparison.comparing import ResultComparison, compare as compare_results
-from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets, promise_of, shared_targets
+from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import StoredResult, understood
@@ -295,19 +295,15 @@ def compare_paired(
     arm, controller = (None if robot is None else inputs.robot(robot) for robot in (model, nominal))
     first = inputs.poses(before, controller or arm, kind="before")
     second = inputs.poses(after, controller or arm, kind="after")
-    targets = shared_targets(first, second)
-    wanted = targets.wanted(controller)
+    body = paired_targets(first, second, controller, arm, noise)
     doubts = [*first.warnings, *second.warnings]
     if first.commanded_position is None and second.commanded_position is None:
         doubts.append(
             "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` "
             "count; errors of base and tool frames are part of the figures"
         )
-    promise = None
-    if arm is not None:
-        promise, fit = promise_of(arm, targets, noise), model_fit(arm)
-        doubts += (*noise_doubts(promise.noise), *(() if fit is None else fit.warnings))
-    first_means, second_means = (file.means(file.data.position) for file in (targets.before, targets.after))
-    body = paired_targets(targets.names, first_means, second_means, wanted, promise)
+    if arm is not None and body.promise is not None:
+        fit = model_fit(arm)
+        doubts += (*noise_doubts(body.promise.noise), *(() if fit is None else fit.warnings))
     made = inputs.made("before", "after", "model", "nominal")
     return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)

@@ -21,7 +21,7 @@ import typer
 from robacc.api import HOMES
 from robacc.api.parameters import Help, choices_of, meanings
 from robacc.cli import commands, output
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.plug_ins import plug_in_names
 from robacc.render import text as console
 from robacc.render.text import as_options
@@ -53,20 +53,19 @@ def load(name: str, form: str | None = None) -> Any:
         output.started = time.time()
         check_call(given, [name for name in given if options[name].meaning.holds == "output"])
         console.is_quiet = given.pop("quiet", False)
-        values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}, "reading": {}}
+        reading = {name: given.pop(name) for name in [*given] if options[name].owner == "reading"}
+        values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}}
         for name, value in given.items():
-            read = options[name].meaning.read
-            values[options[name].owner][name] = value if read is None or value is None else read(name, value)
-        reading, arguments = values.pop("reading"), values[""]
-        if any(reading.values()):
-            for own in values.values():
-                own |= {name: _read_as(own[name], reading) for name in own if "poses" in options[name].meaning.holds}
+            read, is_poses = options[name].meaning.read, "poses" in options[name].meaning.holds
+            own = _read_as(value, reading) if is_poses and any(reading.values()) else value
+            values[options[name].owner][name] = own if read is None or own is None else read(name, own)
+        arguments, named = values[""], values["call"]
         if values["outlets"]:
             arguments["outlets"] = output.Outlets(**values["outlets"])
         if "call" in inspect.signature(show).parameters:
             call = getattr(import_module(f"robacc.{HOMES[show.__name__]}"), show.__name__)
-            named = {name: options[name].default if value is None else value for name, value in values["call"].items()}
             paths = [named.pop(name) for name in [*named] if options[name].is_argument and options[name].is_repeated]
+            named = {name: options[name].default if value is None else value for name, value in named.items()}
             arguments["call"] = partial(call, *itertools.chain(*paths), **named)
         show(**arguments)
 
@@ -136,8 +135,7 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     }
     names = meaning.names or (name.replace("_", "-"),)
     spelled = (f"-{name}" if len(name) == 1 else f"--{name.replace('/', '/--')}" for name in names)
-    info = typer.Argument(**about) if option.is_argument else typer.Option(*spelled, **about)
-    annotation = Annotated[kind, info]
+    annotation = Annotated[kind, typer.Argument(**about) if option.is_argument else typer.Option(*spelled, **about)]
     return inspect.Parameter(name, inspect.Parameter.KEYWORD_ONLY, default=default, annotation=annotation)
 
 
@@ -170,57 +168,45 @@ def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
             ``--junit`` is given without ``--gate``, or a library that ``--report`` needs is not installed.
         InputError: the gate cannot be read, or an output is a folder or in a folder that does not exist.
     """
-    if parameters.get("junit") is not None and parameters.get("gate") is None:
-        raise UsageError("--junit writes the outcome of a gate, so it needs --gate")
+    from robacc.io.files import target_of
+
+    gate = parameters.get("gate")
+    refuse(
+        (
+            parameters.get("junit") is not None and gate is None,
+            "--junit writes the outcome of a gate, so it needs --gate",
+        )
+    )
     if parameters.get("report") is not None:
         from robacc.render.plots.canvas import need
 
         need("matplotlib", "plotly", "jinja2")
     texts = [text for name, value in parameters.items() if name not in outputs for text in _texts(value)]
-    if texts.count("-") > 1:
-        raise UsageError("standard input can be read only once, but - is given more than once; name files")
-    inputs = [text for text in texts if _is_file(text)]
+    refuse((texts.count("-") > 1, "standard input can be read only once, but - is given more than once; name files"))
+    inputs = [*filter(os.path.isfile, texts)]
     # A gate from a pipe can be read only once, which happens when there is a result to check.
-    gate = parameters.get("gate")
-    if gate is not None and gate != "-" and (_is_file(gate) or os.path.isdir(gate) or not os.path.exists(gate)):
+    if gate is not None and gate != "-" and (os.path.isfile(gate) or os.path.isdir(gate) or not os.path.exists(gate)):
         from robacc.documents.gate import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate)[1]]
-    is_folder_allowed = len(_texts(parameters.get("poses"))) > 1
     written: dict[str, str] = {}
-    for name in sorted(outputs):
-        for path in _texts(parameters[name]):
-            _check_output(f"--{name.replace('_', '-')}", path, inputs, written, is_folder_allowed)
-
-
-def _check_output(
-    option: str, path: str, inputs: Sequence[str], written: dict[str, str], is_folder_allowed: bool
-) -> None:
-    """Check a file to write, and add it to those that are ``written``, with its option."""
-    from robacc.io.files import target_of
-
-    if not path:
-        raise UsageError(f"{option}: expected the name of a file, found nothing")
-    if path != "-" and _is_file(path) and any(os.path.samefile(path, file) for file in inputs):
-        raise UsageError(f"{option} {path} is also an input and would be overwritten; name another file")
-    other = written.setdefault(path if path == "-" else os.path.realpath(path), option)
-    if other != option:
+    for option, path in (
+        (f"--{name.replace('_', '-')}", path) for name in sorted(outputs) for path in _texts(parameters[name])
+    ):
+        other = written.setdefault(path if path == "-" else os.path.realpath(path), option)
         both, fix = ("standard output", "a file for one of them") if path == "-" else (path, "two files")
-        raise UsageError(f"{other} and {option} both name {both}; name {fix}")
-    # With several files of poses, each result is a file in a folder, which is made.
-    is_folder = is_folder_allowed and (path.endswith(("/", os.sep)) or os.path.isdir(path))
-    if path != "-" and not is_folder:
-        target_of(path)
+        is_input = path != "-" and os.path.isfile(path) and any(os.path.samefile(path, file) for file in inputs)
+        refuse(
+            (not path, f"{option}: expected the name of a file, found nothing"),
+            (is_input, f"{option} {path} is also an input and would be overwritten; name another file"),
+            (other != option, f"{other} and {option} both name {both}; name {fix}"),
+        )
+        # With several files of poses, each result is a file in a folder, which is made.
+        is_folder = len(_texts(parameters.get("poses"))) > 1 and (path.endswith(("/", os.sep)) or os.path.isdir(path))
+        if path != "-" and not is_folder:
+            target_of(path)
 
 
 def _texts(value: Any) -> tuple[str, ...]:
-    if isinstance(value, str):
-        return (value,)
-    return tuple(item for item in value if isinstance(item, str)) if isinstance(value, list | tuple) else ()
-
-
-def _is_file(path: str) -> bool:
-    try:
-        return os.path.isfile(path)
-    except ValueError:  # a NUL in the name
-        return False
+    values = value if isinstance(value, list | tuple) else (value,)
+    return tuple(item for item in values if isinstance(item, str))

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal
 
@@ -25,13 +26,12 @@ from robacc.cli.output import (
     SummaryFormat,
     WriteModel,
     deliver,
-    draw,
     emit,
     progress_bar,
     write,
 )
-from robacc.errors import InputError, Note, Problem, UsageError, refuse
-from robacc.render.text import say_warnings, warnings_below
+from robacc.errors import InputError, Note, Problem, refuse
+from robacc.render.text import draw, say_warnings, warnings_below
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
@@ -68,17 +68,15 @@ def estimate(
     from robacc.api.result import effect_names
 
     options = call.keywords
-    if options["align"] is not None:
-        options["align"] = effect_names(options["align"])
+    options["align"] = None if options["align"] is None else effect_names(options["align"])
     if len(poses) > 1:
         from robacc.cli.many import estimate_each
 
         estimate_each(poses, options, outlets, per_pose, jobs, full)
         return
     result = call(poses[0])
-    if per_pose is not None:
-        write(per_pose, (result.per_pose_csv(),))
-    deliver(outlets, result, lambda stream: result.draw(stream, full, poses[0], options["robot"]))
+    write(per_pose, result.per_pose_csv)
+    deliver(outlets, result, lambda: result.view(full, poses[0], options["robot"]))
 
 
 def trace(
@@ -122,7 +120,7 @@ def _fit(call: Call, write_model: str | None, outlets: Outlets, full: bool) -> N
         result: FitResult = call(progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)
-    deliver(outlets, result, lambda stream: result.draw(stream, full, write_model))
+    deliver(outlets, result, lambda: result.view(full, write_model))
     if result.suspicions and write_model is not None:
         say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
     if result.suspicions or not result.converged:
@@ -147,11 +145,7 @@ def iso9283(
     from robacc.render.views.accuracy import iso9283_view
 
     result, robot = call(), call.keywords["robot"]
-    deliver(
-        outlets,
-        result,
-        lambda stream: draw(iso9283_view(result.payload(), robot, "full" if full else "short"), stream),
-    )
+    deliver(outlets, result, lambda: iso9283_view(result.payload(), robot, "full" if full else "short"))
 
 
 # Models.
@@ -180,12 +174,10 @@ def predict(
     from robacc.render.views.expected import prediction_view
 
     result = call()
-    if warranty_map is not None:
-        write(warranty_map, (result.map_csv(voxel),))
-    if per_pose is not None:
-        write(per_pose, (result.per_pose_csv(),))
+    write(warranty_map, lambda: result.map_csv(voxel))
+    write(per_pose, result.per_pose_csv)
     source = "" if result.comparison is None else result.comparison.source
-    deliver(outlets, result, lambda stream: draw(prediction_view(result.payload(), source, "full"), stream))
+    deliver(outlets, result, lambda: prediction_view(result.payload(), source, "full"))
 
 
 def correct(
@@ -216,7 +208,7 @@ def correct(
     from robacc.render.views.expected import correction_text
 
     given, output = call.keywords, outlets.output
-    targets, model = given["targets"], given["model"]
+    targets, names = given["targets"], (given["targets"], given["model"])
     outlets = outlets._replace(format=format, output="-")
     is_plain = outlets == Outlets(format="table")
     if is_program(targets):
@@ -237,27 +229,18 @@ def correct(
         with warnings_below(program.warnings):
             write_pieces(output, (program.data,))
             parts = [part.payload() for part in program.corrections]
-            draw(correction_text(parts, len(program.program.targets), (targets, model), output), sys.stdout)
-            sys.stdout.flush()
+            draw(correction_text(parts, len(program.program.targets), names, output))
         return
     needs = "--format json, --gate, --junit and --report need --output, the CSV that they describe"
     refuse((frames, "--frames belongs to a robot program"), (output == "-" and not is_plain, needs))
     result = call()
-    if per_target is not None:
-        write(per_target, (result.per_target_csv(),))
+    write(per_target, result.per_target_csv)
     if output == "-":
         with warnings_below(result.warnings):
-            write("-", result.csv_pieces())
+            write("-", result.csv_pieces)
         return
-    write(output, result.csv_pieces())
-    deliver(
-        outlets,
-        result,
-        lambda stream: draw(
-            correction_text([result.payload()], result.n_targets, (targets, model), output),
-            stream,
-        ),
-    )
+    write(output, result.csv_pieces)
+    deliver(outlets, result, lambda: correction_text([result.payload()], result.n_targets, names, output))
 
 
 def simulate(call: Call, *, format: CsvFormat = "table", output: Output = "-") -> None:
@@ -270,9 +253,8 @@ def simulate(call: Call, *, format: CsvFormat = "table", output: Output = "-") -
     refuse(_csv_form(format, output))
     result = call()
     say_warnings(result.data.warnings)
-    write(output, result.csv_pieces())
-    if format == "json":
-        write("-", (result.to_json(),))
+    write(output, result.csv_pieces)
+    write("-" if format == "json" else None, result.to_json)
 
 
 def export(
@@ -320,14 +302,14 @@ def export(
         )
         _write_urdf(call, urdf, format == "json")
         return
-    refuse((format == "table", "--format table belongs to --urdf"))
-    if output is None:
-        raise UsageError("name the file to write with --output; - is standard output")
+    refuse(
+        (format == "table", "--format table belongs to --urdf"),
+        (output is None, "name the file to write with --output; - is standard output"),
+    )
     result = call(format=format)
     say_warnings(result.warnings)
-    write(output, (result.text,))
-    if document is not None:
-        write(document, (result.to_json(),))
+    write(output, result.text)
+    write(document, result.to_json)
     draw(export_view(result.payload()), sys.stderr if output == "-" else sys.stdout)
 
 
@@ -341,9 +323,8 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.robots.urdf import robot_to_urdf
 
     inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
-    robot = inputs.robot(call.keywords["model"])
-    text, losses = robot_to_urdf(absorb_constants(robot))
-    write(urdf, (text,))
+    text, losses = robot_to_urdf(absorb_constants(inputs.robot(call.keywords["model"])))
+    write(urdf, text)
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
         write("-", json_pieces(inputs.made().document("export", urdf_payload(sha256_of(urdf), losses))))
@@ -379,19 +360,17 @@ def plan(
     refuse(_csv_form(format, output), (not are_together, "--validation N and --validation-output FILE belong together"))
     result = call()
     with warnings_below(result.warnings):
-        files = {} if program is None else result.programs(program)
-        if validation_output is not None:
-            files = {validation_output: result.validation_csv(), **files}
-        for path, text in files.items():
-            write(path, (text,))
+        programs = {} if program is None else result.programs(program)
+        write(validation_output, result.validation_csv)
+        for path, text in programs.items():
+            write(path, text)
         if report is not None:
             result.report(report)
-        if output is not None:
-            write(output, result.csv_pieces())
-        names = str(call.keywords["model"] or call.keywords["robot"]), output
+        write(output, result.csv_pieces)
+        robot = str(call.keywords["model"] or call.keywords["robot"])
         if output != "-":
-            form: Literal["full", "short"] = "full" if full else "short"
-            emit(format, "-", lambda stream: draw(plan_view(result.document(), form, *names), stream), result.document)
+            view = partial(plan_view, form="full" if full else "short", robot=robot, output=output)
+            emit(format, "-", lambda: view(result.document()), result.document)
 
 
 def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput = None) -> None:
@@ -404,10 +383,9 @@ def iso9283_poses(call: Call, *, format: CsvFormat = "table", output: CsvOutput 
     """
     refuse(_csv_form(format, output))
     result = call()
-    if output is not None:
-        write(output, result.csv_pieces())
+    write(output, result.csv_pieces)
     if output != "-":
-        emit(format, "-", result.draw, result.document)
+        emit(format, "-", result.view, result.document)
 
 
 def _csv_form(format: str, output: str | None) -> tuple[bool, str]:
@@ -425,7 +403,7 @@ def check(
 
     Example: robacc check result.json --gate gate.yaml
     """
-    deliver(outlets, call(gate=gate), None)
+    deliver(outlets, call(gate=gate), tuple)
 
 
 def compare(
@@ -457,12 +435,11 @@ def compare(
     refuse(*((value is not None, f"--{name} {why}") for name, value in (stored if paired else targets).items()))
     if not paired:
         result = call()
-        deliver(outlets, result, lambda stream: draw(comparison_view(result.payload(), "full"), stream))
+        deliver(outlets, result, lambda: comparison_view(result.payload(), "full"))
         return
-    if len(call.args) != 2:
-        raise UsageError(f"--paired compares two CSVs, before and after a correction, found {len(call.args)}")
+    refuse((len(call.args) != 2, f"--paired compares two CSVs, before and after a correction, found {len(call.args)}"))
     changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
-    deliver(outlets, changes, lambda stream: draw(paired_view(changes.payload(), call.args), stream))
+    deliver(outlets, changes, lambda: paired_view(changes.payload(), call.args))
 
 
 _PICTURES = (".svg", ".png", ".pdf")
@@ -531,7 +508,7 @@ def report(
         is_named = len(results) == 1 and results[0] != "-"
         output = f"{results[0].removesuffix('.json')}.html" if is_named else "report.html"
         print(f"wrote {output}")
-    write(output, (page,))
+    write(output, page)
 
 
 def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
@@ -588,7 +565,7 @@ def show(
     emit(
         format,
         output,
-        lambda stream: draw(robot_view(summary), stream),
+        lambda: robot_view(summary),
         lambda: inputs.made("format", "output").document("show", SHOW.write(summary)),
     )
 
@@ -623,7 +600,7 @@ def robots(
     emit(
         format,
         output,
-        lambda stream: draw(robots_view(arms), stream),
+        lambda: robots_view(arms),
         lambda: Provenance({"name": name}, ()).document("robots", ROBOTS.write({"robots": arms})),
     )
 
@@ -659,8 +636,8 @@ def effects(
     from robacc.render.views.robot import effects_view
 
     inputs = Inputs(arguments)
-    if robot is None and (poses or ordered or ignore_limits or base_link or tip_link):
-        raise UsageError("--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot")
+    of_robot = poses or ordered or ignore_limits or base_link or tip_link
+    refuse((robot is None and of_robot, "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"))
     if effect is not None:
         effect_class(effect)
     arm = inputs.optional_robot(poses)
@@ -671,7 +648,7 @@ def effects(
     emit(
         format,
         output,
-        lambda stream: draw(effects_view(entries, effect is not None), stream),
+        lambda: effects_view(entries, effect is not None),
         lambda: made.document("effects", EFFECTS.write({"effects": entries})),
     )
 
@@ -689,7 +666,7 @@ def schema(
     from robacc.io.json_text import json_text
 
     names = (f"{command}\n" for command in result.schema_names())
-    write(output, names if name is None else (json_text(result.schema(name)),))
+    write(output, names if name is None else json_text(result.schema(name)))
 
 
 # Files to start from.
@@ -744,18 +721,15 @@ def init(
         refuse((base_link or tip_link, "--base-link and --tip-link choose a chain of a URDF, so they need a URDF"))
         text = robot_template(joints or 0, *names)
     else:
-        model = read_robot(source, base_link=base_link, tip_link=tip_link)
-        if (path := robot_path(source)) != source:
-            text = read_text(path)
-        elif model.convention != "urdf":
-            raise UsageError(f"{source} is a robot file already; robacc init needs a URDF")
-        else:
-            text = urdf_template(model, PurePath(source).name, *names)
+        model, path = read_robot(source, base_link=base_link, tip_link=tip_link), robot_path(source)
+        is_robot_file = path == source and model.convention != "urdf"
+        refuse((is_robot_file, f"{source} is a robot file already; robacc init needs a URDF"))
+        text = urdf_template(model, PurePath(source).name, *names) if path == source else read_text(path)
     arm = parse_robot(text, files[0])
     table, rows = poses_template(arm, *names)
     make_folder(folder)
-    write(files[0], (text,))
-    write(files[1], (table,))
+    write(files[0], text)
+    write(files[1], table)
     count = len(arm.variables)
     print(
         f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)",
@@ -774,10 +748,10 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     from robacc.poses.column_proposal import propose_columns
 
     proposal = propose_columns(export, PurePath(path).name)
-    if os.path.exists(path) and not force:
-        raise UsageError(f"{path} exists already; overwrite with --force, or name another file with --columns")
+    exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
+    refuse((os.path.exists(path) and not force, exists))
     make_folder(folder)
-    write(path, (proposal.text,))
+    write(path, proposal.text)
     commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
     print(
         f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})",
@@ -820,4 +794,4 @@ def import_(
     from robacc.robots.yaml_robot import robot_to_yaml
     from robacc.version import __version__
 
-    write(output, (robot_to_yaml(call(), [f"Written by robacc {__version__} import."]),))
+    write(output, robot_to_yaml(call(), [f"Written by robacc {__version__} import."]))

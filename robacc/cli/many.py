@@ -17,7 +17,7 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TextIO, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import typer
 
@@ -71,13 +71,11 @@ def estimate_file(task: FileTask) -> FileOutcome:
     try:
         result = estimate(task.path, **task.options)
         document, gate, warnings = output.with_gate(result, task.outlets.gate)
-        if task.per_pose is not None:
-            output.write(task.per_pose, (result.per_pose_csv(),))
-        if task.document is not None:
-            output.write(task.document, json_pieces(document()))
+        output.write(task.per_pose, result.per_pose_csv)
+        output.write(task.document, lambda: json_pieces(document()))
         if task.outlets.output:
-            table = partial(result.draw, full=task.full, poses=task.path, robot=task.options["robot"])
-            output.write_result(task.outlets, "estimate", document, table, gate, warnings)
+            view = partial(result.view, task.full, task.path, task.options["robot"])
+            output.write_result(task.outlets, "estimate", document, view, gate, warnings)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
@@ -175,22 +173,17 @@ def _folder(path: str) -> str | None:
 
     if path.endswith(("/", os.sep)):
         make_folder(path)
-        return path
     return path if os.path.isdir(path) else None
 
 
 def distinct_names(paths: Sequence[str]) -> list[str]:
     """Return the names of the files, with as many folders as make them distinct."""
     parts = [PurePath(os.path.normpath(path)).parts for path in paths]
-    depth = [1] * len(parts)
-    while True:
-        names = ["/".join(part[-count:]) for part, count in zip(parts, depth, strict=True)]
-        counts = Counter(names)
-        ambiguous = [i for i, name in enumerate(names) if counts[name] > 1 and depth[i] < len(parts[i])]
-        if not ambiguous:
-            return names
-        for i in ambiguous:
-            depth[i] += 1
+    counts = Counter(own[-depth:] for own in parts for depth in range(1, len(own) + 1))
+    return [
+        "/".join(next((own[-depth:] for depth in range(1, len(own)) if counts[own[-depth:]] == 1), own))
+        for own in parts
+    ]
 
 
 def _target(folder: str | None, name: str, suffix: str) -> str | None:
@@ -202,15 +195,17 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     """Raise UsageError if a result would overwrite an input or another result."""
     written: dict[str, str] = {}
     inputs = {os.path.realpath(task.path) for task in tasks}
-    for task in tasks:
-        for target in filter(None, (task.outlets.output, task.per_pose)):
-            place = os.path.realpath(target)
-            other = written.setdefault(place, task.path)
-            both = f"the results of {other} and {task.path} would both be written to {target}"
-            refuse(
-                (place in inputs, f"{target} is also an input and would be overwritten; name another folder"),
-                (other != task.path, f"{both}; rename one of the files"),
-            )
+    targets = [(task.path, target) for task in tasks for target in (task.outlets.output, task.per_pose) if target]
+    for path, target in targets:
+        other = written.setdefault(os.path.realpath(target), path)
+        both = f"the results of {other} and {path} would both be written to {target}"
+        refuse(
+            (
+                os.path.realpath(target) in inputs,
+                f"{target} is also an input and would be overwritten; name another folder",
+            ),
+            (other != path, f"{both}; rename one of the files"),
+        )
 
 
 def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:
@@ -328,11 +323,7 @@ def _write(
 
     options = tasks[0].options
 
-    def table(stream: TextIO) -> None:
-        output.draw(many_view(outcomes, options["robot"], options["align"]), stream)
-
-    if outlets.junit is not None:
-        output.write_junit(outlets.junit, "estimate", outcomes)
+    output.write_junit(outlets.junit, "estimate", outcomes)
     documents = {
         task.name: task.document
         for outcome, task in zip(outcomes, tasks, strict=True)
@@ -342,14 +333,15 @@ def _write(
         from robacc.render.page import render
 
         read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in documents.values()]
-        output.write(outlets.report, (render(read, [*documents]),))
+        output.write(outlets.report, render(read, [*documents]))
     place = outlets.output if folder is None else "-"
     if outlets.form == "json":
         output.write(place, _document(outcomes, inputs, outlets.gate, {} if folder else documents))
     elif outlets.form == "github":
-        output.write(place, (many_annotations(outcomes),))
+        output.write(place, many_annotations(outcomes))
     else:
-        output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, table, None, warnings)
+        view = partial(many_view, outcomes, options["robot"], options["align"])
+        output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, view, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

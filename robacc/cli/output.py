@@ -13,22 +13,27 @@ import time
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from functools import cache, partial
-from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple, TextIO
+from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 
 import typer
 
 from robacc.api.parameters import Help
 from robacc.outcomes import FileOutcome
-from robacc.render.text import as_options, warnings_below
+from robacc.render.text import Section, as_options, draw, warnings_below
 
 if TYPE_CHECKING:
     from robacc.api.result import Result
-    from robacc.render.views.elements import Section
 
 Call = partial[Any]
 """Call of a command with the arguments of its options."""
-Table = Callable[[TextIO], None]
-"""Draws a result onto a stream."""
+
+
+View = Callable[[], Iterable[Section]]
+"""Makes the sections of a result."""
+
+
+Document = Callable[[], Mapping[str, Any]]
+"""Makes the JSON document of a result."""
 Format = Literal["table", "json", "markdown", "github"]
 _FORM = "Form of the output: github writes annotations of a run, markdown a job summary."
 _OUTPUT = ("output", "o")
@@ -93,13 +98,13 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         yield show
 
 
-def deliver(outlets: Outlets, result: Result, table: Table | None) -> None:
+def deliver(outlets: Outlets, result: Result, view: View) -> None:
     """Write a result in the requested form, with its gate if there is one, and with the warnings of both below.
 
     Args:
         outlets: Forms and files.
         result: The result; its document is built only if it is needed.
-        table: Draws the result; called only for a table. None for the outcome of a gate, which is the result.
+        view: Makes the sections of a table; called only for one.
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
@@ -108,10 +113,10 @@ def deliver(outlets: Outlets, result: Result, table: Table | None) -> None:
     document, gate, warnings = with_gate(result, outlets.gate)
     status = 0 if gate is None else gate["exit_status"]
     with warnings_below(warnings):
-        if gate is not None and outlets.junit is not None:
+        if gate is not None:
             checked = FileOutcome(gate["name"], status, gate=gate, seconds=time.time() - started)
             write_junit(outlets.junit, result.command, [checked])
-        write_result(outlets, result.command, document, table, gate, warnings)
+        write_result(outlets, result.command, document, view, gate, warnings)
         if gate is not None and status and (outlets.form == "json" or outlets.output != "-"):
             from robacc.render.views.gate import say_gate
 
@@ -120,28 +125,25 @@ def deliver(outlets: Outlets, result: Result, table: Table | None) -> None:
         raise typer.Exit(status)
 
 
-def with_gate(
-    result: Result, gate: str | None
-) -> tuple[Callable[[], Mapping[str, Any]], Mapping[str, Any] | None, tuple[str, ...]]:
+def with_gate(result: Result, gate: str | None) -> tuple[Document, Mapping[str, Any] | None, tuple[str, ...]]:
     """Return what makes the document of a result, the gate's part of it if there is one, and the warnings of both."""
     document = cache(partial(result.document, gate=gate))
     outcome = document()["gate"] if gate is not None or result.command == "check" else None
-    warnings = result.warnings if outcome is None else tuple(dict.fromkeys((*result.warnings, *outcome["warnings"])))
-    return document, outcome, warnings
+    return document, outcome, tuple(dict.fromkeys((*result.warnings, *(outcome or {"warnings": ()})["warnings"])))
 
 
-def write_junit(path: str, command: str, outcomes: Sequence[FileOutcome]) -> None:
+def write_junit(path: str | None, command: str, outcomes: Sequence[FileOutcome]) -> None:
     """Write the outcomes of a gate as JUnit XML."""
     from robacc.render.views.gate import junit
 
-    write(path, (junit(command, outcomes, started),))
+    write(path, partial(junit, command, outcomes, started))
 
 
 def write_result(
     outlets: Outlets,
     command: str,
-    document: Callable[[], Mapping[str, Any]],
-    table: Table | None,
+    document: Document,
+    view: View,
     gate: Mapping[str, Any] | None,
     warnings: Sequence[str],
 ) -> None:
@@ -151,7 +153,7 @@ def write_result(
         outlets: Forms and files.
         command: Name of the command.
         document: Makes the JSON document, with the gate; called only if it is needed.
-        table: Draws the result; None for nothing above the gate.
+        view: Makes the sections above the gate.
         gate: The gate's part of the document, which stands below the table.
         warnings: Warnings of the result and the gate, for the forms that contain them.
 
@@ -162,27 +164,19 @@ def write_result(
         from robacc.io.json_text import json_text
         from robacc.render.page import render
 
-        write(outlets.report, (render([json.loads(json_text(document()))], [command]),))
-
-    def page(stream: TextIO) -> None:
-        if table is not None:
-            table(stream)
-        if gate is not None and outlets.form == "table":
-            from robacc.render.views.gate import gate_view
-
-            stream.write("\n" if table is not None else "")
-            draw(gate_view(gate), stream)
+        write(outlets.report, render([json.loads(json_text(document()))], [command]))
+    from robacc.render.views import gate as gates
 
     if outlets.form in ("table", "json"):
-        emit(outlets.form, outlets.output, page, document)
+        emit(
+            outlets.form, outlets.output, lambda: [*view(), *([] if gate is None else gates.gate_view(gate))], document
+        )
         return
-    from robacc.render.views.gate import github_annotations, markdown
-
-    text_of = markdown if outlets.form == "markdown" else github_annotations
-    write(outlets.output, (text_of(command, page_text(page), gate, tuple(map(as_options, warnings))),))
+    text_of = gates.markdown if outlets.form == "markdown" else gates.github_annotations
+    write(outlets.output, text_of(command, _page(view()), gate, tuple(map(as_options, warnings))))
 
 
-def emit(form: Format | None, output: str, table: Table, document: Callable[[], Mapping[str, Any]]) -> None:
+def emit(form: Format | None, output: str, view: View, document: Document) -> None:
     """Write a table or a JSON document to ``output`` (``-`` is standard output); only the one that is written is made.
 
     Without a form, a name that ends in .json gets the document.
@@ -195,36 +189,36 @@ def emit(form: Format | None, output: str, table: Table, document: Callable[[], 
 
         write(output, json_pieces(document()))
     elif output == "-":
-        table(sys.stdout)
-        sys.stdout.flush()
+        draw(view())
     else:
-        write(output, (page_text(table),))
+        write(output, _page(view()))
 
 
-def draw(sections: Iterable[Section], stream: TextIO) -> None:
-    """Write the sections of a view as text to ``stream``."""
-    from robacc.render.views import elements
-
-    elements.draw(sections, stream)
-
-
-def page_text(table: Table) -> str:
-    """Return the drawing as plain text."""
+def _page(sections: Iterable[Section]) -> str:
+    """Return the sections of a view as plain text."""
     page = io.StringIO()
-    table(page)
+    draw(sections, page)
     return page.getvalue()
 
 
-def write(output: str, pieces: Iterable[str]) -> None:
+def write(output: str | None, text: str | Iterable[str] | Callable[[], str | Iterable[str]]) -> None:
     """Write text to a file, or to standard output if ``output`` is ``-``; a failure leaves no partial file.
+
+    Args:
+        output: The file; None, of an option that was not given, writes nothing.
+        text: The text, its pieces, or a function that makes them if there is a file.
 
     Raises:
         InputError: the file cannot be written.
     """
+    if output is None:
+        return
+    made = text() if callable(text) else text
+    pieces = [made] if isinstance(made, str) else made
     if output == "-":
         sys.stdout.writelines(pieces)
         sys.stdout.flush()
-        return
-    from robacc.io.files import write_pieces
+    else:
+        from robacc.io.files import write_pieces
 
-    write_pieces(output, pieces)
+        write_pieces(output, pieces)

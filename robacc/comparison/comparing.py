@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Sequence, Set
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
 
@@ -26,7 +26,7 @@ from robacc.comparison.stored_results import (
     split_key,
     unit_of,
 )
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.statistics.intervals import EstimatedValue, Interval
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
@@ -101,14 +101,14 @@ def common_scale(results: Sequence[ComparedResult]) -> Scale:
     Raises:
         UsageError: The results have different scales, or a scale that no result stores completely.
     """
-    names = {result.scale_name for result in results if result.scale_name is not None}
+    names = sorted({result.scale_name for result in results if result.scale_name is not None})
     scales = {result.scale for result in results if result.scale is not None}
-    if len(names) > 1 or len(scales) > 1:
-        conflict = " and ".join(sorted(names)) if len(names) > 1 else f"different scales with the name {min(names)}"
-        raise UsageError(f"the results were graded on {conflict}; choose the scale with `scale`")
+    conflict = " and ".join(names) if len(names) > 1 else f"different scales with the name {''.join(names)}"
+    refuse((max(len(names), len(scales)) > 1, f"the results were graded on {conflict}; choose the scale with `scale`"))
     scale = scales.pop() if scales else default_scale()
-    if not names <= {scale.name}:
-        raise UsageError(f"no result stores the complete scale {min(names)}; give its file with `scale`")
+    refuse(
+        ({*names} - {scale.name}, f"no result stores the complete scale {''.join(names)}; give its file with `scale`")
+    )
     return scale
 
 
@@ -127,13 +127,12 @@ def grade_statuses(
         UsageError: The scale has no such step, or a result has no position errors to grade.
     """
     names = [step.grade for step in scale.steps]
-    if required_grade not in names:
-        raise UsageError(f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}")
-    rank = names.index(required_grade)
+    unknown = f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}"
+    refuse((required_grade not in names, unknown))
     return tuple(
-        _status_by_errors(result, scale, rank, seed)
+        _status_by_errors(result, scale, names.index(required_grade), seed)
         if "position" in result.errors
-        else _status_by_figures(result, scale, rank)
+        else _status_by_figures(result, scale, names.index(required_grade))
         for result in results
     )
 
@@ -186,40 +185,23 @@ _CONSEQUENCES = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class PoseMatch:
-    """Match of the poses of two results."""
-
-    first: str
-    second: str
-    """Names of the results."""
-    paired: bool
-    shared: int
-    """Common commanded poses; 0 without pairs."""
-    n_first: int
-    """Commanded poses of each result."""
-    n_second: int
-
-
-def _warnings(results: Sequence[ComparedResult], pairing: Sequence[PoseMatch]) -> Iterator[str]:
+def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, Any]]) -> Iterator[str]:
     """Yield a line for each aspect in which the results were made differently, and for poses that differ."""
     for aspect in dict.fromkeys(aspect for result in results for aspect in result.provenance):
-        names_by_value: dict[str, list[str]] = {}
-        for result in results:
-            if aspect in result.provenance:
-                names_by_value.setdefault(result.provenance[aspect], []).append(result.name)
-        if len(names_by_value) > 1:
-            listed = "; ".join(f"{', '.join(names)}: {value}" for value, names in names_by_value.items())
+        made = {result.name: result.provenance[aspect] for result in results if aspect in result.provenance}
+        values = [*dict.fromkeys(made.values())]
+        if len(values) > 1:
+            listed = "; ".join(f"{', '.join(n for n in made if made[n] == value)}: {value}" for value in values)
             consequence = _CONSEQUENCES.get(aspect)
             yield f"made differently, {aspect}: {listed}" + (f" ({consequence})" if consequence else "")
     with_errors = {result.name for result in results if "position" in result.errors}
     for match in pairing:
-        names, most = f"{match.first} and {match.second}", max(match.n_first, match.n_second)
-        if not with_errors >= {match.first, match.second} or (match.paired and match.shared == most):
-            continue
-        different = f"{names} have different poses, so their difference cannot be paired"
-        shared = f"{names} share {match.shared} of {most} poses; only these are compared"
-        yield f"made differently, poses: {shared if match.paired else different}"
+        names, most = f"{match['first']} and {match['second']}", max(match["n_first"], match["n_second"])
+        text = f"{names} have different poses, so their difference cannot be paired"
+        if match["paired"]:
+            text = f"{names} share {match['n_shared']} of {most} poses; only these are compared"
+        if with_errors >= {match["first"], match["second"]} and match["n_shared"] != most:
+            yield f"made differently, poses: {text}"
 
 
 def _notes(
@@ -320,8 +302,8 @@ class ResultComparison:
     baseline: str
     confidence: float
     rows: tuple[ComparedRow, ...]
-    pairing: tuple[PoseMatch, ...]
-    """Match of the poses of every result with those of the baseline."""
+    pairing: tuple[Mapping[str, Any], ...]
+    """Match of the poses of every result with those of the baseline, as in the document."""
     ranking: Ranking
     scale: Scale | None
     required_grade: str | None
@@ -364,7 +346,7 @@ def compare(
     ]
     rankable = [key for key in keys if split_key(key)[1] not in _SIGNED]
     commands = " and ".join(dict.fromkeys(result.command for result in results))
-    mistakes = (
+    refuse(
         (len(names) < 2, "a comparison needs at least two results"),
         (
             not 0.5 <= confidence < 1.0,
@@ -380,9 +362,6 @@ def compare(
             f"`by`: the results have no common figure {by!r}; choose from {', '.join(rankable)}",
         ),
     )
-    for applies, message in mistakes:
-        if applies:
-            raise UsageError(message)
     reference = names.index(baseline) if baseline is not None else 0
 
     @cache
@@ -406,25 +385,28 @@ def compare(
             return difference(statistic, *sets, paired=pair is not None, confidence=confidence, seed=seed)
         return from_intervals(*figures, confidence)
 
-    def match(first: int, second: int) -> PoseMatch:
-        both, shared = (results[first], results[second]), 0
-        counts = [result.n_poses for result in both]
-        if all("position" in result.errors for result in both):
-            pair, counts = pairing("position", first, second), [r.errors["position"].n_groups for r in both]
+    def match(first: int, second: int) -> Mapping[str, Any]:
+        both, shared = {"first": results[first], "second": results[second]}, 0
+        are_listed = all("position" in result.errors for result in both.values())
+        if are_listed:
+            pair = pairing("position", first, second)
             shared = 0 if pair is None else pair[0].n_groups
-        return PoseMatch(both[0].name, both[1].name, shared > 0, shared, counts[0], counts[1])
+        return {
+            **{place: result.name for place, result in both.items()},
+            **{"paired": shared > 0, "n_shared": shared},
+            **{f"n_{p}": r.errors["position"].n_groups if are_listed else r.n_poses for p, r in both.items()},
+        }
 
-    others = [i for i in range(len(results)) if i != reference]
     rows = tuple(
         ComparedRow(
             key,
             unit_of(key),
             tuple(result.figures[key] for result in results),
-            tuple(change(key, reference, i) if i in others else None for i in range(len(results))),
+            tuple(None if i == reference else change(key, reference, i) for i in range(len(results))),
         )
         for key in keys
     )
-    matches = tuple(match(reference, i) for i in others)
+    matches = tuple(match(reference, i) for i in range(len(results)) if i != reference)
     ranked_by = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
     grade_scale = None if required_grade is None else scale or common_scale(results)
     statuses: tuple[GradeStatus, ...] = ()
@@ -457,8 +439,7 @@ def _ranking(
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     names = [results[i].name for i in order]
-    tested = any(p is not None for p in corrected)
-    groups = indistinguishable_groups(len(order), different) if tested else []
+    groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
     return Ranking(
         key=key,
         unit=unit_of(key),

@@ -14,139 +14,33 @@ from __future__ import annotations
 
 import dataclasses
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import model_fit
+from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile
 
-# Targets that two files of measured poses have in common, and the means of their rows.
-
 _FEWEST = 3
 """Smallest number of shared targets."""
-
-
-@dataclass(frozen=True, slots=True)
-class TargetRows:
-    """Measured poses of one file, and the rows of each shared target in it."""
-
-    data: Measurements
-    rows: tuple[NDArray[np.int64], ...]
-
-    def means(self, values: Array) -> Array:
-        """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
-        return np.stack([values[:, index].mean(axis=1) for index in self.rows], axis=1)
-
-
-@dataclass(frozen=True, slots=True)
-class SharedTargets:
-    """T targets measured before and after."""
-
-    names: tuple[str, ...]
-    before: TargetRows
-    after: TargetRows
-
-    def wanted(self, nominal: Robot | None) -> Array:
-        """Return the wanted positions ``(3, T)``, measuring frame, m: of the file after, else before, else nominal.
-
-        Raises:
-            UsageError: Neither file has wanted poses, and there is no nominal robot.
-        """
-        for file in (self.after, self.before):
-            if file.data.commanded_position is not None:
-                return file.means(file.data.commanded_position)
-        before = self.before.data
-        if nominal is None or before.q is None:
-            raise UsageError("the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints")
-        return self.before.means(predict(dataclasses.replace(nominal, effects=()), before).translation)
-
-
-def shared_targets(first: Measurements, second: Measurements) -> SharedTargets:
-    """Return the targets of both files, paired by their ``pose``, or by their order without such a column.
-
-    Raises:
-        InputError: The files share fewer than three targets.
-    """
-    if (first.pose is None) != (second.pose is None):
-        raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
-    if first.pose is None and first.n != second.n:
-        message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
-        raise InputError(Problem(message, second.source, fix="add a column pose to both files"))
-    rows_of = [rows_of_targets(data) for data in (first, second)]
-    common = [key for key in rows_of[0] if key in rows_of[1]]
-    if len(common) < _FEWEST:
-        fix = "give the files of the same targets before and after the correction"
-        raise InputError(
-            Problem(f"the files share {len(common)} targets, {_FEWEST} are needed", second.source, fix=fix)
-        )
-    before, after = (
-        TargetRows(data, tuple(np.array(rows[key]) for key in common))
-        for data, rows in zip((first, second), rows_of, strict=True)
-    )
-    return SharedTargets(tuple(" ".join(key) for key in common), before, after)
-
-
-def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
-    """Return the rows of each target by its name: its pose, and the measured target if the file has that column.
-
-    Without a column pose, each row is a target, named by its number.
-    """
-    poses = np.arange(1, data.n + 1) if data.pose is None else data.pose
-    columns = (poses,) if data.target is None or data.pose is None else (poses, data.target)
-    rows: dict[tuple[str, ...], list[int]] = {}
-    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
-        rows.setdefault(key, []).append(i)
-    return rows
-
-
-Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
-
-NoiseSource = Literal["given", "file", "model"]
-NoiseTreatment = Literal["added", "contained"]
-
 _PROMISED = 0.01
 """Probability below which the remaining error is not what was promised."""
 
-
-@dataclass(frozen=True, slots=True)
-class PromisedNoise:
-    """Measurement noise in the test of the promise."""
-
-    position: float
-    """Standard deviation along each axis, m."""
-    source: NoiseSource
-    """``given``, from the poses after the correction, or from the model's fit."""
-    treatment: NoiseTreatment
-    """``added`` to the unexplained error of the model, or ``contained`` in it: then it is only its lower bound."""
-
-
-@dataclass(frozen=True, slots=True)
-class Promise:
-    """Predicted positions of the model at the commands before and after, and the uncertainty after."""
-
-    before: Array
-    """``(3, N)`` predicted position, measuring frame, m."""
-    after: Array
-    jacobian: Array
-    """``(3, P, N)`` of the positions after to the model's coefficients."""
-    covariance: Array
-    """``(P, P)`` of the coefficients."""
-    separate: Array
-    """``(3, 3, N)`` covariance of all that targets do not share, m²."""
-    noise: PromisedNoise
+Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
+Rows = Sequence[list[int]]
+"""Rows of each shared target in a file."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,7 +65,8 @@ class PromiseTest:
     p_value: float
     promised_rms: float
     """Expected RMS of the remaining error, measurement noise included, m."""
-    noise: PromisedNoise
+    noise: Mapping[str, Any]
+    """Measurement noise in the test, as in the document."""
 
     @property
     def kept(self) -> bool:
@@ -205,30 +100,84 @@ class PairedTargets:
 
 
 def paired_targets(
-    names: tuple[str, ...], before: Array, after: Array, wanted: Array, promise: Promise | None
+    first: Measurements,
+    second: Measurements,
+    nominal: Robot | None = None,
+    model: Robot | None = None,
+    noise: str | float | None = None,
 ) -> PairedTargets:
-    """Compare measured positions ``(3, N)`` of the same targets before and after, m.
+    """Compare the targets that two files have in common.
 
     Args:
-        names: Names of the targets.
-        before: Mean measured positions before.
-        after: Mean measured positions after.
-        wanted: Wanted positions.
-        promise: Prediction of the model; None without a model.
+        first: Poses measured before the correction.
+        second: Poses measured after it.
+        nominal: Robot whose poses are wanted where neither file has commanded poses.
+        model: Model of the correction; the files have the commanded joints.
+        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of ``second``.
+
+    Raises:
+        InputError: The files share fewer than three targets, or the model has no record of its fit.
+        UsageError: The files lack wanted poses or joints, or neither the noise nor the model leaves a measurement any
+            error.
+        MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
     """
-    error_before, error_after = before - wanted, after - wanted
+    names, *rows = _shared_targets(first, second)
+    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
+    if stated[0][0] is stated[1][0] is None:
+        if nominal is None or first.q is None:
+            raise UsageError("the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints")
+        stated[0] = (predict(dataclasses.replace(nominal, effects=()), first).translation, rows[0])
+    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
+    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
     # Without a model, the best guess of the plan is that the whole error goes.
-    planned = -error_before if promise is None else promise.after - promise.before
     note = "without a model, the planned displacement is the error before, measurement noise included"
+    planned, promise = wanted - before, None
+    if model is not None:
+        planned, promise = _against_model(model, (first, second), rows, after, noise)
     return PairedTargets(
         names,
-        error_before,
-        error_after,
-        paired_gain(error_before, error_after, np.arange(before.shape[1])),
+        before - wanted,
+        after - wanted,
+        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
         _loaded(after - before, planned),
-        None if promise is None else _promise_test(after - promise.after, promise),
-        (note,) if promise is None else (),
+        promise,
+        (note,) if model is None else (),
     )
+
+
+def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
+    """Return the targets of both files, paired by their ``pose``, or by their order without such a column."""
+    fix = "add a column pose to both files"
+    if (first.pose is None) != (second.pose is None):
+        raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
+    if first.pose is None and first.n != second.n:
+        message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
+        raise InputError(Problem(message, second.source, fix=fix))
+    before, after = (rows_of_targets(data) for data in (first, second))
+    common = [key for key in before if key in after]
+    if len(common) < _FEWEST:
+        message = f"the files share {len(common)} targets, {_FEWEST} are needed"
+        fix = "give the files of the same targets before and after the correction"
+        raise InputError(Problem(message, second.source, fix=fix))
+    return tuple(map(" ".join, common)), [before[key] for key in common], [after[key] for key in common]
+
+
+def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
+    """Return the rows of each target by its name: its pose, and the measured target if the file has that column.
+
+    Without a column pose, each row is a target, named by its number.
+    """
+    poses = np.arange(1, data.n + 1) if data.pose is None else data.pose
+    columns = (poses,) if data.target is None or data.pose is None else (poses, data.target)
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
+        rows.setdefault(key, []).append(i)
+    return rows
+
+
+def _means(values: Array, rows: Rows) -> Array:
+    """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
+    return np.stack([values[:, own].mean(axis=1) for own in rows], axis=1)
 
 
 def _loaded(measured: Array, planned: Array) -> LoadedTest:
@@ -247,84 +196,93 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
     return LoadedTest(verdict, slope, low, high, rms_length(planned))
 
 
-def _promise_test(residual: Array, promise: Promise) -> PromiseTest:
-    """Return the normalised square of the residual ``(3, N)`` and its probability."""
-    precision = np.moveaxis(np.linalg.inv(np.moveaxis(promise.separate, 2, 0)), 0, 2)
-    weighted = np.einsum("ijn,jn->in", precision, residual)
-    chi_square, shared = float(np.sum(residual * weighted)), 0.0
-    if promise.covariance.size:
-        # Woodbury's identity with C = L L^T: coefficients without uncertainty need no inverse.
-        values, vectors = np.linalg.eigh(promise.covariance)
-        root = vectors * np.sqrt(np.maximum(values, 0.0))
-        columns = np.einsum("ipn,pk->ikn", promise.jacobian, root)
-        score = np.einsum("ikn,in->k", columns, weighted)
-        information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
-        chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
-        shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
-    expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", promise.separate))))
-    p_value = chi2_sf(chi_square, float(residual.size))
-    return PromiseTest(chi_square, residual.size, p_value, expected, promise.noise)
+# What a model promises of the targets that it corrected, and the test of the error that remains.
 
 
-# What a model promises of the targets that it corrected, for the test of the error that remains.
-
-
-def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) -> Promise:
-    """Return what the model predicts at the commands of both files.
-
-    Args:
-        robot: Robot with the model of the correction.
-        targets: The targets, with the commanded joints of both files.
-        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of the file after.
-
-    Raises:
-        UsageError: The files have no joints, or neither the noise nor the model leaves a measurement any error.
-        InputError: The model has no record of its fit.
-        MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
-    """
+def _against_model(
+    robot: Robot, files: Sequence[Measurements], rows: Sequence[Rows], measured: Array, noise: str | float | None
+) -> tuple[Array, PromiseTest]:
+    """Return the displacements that the model plans, and the test of the means ``measured`` after the correction."""
     fit = model_fit(robot)
     if fit is None:
         fix = "give a file that `write_model` of a trace or a calibration wrote"
         raise InputError(Problem("the model has no record of its fit", robot.name, column="fit", fix=fix))
-    before, after = targets.before, targets.after
-    if before.data.q is None or after.data.q is None:
-        raise UsageError("`model` needs the joints q1, q2, … that were commanded, in both files")
+    lacks_joints = any(file.q is None for file in files)
+    refuse((lacks_joints, "`model` needs the joints q1, q2, … that were commanded, in both files"))
     arm = absorb_constants(robot)
-    for file in (before, after):
+    for file in files:
         # Circumstances drawn in place of missing ones would be held against the measurements.
-        Model.of(arm).bind(file.data)
-    full_before, full_after = (completed(fit, file.data, 0) for file in (before, after))
-    predicted = Model.of(arm).bind(full_before).poses(np.zeros(0)).translation
-    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
+        Model.of(arm).bind(file)
+    before, after = (completed(fit, file, 0) for file in files)
+    planned_from = _means(Model.of(arm).bind(before).poses(np.zeros(0)).translation, rows[0])
+    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
-    firsts = np.array([index[0] for index in after.rows])
-    separate = model_uncertainty(arm, alone, full_after, measured=True).position[:, :, firsts]
-    treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
-    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    used = PromisedNoise(0.0 if is_in_unexplained else fit.noise[0], "model", treatment)
-    if noise is not None:
-        used = PromisedNoise(size(noise, "length", "`noise`"), "given", treatment)
-    elif (stated := after.data.stated_noise[0]) is not None:
-        used = PromisedNoise(stated, "file", treatment)
+    firsts = np.array([own[0] for own in rows[1]])
+    separate = model_uncertainty(arm, alone, after, measured=True).position[:, :, firsts]
+    used = _noise(fit, noise, files[1].stated_noise[0])
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
-    variance = (used.position**2 / np.array([index.size for index in after.rows]))[:, None]
+    variance = (used["position_m"] ** 2 / np.array([len(own) for own in rows[1]]))[:, None]
     values, vectors = np.linalg.eigh(np.moveaxis(separate, 2, 0))
-    values = np.maximum(values, 0.0) + variance if treatment == "added" else np.maximum(values, variance)
-    if not np.all(values > 0.0):
-        raise UsageError("the model has no unexplained error: `noise` must be more than 0")
+    values = np.maximum(values, 0.0) + variance if used["treatment"] == "added" else np.maximum(values, variance)
+    refuse((not np.all(values > 0.0), "the model has no unexplained error: `noise` must be more than 0"))
     total = np.asarray(np.einsum("nik,nk,njk->ijn", vectors, values, vectors))
-    means = before.means(predicted), after.means(poses.translation)
-    return Promise(*means, jacobian[:3, :, firsts], covariance, total, used)
+    predicted = _means(poses.translation, rows[1])
+    return predicted - planned_from, promise_test(
+        measured - predicted, jacobian[:3, :, firsts], covariance, total, used
+    )
 
 
-def noise_doubts(noise: PromisedNoise) -> list[str]:
+def _noise(fit: ModelFit, given: str | float | None, stated: float | None) -> dict[str, Any]:
+    """Return the measurement noise: given, of the poses after the correction, or of the model's fit."""
+    # Noise within the unexplained error of the model is only its lower bound.
+    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
+    if given is not None:
+        position, source = size(given, "length", "`noise`"), "given"
+    elif stated is not None:
+        position, source = stated, "file"
+    return {
+        "position_m": position,
+        "source": source,
+        "treatment": "added" if fit.noise_is_separate else "contained",
+    }
+
+
+def promise_test(
+    residual: Array, jacobian: Array, covariance: Array, separate: Array, noise: Mapping[str, Any]
+) -> PromiseTest:
+    """Return the normalised square of a residual and its probability.
+
+    Args:
+        residual: ``(3, N)`` measured less predicted positions, m.
+        jacobian: ``(3, P, N)`` of the positions to the model's coefficients.
+        covariance: ``(P, P)`` of the coefficients.
+        separate: ``(3, 3, N)`` covariance of all that targets do not share, m².
+        noise: Measurement noise in it.
+    """
+    precision = np.moveaxis(np.linalg.inv(np.moveaxis(separate, 2, 0)), 0, 2)
+    weighted = np.einsum("ijn,jn->in", precision, residual)
+    chi_square, shared = float(np.sum(residual * weighted)), 0.0
+    if covariance.size:
+        # Woodbury's identity with C = L L^T: coefficients without uncertainty need no inverse.
+        values, vectors = np.linalg.eigh(covariance)
+        columns = np.einsum("ipn,pk->ikn", jacobian, vectors * np.sqrt(np.maximum(values, 0.0)))
+        score = np.einsum("ikn,in->k", columns, weighted)
+        information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
+        chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
+        shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
+    expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", separate))))
+    return PromiseTest(chi_square, residual.size, chi2_sf(chi_square, float(residual.size)), expected, noise)
+
+
+def noise_doubts(noise: Mapping[str, Any]) -> list[str]:
     """Return a warning where noise is stated that the model's unexplained error may contain."""
-    if noise.treatment == "added" or noise.source == "model":
+    if noise["treatment"] == "added" or noise["source"] == "model":
         return []
-    stated = "`noise`" if noise.source == "given" else "the noise of `after`"
+    stated = "`noise`" if noise["source"] == "given" else "the noise of `after`"
     return [
         f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
-        f"{1e3 * noise.position:.3g} mm is not added; the error counts as this noise at least; to separate the two, "
-        "fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
+        f"{1e3 * noise['position_m']:.3g} mm is not added; the error counts as this noise at least; to separate the "
+        "two, fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
     ]

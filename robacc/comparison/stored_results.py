@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array
 from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
 from robacc.statistics.intervals import (
@@ -286,8 +286,8 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         KeyError, ValueError: The document lacks what the command writes, or its lists do not belong together.
     """
     command = document["command"]
-    if command not in COMPARED:
-        raise UsageError(f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared")
+    only = f"{file} is a result of {command}; only results of {', '.join(COMPARED)} can be compared"
+    refuse((command not in COMPARED, only))
     grade = document.get("grade") or {}
     places = _places(document, command)
     figures = dict(_figures(document, command, places))
@@ -480,8 +480,7 @@ class Difference:
     @classmethod
     def same(cls, value: float, confidence: float, why: str, paired: bool, n_poses: int | None) -> Difference:
         """Return a difference without uncertainty, and the reason."""
-        interval = Interval(value, value, None, confidence, why)
-        return cls(value, interval, float(value == 0.0), paired, n_poses)
+        return cls(value, Interval(value, value, None, confidence, why), float(value == 0.0), paired, n_poses)
 
 
 _MOMENTS: dict[str, tuple[int, int]] = {
@@ -557,8 +556,7 @@ def difference(
         # The lower limit follows from the upper quantile of t, and the upper limit from the lower quantile.
         below, above = max(t, high), max(t, -low)
         method = f"Student's t, no narrower than the studentised bootstrap ({DRAWS} draws)"
-    ratio = (below if value > 0.0 else above) / t
-    p_value = f_sf((value / error / ratio) ** 2, 1.0, dof)
+    p_value = f_sf((value / error / ((below if value > 0.0 else above) / t)) ** 2, 1.0, dof)
     basis = f"over {n} poses, paired" if paired else "Welch's degrees of freedom"
     interval = Interval(value - below * error, value + above * error, None, confidence, f"{method}, {basis}")
     return Difference(value, interval, p_value, paired, n)

@@ -15,7 +15,18 @@ from typing import TYPE_CHECKING, Any
 from robacc.documents.envelope import significant_document
 from robacc.documents.gate import GATE_KEY, GATE_RESULT
 from robacc.documents.keys import (
+    ALIGNMENT,
+    FIGURES,
+    INTERVAL,
     LEFT_OUT,
+    METRICS,
+    NOTES,
+    OUTSIDE_KEY,
+    POSES,
+    QUANTITIES,
+    ROBOT,
+    STATISTICS,
+    WARNINGS,
     Document,
     Key,
     array,
@@ -27,29 +38,16 @@ from robacc.documents.keys import (
     number,
     ordinal,
     part,
+    robot_document,
+    rounded,
     rows3,
     share,
     size,
     table,
     text,
+    texts,
     vector3,
     within,
-)
-from robacc.documents.parts import (
-    ALIGNMENT,
-    FIGURES,
-    INTERVAL,
-    METRICS,
-    NOTES,
-    OUTSIDE_KEY,
-    POSES,
-    QUANTITIES,
-    ROBOT,
-    STATISTICS,
-    WARNINGS,
-    robot_document,
-    rounded,
-    texts,
 )
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.json_text import json_text

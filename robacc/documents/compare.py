@@ -13,6 +13,9 @@ import numpy as np
 
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
+    FIGURES,
+    NOTES,
+    WARNINGS,
     Document,
     Key,
     array,
@@ -22,12 +25,12 @@ from robacc.documents.keys import (
     integer,
     number,
     part,
+    rounded,
     share,
     size,
     table,
     text,
 )
-from robacc.documents.parts import FIGURES, NOTES, WARNINGS, rounded
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
@@ -115,7 +118,7 @@ COMPARE = part(
                         "first": Key(text, "Name of the first."),
                         "second": Key(text, "Name of the second."),
                         "paired": Key(flag, "True if the results are compared pose by pose."),
-                        "n_shared": Key(count, "Number of common commanded poses.", "shared"),
+                        "n_shared": Key(count, "Number of common commanded poses."),
                         "n_first": Key(count, "Number of commanded poses of the first."),
                         "n_second": Key(count, "Number of commanded poses of the second."),
                     }

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from robacc.documents.keys import (
     LEFT_OUT,
+    OUTSIDE_KEY,
     Key,
     array,
     choice,
@@ -23,7 +24,6 @@ from robacc.documents.keys import (
     vector3,
     within,
 )
-from robacc.documents.parts import OUTSIDE_KEY
 
 if TYPE_CHECKING:
     from robacc.effects.request import CatalogueEntry

@@ -21,9 +21,21 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
-from robacc.documents.keys import Document, Key, Kind, Later, array, constant, count, part, shortened, table, text
-from robacc.documents.parts import INPUT
-from robacc.errors import InputError, Problem, UsageError
+from robacc.documents.keys import (
+    INPUT,
+    Document,
+    Key,
+    Kind,
+    Later,
+    array,
+    constant,
+    count,
+    part,
+    shortened,
+    table,
+    text,
+)
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
@@ -273,7 +285,7 @@ def _parsed(text: str, name: str) -> Any:
         raise InputError(Problem("is empty", name, fix="save the result as JSON"))
     try:
         document = json.loads(
-            text, object_pairs_hook=_unique_keys, parse_constant=_refused, parse_float=_finite, parse_int=_whole
+            text, object_pairs_hook=_unique_keys, parse_constant=_number, parse_float=_number, parse_int=_number
         )
         if "\\u" in text:
             # JSON can spell half of a surrogate pair, which is not a character and cannot be printed or written.
@@ -302,19 +314,13 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
     return entries
 
 
-def _refused(constant: str) -> float:
-    raise ValueError(f"{constant} is not a number of JSON")
-
-
-def _finite(text: str) -> float:
+def _number(text: str) -> float:
+    """Return a number of JSON, whole or not; Python also takes the names of numbers that are not finite."""
+    if text.lstrip("-")[0] in "NI":
+        raise ValueError(f"{text} is not a number of JSON")
     if not math.isfinite(float(text)):
         raise ValueError(f"the number {text[:40]} is too large")
-    return float(text)
-
-
-def _whole(text: str) -> int:
-    _finite(text)
-    return int(text)
+    return int(text) if text.lstrip("-").isdecimal() else float(text)
 
 
 def _checked(document: Any, name: str) -> str:
@@ -360,27 +366,18 @@ def pose_columns(document: Document) -> Columns:
     if not isinstance(poses, Mapping) or poses.get("line") is None:
         return {}
     columns: Columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
-    if poses.get("q") is not None:
-        columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses["q"], dtype=float).T)}
-    for prefix, key in (("cmd_", "commanded_m"), ("", "attained_m")):
-        columns |= _vector(f"{prefix}{{}}_m", poses.get(key))
+    columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses.get("q") or [], dtype=float).T)}
+    places, errors = {"cmd_{}_m": poses.get("commanded_m"), "{}_m": poses.get("attained_m")}, {}
     for unit, quantity, name in (("m", "position", "error"), ("rad", "orientation", "turn")):
-        stages = poses.get(f"errors_{unit}")
-        if isinstance(stages, Mapping):
-            errors = {f"{stage}_error": rows for stage, rows in stages.items()}
-        else:
-            errors = {name: (document.get(quantity) or {}).get(f"errors_{unit}")}
-        for own, rows in errors.items():
-            columns |= _vector(f"{own}_{{}}_{unit}", rows)
-            if rows is not None:
-                columns[f"{own}_{unit}"] = np.linalg.norm(np.asarray(rows, dtype=float), axis=1)
+        errors[f"{name}_{{}}_{unit}"] = (document.get(quantity) or {}).get(f"errors_{unit}")
+        errors |= {f"{stage}_error_{{}}_{unit}": rows for stage, rows in (poses.get(f"errors_{unit}") or {}).items()}
+    for pattern, rows in (places | errors).items():
+        if rows is not None:
+            vectors = np.asarray(rows, dtype=float).T
+            columns |= {pattern.format(axis): values for axis, values in zip("xyz", vectors, strict=True)}
+            if pattern in errors:
+                columns[pattern.replace("_{}", "")] = np.linalg.norm(vectors, axis=0)
     return columns
-
-
-def _vector(pattern: str, rows: object) -> Columns:
-    if rows is None:
-        return {}
-    return {pattern.format(axis): values for axis, values in zip("xyz", np.asarray(rows, dtype=float).T, strict=True)}
 
 
 # Identity of what was tested, for a report: the arm's serial number, the instrument, who measured where and when.
@@ -399,6 +396,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     identity: dict[str, str] = {}
     for source in sources:
         key, sign, value = (word.strip() for word in source.partition("="))
+        stated = {key: value}
         if not sign or os.path.isfile(source):
             top = top_section(read_text(source), source, tuple(IDENTITY))
             stated = read_fields(top, IDENTITY_FIELDS)
@@ -406,12 +404,14 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
             if not stated:
                 fix = f"write at least one of {', '.join(IDENTITY)}"
                 raise InputError(Problem("names nothing of what was tested", source, fix=fix))
-            identity |= stated
-        elif key not in IDENTITY:
-            fix = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
-            raise UsageError(f"`identity`: unknown key {key!r}; {fix}")
-        elif not value or not value.isprintable():
-            raise UsageError(f"`identity`: expected one line of text for {key}, found {value!r}")
         else:
-            identity[key] = value
+            known = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
+            refuse(
+                (key not in IDENTITY, f"`identity`: unknown key {key!r}; {known}"),
+                (
+                    not value.isprintable() or not value,
+                    f"`identity`: expected one line of text for {key}, found {value!r}",
+                ),
+            )
+        identity |= stated
     return {key: identity[key] for key in IDENTITY if key in identity}

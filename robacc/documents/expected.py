@@ -10,6 +10,11 @@ import numpy as np
 
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
+    NOTES,
+    OUTSIDE_KEY,
+    QUANTITIES,
+    REGISTERED_PARAMETER,
+    ROBOT,
     Document,
     Key,
     Kind,
@@ -23,22 +28,15 @@ from robacc.documents.keys import (
     number,
     ordinal,
     part,
+    robot_document,
+    rounded,
     rows3,
     share,
     size,
     table,
     text,
-    vector3,
-)
-from robacc.documents.parts import (
-    NOTES,
-    OUTSIDE_KEY,
-    QUANTITIES,
-    REGISTERED_PARAMETER,
-    ROBOT,
-    robot_document,
-    rounded,
     texts,
+    vector3,
 )
 from robacc.planning.candidates import targets_in_base
 from robacc.robots.description import Frame

@@ -12,21 +12,6 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_statistics import length_intervals
 from robacc.documents.gate import GATE_KEY
 from robacc.documents.keys import (
-    Document,
-    Key,
-    Kind,
-    array,
-    choice,
-    count,
-    flag,
-    number,
-    part,
-    share,
-    size,
-    table,
-    text,
-)
-from robacc.documents.parts import (
     COVARIANCE,
     CURVE,
     CURVE_KEYS,
@@ -39,8 +24,21 @@ from robacc.documents.parts import (
     QUANTITIES,
     ROBOT,
     WARNINGS,
+    Document,
+    Key,
+    Kind,
+    array,
+    choice,
+    count,
+    flag,
+    number,
+    part,
     pose_document,
     robot_document,
+    share,
+    size,
+    table,
+    text,
 )
 from robacc.fitting.masses import BETTER
 from robacc.fitting.priors import weak_kinds

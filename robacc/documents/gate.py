@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from robacc.documents.envelope import InputFile, read_result, significant_document
 from robacc.documents.keys import (
+    INPUT,
     LEFT_OUT,
     Document,
     Key,
@@ -25,7 +26,6 @@ from robacc.documents.keys import (
     size,
     text,
 )
-from robacc.documents.parts import INPUT
 from robacc.errors import InputError, Problem
 from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of

@@ -1,4 +1,6 @@
-"""Declarations of the keys of results: a key is stated once, and the document and its JSON Schema both come from it.
+"""Declarations of the keys of results, and the parts that several documents share.
+
+A key is stated once, and the document and its JSON Schema both come from it.
 
 A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the document, written from a record: each
 :class:`Key` takes its value from the record's attribute of the same name without the unit, unless it says otherwise.
@@ -14,7 +16,20 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from types import NoneType
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from robacc.errors import Note
+from robacc.robots.arm import Arm, skeleton, typical_pose
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from robacc.fitting.parameters import ParameterCovariance
+    from robacc.geometry import Array
+    from robacc.measurements import Measurements
+    from robacc.robots.description import Robot
 
 _TYPES: dict[str, tuple[str, frozenset[type]]] = {
     "string": ("text", frozenset({str})),
@@ -248,3 +263,533 @@ ordinal = Kind({"type": "integer", "minimum": 1})
 vector3 = dataclasses.replace(array(number, 3), name="vector3")
 rows3 = dataclasses.replace(array(array(number | None, 3)), name="rows3")
 matrix3 = dataclasses.replace(array(vector3, 3), name="matrix3")
+
+
+# Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.
+
+QUANTITIES = (("m", "position"), ("rad", "orientation"))
+"""Quantities with the units of their keys."""
+_DECIMALS = 12
+"""Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document."""
+_COVARIANCE_DIGITS = 8
+"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
+
+
+def rounded(values: Array | None) -> Array | None:
+    """Return rounded values with poses first, the order of a document; None without values."""
+    return None if values is None else np.round(values, _DECIMALS).T
+
+
+def texts(column: NDArray[Any] | None) -> list[str] | None:
+    """Return a column of names as texts; None without such a column."""
+    return None if column is None else [str(value) for value in column]
+
+
+OUTSIDE = part(
+    {
+        "n_poses": Key(count, "Poses outside at least one range."),
+        "position_std_max_m": Key(
+            size,
+            "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
+            "std_max",
+        ),
+        "ranges": Key(
+            array(
+                part(
+                    {
+                        "effect": Key(text, "Effect and its joints."),
+                        "driver": Key(
+                            text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."
+                        ),
+                        "unit": Key(text, "Unit of the range."),
+                        "low": Key(number, "Lowest value that the effect was fitted on."),
+                        "high": Key(number, "Highest value that the effect was fitted on."),
+                        "n_poses": Key(ordinal, "Poses outside this range."),
+                        "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
+                        "rule": Key(
+                            choice("held", "extrapolated"),
+                            (
+                                "held: the effect keeps its value at the end of the range; extrapolated: it follows "
+                                "its law."
+                            ),
+                            lambda item: "held" if item.is_held else "extrapolated",
+                        ),
+                    }
+                )
+            ),
+            "Ranges that some pose exceeds, most poses first.",
+        ),
+    }
+)
+
+
+def _outside(result: Any) -> Any:
+    """Return the poses outside the validity ranges of a result's model; nothing without files or a robot."""
+    outside = getattr(getattr(result, "made", None), "outside", None)
+    return LEFT_OUT if outside is None else outside
+
+
+OUTSIDE_KEY = Key(OUTSIDE, "Poses outside the validity range of the robot file's effects.", _outside, optional=True)
+"""Key that the use of a model adds to a result."""
+
+INPUT = part(
+    {
+        "name": Key(
+            text, "File name without its folder; - is standard input; a label for data that did not come from a file."
+        ),
+        "sha256": Key(
+            digest,
+            (
+                "SHA-256 of the file's bytes, hexadecimal; for data that did not come from a file, of the file that "
+                "they would make."
+            ),
+        ),
+        "kind": Key(text, "Kind of file: poses, robot, scale, gate, baseline, result …"),
+        "reading": Key(
+            table(),
+            "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
+            lambda file: dict(file.reading) if file.reading else LEFT_OUT,
+            optional=True,
+        ),
+        "identity": Key(
+            table(text),
+            (
+                "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
+                "absent without any."
+            ),
+            lambda file: dict(file.identity) if file.identity else LEFT_OUT,
+            optional=True,
+        ),
+    },
+    "input",
+    "One input file of the result.",
+)
+
+INTERVAL = part(
+    {
+        "lower": Key(number | None, "Lower limit of the two-sided interval, or null."),
+        "upper": Key(number | None, "Upper limit of the two-sided interval, or null."),
+        "upper_bound": Key(number | None, "One-sided upper bound at the same confidence, or null."),
+        "confidence": Key(share, "Confidence of the interval, and of the upper bound by itself."),
+        "method": Key(text, "Method of the interval; none if there is no interval."),
+        "why": Key(text | None, "Reason why there is no interval, or null."),
+    },
+    "interval",
+    "Confidence interval of a number, in the number's unit.",
+)
+
+MATRIX_INTERVAL = part(
+    {
+        "lower": Key(matrix3 | None, "Lower limits, or null."),
+        "upper": Key(matrix3 | None, "Upper limits, or null."),
+        "confidence": Key(share, "Confidence of each interval."),
+        "method": Key(text, "Method of the intervals; none if there are no intervals."),
+        "why": Key(text | None, "Reason why there are no intervals, or null."),
+    },
+    "matrix_interval",
+    "Confidence interval of each element of a covariance, in its unit.",
+)
+
+TEST = part(
+    {
+        "method": Key(text, "Name of the test and its hypothesis."),
+        "statistic": Key(number | None, "Statistic of the test, or null."),
+        "p_value": Key(share | None, "Probability of a statistic as extreme if the assumption holds, or null."),
+        "dimension": Key(count | None, "Dimension of the tested errors: below 3 if they lie in a plane or on a line."),
+        "why": Key(text | None, "Reason why there is no test, or null."),
+    },
+    "test",
+    "A test of an assumption.",
+)
+
+METRICS = {
+    unit: {
+        f"rms_{unit}": Key(size, f"Rms of the {name} error's length, {unit}."),
+        f"mean_error_{unit}": Key(size, f"Mean of the error's length, {unit}.", "mean"),
+        f"p95_{unit}": Key(size, f"95th percentile of the error's length in the sample, {unit}."),
+        f"max_{unit}": Key(size, f"Largest length of an error in the sample, {unit}."),
+    }
+    for unit, name in QUANTITIES
+}
+"""Keys of the four metrics of an error's length by unit."""
+FIGURES = {
+    unit: part(METRICS[unit], f"{name}_figures", f"Metrics of the {name} error's length.") for unit, name in QUANTITIES
+}
+"""The metrics as a part, by unit."""
+_RADIUS = {
+    unit: part(
+        {
+            f"radius_{unit}": Key(size | None, f"Radius, {unit}, or null.", "value"),
+            "interval": Key(INTERVAL),
+            "why": Key(text | None, "Reason why there is no interval, or null."),
+        }
+    )
+    for unit, _ in QUANTITIES
+}
+STATISTICS = {
+    unit: part(
+        {
+            f"mean_{unit}": Key(vector3, f"Mean error along x, y, z of the frame, {unit}."),
+            f"covariance_{unit}2": Key(
+                matrix3, f"Maximum-likelihood covariance about zero (divisor n), {unit}²: equations (13), (14)."
+            ),
+            f"centred_covariance_{unit}2": Key(
+                matrix3, f"Maximum-likelihood covariance about the mean (divisor n), {unit}²."
+            ),
+            f"rms_{unit}": Key(size, f"Rms of the {name} error's length, {unit}."),
+            f"mean_error_{unit}": Key(size, f"Mean of the error's length, {unit}."),
+            f"p95_{unit}": Key(size, f"95th percentile of the error's length in the sample, {unit}."),
+            f"max_{unit}": Key(size, f"Largest length of an error in the sample, {unit}."),
+            "percentile_definition": Key(
+                text,
+                "Interpolation of the sample percentile.",
+                lambda _: "linear interpolation at (n - 1) p (Hyndman and Fan type 7)",
+            ),
+            "share_below_max": Key(
+                share | None, "Share of all poses below the largest measured error, at the confidence; null if unknown."
+            ),
+            "n_commanded_poses": Key(count, "Number of commanded poses.", "n_poses"),
+            "independent_poses": Key(
+                size,
+                "Number of poses that the intervals count: the commanded poses, less those that the fitted frames use.",
+                "n_independent",
+                optional=True,
+            ),
+            "confidence": Key(share, "Confidence of the intervals."),
+            "assumption": Key(text, "Assumptions of the covariance, and the tests that contradict them."),
+            "intervals": Key(
+                part(
+                    {
+                        f"mean_{unit}": Key(array(INTERVAL, 3), f"Intervals along x, y, z, {unit}.", "intervals.mean"),
+                        f"covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.covariance"),
+                        f"centred_covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.centred_covariance"),
+                        f"rms_{unit}": Key(INTERVAL, source="intervals.rms"),
+                        f"mean_error_{unit}": Key(INTERVAL, source="intervals.mean_error"),
+                        f"p95_{unit}": Key(INTERVAL, source="intervals.p95"),
+                        f"max_{unit}": Key(INTERVAL, source=lambda statistics: statistics.estimate("max")[1]),
+                    }
+                ),
+                "Intervals of the metrics, by their keys.",
+                "",
+            ),
+            "ellipsoid": Key(
+                array(
+                    part(
+                        {
+                            "direction": Key(vector3, "Unit vector in the frame's axes."),
+                            f"sd_{unit}": Key(size | None, f"Standard deviation along the direction, {unit}."),
+                            "interval": Key(INTERVAL),
+                        }
+                    )
+                ),
+                "Principal axes of the covariance about the mean, the longest first.",
+                lambda statistics: [
+                    {"direction": direction, f"sd_{statistics.unit}": sd, "interval": interval}
+                    for direction, sd, interval in zip(
+                        statistics.ellipsoid.axes.T,
+                        statistics.ellipsoid.sd,
+                        statistics.ellipsoid.intervals,
+                        strict=True,
+                    )
+                ],
+            ),
+            "radius95": Key(
+                part(
+                    {
+                        "zero_mean": Key(
+                            _RADIUS[unit],
+                            "Gaussian of zero mean, with the covariance about zero.",
+                            "radius95_zero_mean",
+                        ),
+                        "fitted_mean": Key(
+                            _RADIUS[unit],
+                            "Gaussian of the fitted mean, with the covariance about the mean.",
+                            "radius95_fitted_mean",
+                        ),
+                    }
+                ),
+                "Radius that contains 95 % of the errors of the fitted Gaussian.",
+                "",
+            ),
+            "tests": Key(
+                part({"zero_mean": Key(TEST), "skewness": Key(TEST), "kurtosis": Key(TEST)}),
+                "Tests of the assumptions of the covariance.",
+            ),
+            "pose_structure": Key(
+                part(
+                    {
+                        f"between_{unit}2": Key(size | None, f"Variance between commanded poses, {unit}²."),
+                        f"within_{unit}2": Key(size | None, f"Variance within commanded poses, {unit}²."),
+                        "intraclass_correlation": Key(number | None, "Share of the variance between poses."),
+                        "effective_poses": Key(size | None, "Number of independent poses equivalent to the rows."),
+                        "text": Key(text, "Summary of the structure."),
+                        "why": Key(text | None, "Reason why it is unknown, or null."),
+                    }
+                ),
+                "Shares of the error between and within commanded poses, from repetitions.",
+                "structure",
+            ),
+            f"errors_{unit}": Key(
+                rows3, f"Error of each pose along x, y, z of the frame, {unit}, in the file's order."
+            ),
+        },
+        f"{name}_statistics",
+        f"{name.capitalize()} errors, {unit}.",
+    )
+    for unit, name in QUANTITIES
+}
+"""Statistics of the errors by unit; the errors themselves are given."""
+REGISTERED_PARAMETER = part(
+    {
+        "name": Key(text, "Name of effect and coordinate, as in base_frame.x."),
+        "value": Key(number, "Value in the unit.", lambda parameter: parameter.value + 0.0),
+        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+        "unit": Key(text, "m or rad."),
+        "why": Key(text, "Reason why std is null.", lambda parameter: parameter.why or LEFT_OUT, optional=True),
+    },
+    "registered_parameter",
+    "One coordinate of a registered frame.",
+)
+
+PARAMETER = part(
+    {
+        "name": Key(text, "effect.joint.term"),
+        "value": Key(
+            number | None,
+            (
+                "Value in the unit: of base_frame and tool_frame the fitted frame, of other constants the correction "
+                "to the robot file; null if it is not identifiable."
+            ),
+            lambda parameter: parameter.value + 0.0,
+        ),
+        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+        "unit": Key(text, "Unit of value and std."),
+        "why": Key(
+            text,
+            "Reason for a missing standard error, or confounded coefficients.",
+            lambda parameter: parameter.why or LEFT_OUT,
+            optional=True,
+        ),
+    },
+    "parameter",
+    "One coefficient.",
+)
+
+ALIGNMENT = part(
+    {
+        "what": Key(array(text), "Fitted frames: base_frame, tool_frame or both.", "effects"),
+        "n_parameters": Key(count, "Number of fitted coefficients."),
+        "parameters": Key(array(REGISTERED_PARAMETER), "Fitted coefficients."),
+    }
+)
+"""Frames registered to the poses."""
+
+JOINTS = array(
+    part(
+        {
+            "name": Key(text, "Name of the joint."),
+            "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
+        }
+    )
+)
+ROBOT = part(
+    {
+        "name": Key(text, "Name in the robot file."),
+        "joints": Key(JOINTS, "Joints with a variable, in chain order.", "variables"),
+        "effects": Key(
+            array(text),
+            "Names of the effects that the robot file lists; they are applied.",
+            lambda robot: list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
+            optional=True,
+        ),
+        "fitted_to": Key(
+            array(text), "SHA-256 of each file of poses that the robot file was fitted to.", optional=True
+        ),
+        "outline": Key(
+            part(
+                {
+                    "q": Key(array(number), "Joint variables, rad or m."),
+                    "line_m": Key(rows3, "Corners of the arm's outline from base to target, m."),
+                }
+            )
+            | None,
+            "Outline of the arm at a typical pose; null if the joints are unknown.",
+        ),
+    },
+    "robot",
+    "Robot and its outline; null without a robot.",
+)
+
+
+def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> Document | None:
+    """Return the robot's name, joints, and outline at a typical pose of ``q`` ``(J, N)``; None without a robot.
+
+    The outline is that of the ``registered`` robot if there is one, among the poses in the measuring frame.
+    """
+    if robot is None:
+        return None
+    outline = None
+    if q is not None and q.shape[1]:
+        typical = q[:, typical_pose(q)]
+        outline = {"q": typical, "line_m": rounded(skeleton(Arm.of(registered or robot), typical))}
+    return ROBOT.write(robot, outline=outline)
+
+
+_POSES = {
+    "line": Key(
+        array(ordinal),
+        "Line of the file, from 1; the row's number if there is no file.",
+        lambda data: np.arange(1, data.n + 1) if data.rows is None else data.rows,
+    ),
+    "pose": Key(array(text) | None, "Id of the commanded pose.", lambda data: texts(data.pose)),
+    "cycle": Key(array(text) | None, "Repetition of the commanded pose.", lambda data: texts(data.cycle)),
+    "target": Key(array(text) | None, "Name of the measured target.", lambda data: texts(data.target)),
+    "group": Key(
+        array(integer), "Number of the commanded pose; rows that share it are repetitions.", lambda data: data.groups()
+    ),
+    "q": Key(
+        array(array(number)) | None, "Commanded joint variables of each pose, rad or m.", lambda data: rounded(data.q)
+    ),
+    "commanded_m": Key(rows3, "Commanded position of the target in the measuring frame, m."),
+    "attained_m": Key(rows3, "Measured position of the target, m.", lambda data: rounded(data.position)),
+    "time_s": Key(array(number) | None, "Time, s.", "time"),
+    "temperature_c": Key(array(number) | None, "Temperature, °C.", "temperature"),
+    "payload_kg": Key(array(number) | None, "Payload, kg.", "payload"),
+    "used": Key(array(flag) | None, "True for rows in the fit; null if the fit uses all rows."),
+}
+Residuals = Mapping[str, Any]
+_ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
+POSES = part(_POSES, "poses", _ABOUT_POSES)
+
+
+def _errors(stage: str, axes: slice) -> Callable[[Residuals], Any]:
+    """Return a source: the rows ``axes`` of the residuals of a stage."""
+    return lambda residuals: None if residuals.get(stage) is None else rounded(residuals[stage][axes])
+
+
+_STAGE_ERRORS = {
+    unit: part(
+        {
+            key: Key(
+                rows3 | None,
+                f"Errors of {about}, {unit}; null if there are none.",
+                _errors(key, axes),
+            )
+            for key, about in (
+                ("nominal_unregistered", "the nominal model as it stands in the robot file"),
+                ("nominal", "the nominal model, registered"),
+                ("before", "the baseline"),
+                ("after", "the extended model"),
+                ("held_out_nominal", "the nominal model registered without the pose"),
+                ("held_out_before", "the baseline fitted without the pose"),
+                ("held_out_after", "the extended model fitted without the pose"),
+            )
+        }
+    )
+    for unit, axes in (("m", slice(0, 3)), ("rad", slice(3, 6)))
+}
+FITTED_POSES = part(
+    {
+        **_POSES,
+        "errors_m": Key(_STAGE_ERRORS["m"], "Position error of each row in the measuring frame, m."),
+        "errors_rad": Key(
+            _STAGE_ERRORS["rad"] | None, "Orientation error of each row, rad; null if no orientation was measured."
+        ),
+    },
+    "fitted_poses",
+    _ABOUT_POSES,
+)
+
+
+def pose_document(
+    data: Measurements, commanded: Array, residuals: Residuals | None = None, used: NDArray[np.bool_] | None = None
+) -> Later:
+    """Return columns with an entry for each row: its line, ids, commanded and measured values, and residuals.
+
+    Rows with the same ``group`` are repetitions of one commanded pose.
+
+    Args:
+        data: The measured rows.
+        commanded: ``(3, N)`` commanded position of the target in the measuring frame, m.
+        residuals: Residuals ``(3 or 6, N)`` of each stage of a fit, by its key, if there is a fit.
+        used: ``(N,)`` rows without outliers.
+    """
+    given: dict[str, Callable[[], Any]] = {"commanded_m": lambda: rounded(commanded), "used": lambda: used}
+    columns = {key: given.get(key) or partial(entry.value, key, data) for key, entry in _POSES.items()}
+    if residuals is None:
+        return Later(columns)
+    for unit, errors in _STAGE_ERRORS.items():
+        sources = {key: partial(entry.value, key, residuals) for key, entry in (errors.keys or {}).items()}
+        stages = Later(sources) if unit == "m" or len(residuals["nominal"]) > 3 else None
+        columns[f"errors_{unit}"] = partial(lambda stages: stages, stages)
+    return Later(columns)
+
+
+CURVE_KEYS = {
+    "joint": Key(
+        text | None, "Joint whose error is given; null for the component along the displacement by the effect."
+    ),
+    "driver": Key(text, "Driver of the effect: a joint angle, a torque, time …"),
+    "driver_unit": Key(text, "Unit of x and grid."),
+    "unit": Key(text, "Unit of all other numbers."),
+    "x": Key(array(number | None), "Driver at each row."),
+    "effect": Key(array(number | None), "Contribution of the effect at each row.", lambda curve: rounded(curve.effect)),
+    "residual_before": Key(array(number | None), "Residual without the effect.", lambda curve: rounded(curve.before)),
+    "residual_after": Key(array(number | None), "Residual with the effect.", lambda curve: rounded(curve.after)),
+    "sd": Key(array(number | None), "Standard deviation of each row's residual.", lambda curve: rounded(curve.sd)),
+    "grid": Key(array(number) | None, "Values of the driver for the curve."),
+    "curve": Key(array(number) | None, "Effect at the values of the grid.", lambda curve: rounded(curve.value)),
+    "spectrum": Key(
+        part(
+            {
+                "orders": Key(array(number), "Periods per turn."),
+                "before_rad": Key(array(number), "Amplitude without the effect, rad.", lambda it: rounded(it.before)),
+                "after_rad": Key(array(number), "Amplitude with the effect, rad.", lambda it: rounded(it.after)),
+                "noise_rad": Key(size | None, "Amplitude that noise alone produces, rad."),
+            }
+        )
+        | None,
+        "Amplitudes by order of a periodic effect; otherwise null.",
+    ),
+}
+CURVE = part(
+    CURVE_KEYS, "curve", "Partial residual of an effect over its driver: residual_before = effect + residual_after."
+)
+
+
+def _lower_triangle(covariance: ParameterCovariance) -> list[list[float]]:
+    """Return the lower triangle of the covariance, which tells all, in few digits."""
+    return [
+        [*(float(f"{value:.{_COVARIANCE_DIGITS}g}") for value in row[:i]), float(row[i])]
+        for i, row in enumerate(covariance.matrix.tolist())
+    ]
+
+
+COVARIANCE = part(
+    {
+        "names": Key(array(text), "Names of the coefficients, as in parameters."),
+        "lower_triangle": Key(
+            array(array(number)),
+            (
+                "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
+                "units; eight significant digits. The roots of the diagonal are the standard errors."
+            ),
+            _lower_triangle,
+        ),
+    }
+)
+"""Covariance of coefficients."""
+
+NOTES = {"notes": Key(array(text), "Notes on the figures: assumptions and limitations.")}
+WARNINGS = {
+    "input_notes": Key(
+        array(text),
+        "How the inputs were read.",
+        lambda result: [text for text in result.warnings if isinstance(text, Note)],
+    ),
+    "warnings": Key(
+        array(text),
+        "Warnings: a figure may be wrong.",
+        lambda result: [text for text in result.warnings if not isinstance(text, Note)],
+    ),
+}

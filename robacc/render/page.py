@@ -16,10 +16,21 @@ from typing import Any
 
 from robacc.render.plots.canvas import DARK, LIGHT, as_part, need
 from robacc.render.plots.results import charts_of
-from robacc.render.text import NEGATIVE_OPTIONS, Document, as_options
+from robacc.render.text import (
+    NEGATIVE_OPTIONS,
+    Cell,
+    Document,
+    Grid,
+    Listing,
+    ReportHeadline,
+    Section,
+    Text,
+    as_options,
+    of_robot,
+    shown,
+)
 from robacc.render.views.accuracy import estimate_headline, estimate_view, iso9283_headline, iso9283_view
 from robacc.render.views.compare import comparison_headline, comparison_view
-from robacc.render.views.elements import Cell, Grid, Listing, ReportHeadline, Section, Text, of_robot, shown
 from robacc.render.views.expected import (
     correction_headline,
     correction_view,
@@ -50,25 +61,9 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
 
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command, with its robot, data and gate."""
-    headline_by_command, _ = _VIEWS.get(document["command"], (_other_headline, None))
-    headline, gates = headline_by_command(document), [document["gate"]] if document.get("gate") else []
-    facts = [fact for fact in (*_facts(document, gates), *headline.facts) if fact[1]]
-    return headline._replace(
-        badges=[
-            *headline.badges,
-            *((f"gate {LOOKS[gate['outcome']].gate}", LOOKS[gate["outcome"]].tone) for gate in gates),
-        ],
-        # What a reader asks first: why, and what now.
-        facts=sorted(facts, key=lambda fact: fact[0] not in ("Why", "Next")),
-    )
-
-
-def _other_headline(document: Document) -> ReportHeadline:
-    return ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
-
-
-def _facts(document: Document, gates: Sequence[Document]) -> list[tuple[str, str]]:
-    inputs, robot = document["inputs"], document.get("robot")
+    other = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
+    headline = _VIEWS[document["command"]][0](document) if document["command"] in _VIEWS else other
+    inputs, robot, gate = document["inputs"], document.get("robot"), document.get("gate")
     robots = [record["name"] for record in inputs if record["kind"] == "robot"]
     if robot is not None:
         joints = ", ".join(joint["name"] for joint in robot["joints"])
@@ -77,11 +72,20 @@ def _facts(document: Document, gates: Sequence[Document]) -> list[tuple[str, str
     # The poses of a plan are not measured yet.
     count = None if document["command"] == "plan" else document.get("n_poses")
     poses = f"{count:,} poses" if isinstance(count, int) else ""
-    return [
+    facts = [
         *(("Robot", name) for name in robots),
         ("Data", " from ".join(part for part in (poses, " and ".join(files)) if part)),
-        *(("Gate", f"{gate['name']}: {passed(gate)} passed") for gate in gates),
+        ("Gate", f"{gate['name']}: {passed(gate)} passed" if gate else ""),
+        *headline.facts,
     ]
+    return headline._replace(
+        badges=[
+            *headline.badges,
+            *((f"gate {look.gate}", look.tone) for look in ([LOOKS[gate["outcome"]]] if gate else [])),
+        ],
+        # What a reader asks first: why, and what now.
+        facts=sorted((fact for fact in facts if fact[1]), key=lambda fact: fact[0] not in ("Why", "Next")),
+    )
 
 
 # A result in a few lines for a notebook or a Python shell; no library is needed.
@@ -102,12 +106,12 @@ def notebook_html(document: Document) -> str:
     )
 
 
-def notebook_text(document: Document) -> str:
-    """Return the headline of a result as lines of text."""
+def notebook_view(document: Document) -> list[Section]:
+    """Return the headline of a result as a section of a text."""
     headline = headline_of(document)
     title = " ".join((headline.title, *(f"[{text}]" for text, _ in headline.badges)))
     rows = [(label, "  ".join(filter(None, texts))) for label, *texts in _figures(headline)]
-    return "\n".join((title, headline.summary, *(line for line, _ in Grid(("", ""), rows, left=(0, 1)).lines(0))))
+    return [Section(title, [Text(headline.summary, wraps=False), Grid(("", ""), rows, left=(0, 1))])]
 
 
 def _figures(headline: ReportHeadline) -> list[tuple[str, str, str]]:
@@ -131,14 +135,17 @@ def identity_rows(
     """
     rows: list[tuple[str, str]] = []
     for key, label in IDENTITY.items():
-        texts: list[tuple[str, str]] = []
-        for name, document in zip(names, documents, strict=True):
-            files = [file for file in document["inputs"] if key in file.get("identity", ())]
-            lead = f"{name}, " if len(documents) > 1 else ""
-            own = [(name, text) for text in {file["identity"][key] for file in files}]
-            texts += own if len(own) < 2 else [(lead + file["name"], file["identity"][key]) for file in files]
-        distinct = {text for _, text in texts}
-        many = "; ".join(f"{name}: {text}" for name, text in texts)
+        files = [[file for file in made["inputs"] if key in file.get("identity", ())] for made in documents]
+        texts = dict.fromkeys(
+            (
+                name if is_one else f"{name}, {file['name']}" if len(documents) > 1 else file["name"],
+                file["identity"][key],
+            )
+            for name, own in zip(names, files, strict=True)
+            for is_one in [len({file["identity"][key] for file in own}) == 1]
+            for file in own
+        )
+        many, distinct = "; ".join(f"{name}: {text}" for name, text in texts), {text for _, text in texts}
         rows.append((label, identity.get(key, many if len(distinct) > 1 else "".join(distinct))))
     return [(label, text) for label, text in rows if text]
 
@@ -150,34 +157,27 @@ _SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
 
 def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
-    files = {record["kind"]: record["name"] for record in reversed(document["inputs"])}
-    leading = ({"predict": "robot", "plan": "robot"}.get(document["command"], "poses"), "result")
-    arguments = ["robacc", document["command"]]
-    arguments += [record["name"] for record in document["inputs"] if record["kind"] in leading]
-    for kind, name in files.items():
-        arguments += [] if kind in leading else [f"--{kind}", name]
-    for name, value in document["options"].items():
-        flag = {"purpose": "--for"}.get(name, f"--{name.replace('_', '-')}")
-        if name in files or value in (None, [], ""):
-            continue
-        if name in NEGATIVE_OPTIONS:
-            arguments += [] if value else [NEGATIVE_OPTIONS[name]]
-        elif isinstance(value, bool):
-            arguments += [flag] * value
-        elif name in {"outside", "half_space"}:
-            arguments += [word for each in value for word in (flag, str(each))]
-        else:
-            arguments += [flag, ",".join(map(str, value)) if isinstance(value, list) else f"{value}"]
+    command, inputs = document["command"], document["inputs"]
+    leading = ({"predict": "robot", "plan": "robot"}.get(command, "poses"), "result")
+    files = {record["kind"]: record["name"] for record in reversed(inputs)}
     # The options that were stated on the names of the poses' file.
-    for name, value in next((record["reading"] for record in document["inputs"] if "reading" in record), {}).items():
-        if name != "commanded_sha256":
-            arguments += [
-                f"--{name.replace('_', '-')}",
-                *([] if value is True else ["columns.yaml" if name == "columns" else f"{value}"]),
-            ]
-    if document["seed"] is not None and document["command"] in _SEEDED:
-        arguments += ["--seed", str(document["seed"])]
-    return " ".join(shlex.quote(argument) for argument in arguments)
+    reading: Document = next((record["reading"] for record in inputs if "reading" in record), {})
+    settings = [
+        *((kind, name) for kind, name in files.items() if kind not in leading),
+        *((name, value) for name, value in document["options"].items() if name not in files),
+        *((n, "columns.yaml" if n == "columns" else value) for n, value in reading.items() if n != "commanded_sha256"),
+        ("seed", document["seed"] if command in _SEEDED else None),
+    ]
+    arguments = ["robacc", command, *(record["name"] for record in inputs if record["kind"] in leading)]
+    for name, value in settings:
+        flag = {"purpose": "--for", **NEGATIVE_OPTIONS}.get(name, f"--{name.replace('_', '-')}")
+        if isinstance(value, bool):
+            arguments += [flag] * (value != (name in NEGATIVE_OPTIONS))
+        elif value not in (None, [], ""):
+            joined = ",".join(map(str, value)) if isinstance(value, list) else value
+            own = value if name in ("outside", "half_space") else [joined]
+            arguments += [word for each in own for word in (flag, str(each))]
+    return " ".join(map(shlex.quote, arguments))
 
 
 # Several results in one table, one column per result.

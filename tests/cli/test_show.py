@@ -14,7 +14,7 @@ from commands import missing
 
 from robacc.io.files import sha256_of
 from robacc.modelling.robot_file import read_robot
-from robacc.render.views.elements import lines_of
+from robacc.render.text import lines_of
 from robacc.render.views.robot import robot_view
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot

@@ -22,7 +22,7 @@ from robacc.fitting.masses import BETTER, choose_form, with_deflection
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.render.views.elements import draw
+from robacc.render.text import draw
 from robacc.render.views.fit import fit_view
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.documents.parts import COVARIANCE
+from robacc.documents.keys import COVARIANCE
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.parameters import ParameterCovariance, apply_fit, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit

@@ -14,7 +14,7 @@ from robacc.accuracy.grade import default_scale, grade
 from robacc.comparison.stored_results import NoValueError, errors_behind, value_at
 from robacc.documents.accuracy import GRADE
 from robacc.documents.gate import gate_document
-from robacc.documents.parts import STATISTICS
+from robacc.documents.keys import STATISTICS
 from robacc.gates.evaluate import (
     CriterionEvaluation,
     GateOutcome,

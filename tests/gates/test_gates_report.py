@@ -14,16 +14,14 @@ from robacc.documents.gate import gate_document
 from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, Outcome
 from robacc.gates.gate_file import Gate, GateCriterion
 from robacc.outcomes import FileOutcome
-from robacc.render.views.elements import draw
+from robacc.render.text import draw
 from robacc.render.views.gate import (
     gate_view,
     github_annotations,
     junit as suites,
-    limit,
     markdown,
-    probability,
-    sentence,
     title,
+    words_of,
 )
 
 
@@ -92,11 +90,11 @@ NO_BOUNDS = {"lower_bound": None, "upper_bound": None, "margin": None}
 )
 def test_a_criterion_in_one_sentence(criterion: dict[str, Any], text: str) -> None:
     # ^ and $ are the ends of the sentence.
-    assert text in f"^{sentence(criterion)}$"
+    assert text in f"^{words_of(criterion)['sentence']}$"
 
 
 def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
-    assert "too close" not in sentence(stored("inconclusive", n=None))
+    assert "too close" not in words_of(stored("inconclusive", n=None))["sentence"]
 
 
 @pytest.mark.parametrize(
@@ -115,13 +113,13 @@ def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
     ],
 )
 def test_limits_in_words(condition: dict[str, Any], text: str) -> None:
-    assert limit(stored(**condition)) == text
+    assert words_of(stored(**condition))["limit"] == text
 
 
 def test_probabilities_are_no_certainty() -> None:
     chances = (1.0, 0.9995, 0.5, 0.0005, 0.0, None)
-    told = ["> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %", None]
-    assert [probability(stored(probability=chance)) for chance in chances] == told
+    told = ["> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %", "–"]
+    assert [words_of(stored(probability=chance))["conforms"] for chance in chances] == told
     assert title(ALL) == "Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)"
 
 

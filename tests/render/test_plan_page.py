@@ -10,7 +10,7 @@ import pytest
 import robacc
 from robacc.render.page import command_line, render
 from robacc.render.plots.results import charts_of
-from robacc.render.views.elements import effect_families
+from robacc.render.text import effect_families
 
 ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
 

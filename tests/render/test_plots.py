@@ -20,8 +20,7 @@ from robacc.errors import UsageError
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.poses import SHARES, error_axis, stages_of
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
-from robacc.render.text import unit_of
-from robacc.render.views.elements import Grid
+from robacc.render.text import Grid, unit_of
 from robacc.statistics.distributions import chi2_cdf
 
 KINDS = {

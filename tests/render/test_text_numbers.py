@@ -14,6 +14,7 @@ import robacc
 from robacc.modelling.robot_file import read_robot
 from robacc.render.text import (
     decimals,
+    draw,
     effect_label,
     fixed,
     grouped,
@@ -114,7 +115,7 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
     result = robacc.calibrate(data, robot=robot, fit=fit)
     stream = io.StringIO()
-    result.draw(stream, full=True)
+    draw(result.view(full=True), stream)
     lines = stream.getvalue().splitlines()
     assert sum("not identifiable" in line for line in lines) == 2
     assert not any(".hx2" in line for line in lines)

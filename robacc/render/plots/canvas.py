@@ -21,9 +21,8 @@ from typing import TYPE_CHECKING, Any, Final
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError, install_advice
-from robacc.render.text import Document
-from robacc.render.views.elements import Grid
+from robacc.errors import install_advice, refuse
+from robacc.render.text import Document, Grid
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,10 +38,8 @@ def need(*libraries: str) -> None:
         UsageError: a library is not installed; the message says how to install the extra.
     """
     missing = [name for name in libraries if find_spec(name) is None]
-    if missing:
-        raise UsageError(
-            f"charts and reports need {' and '.join(missing)}, which is not installed; run {install_advice('report')}"
-        )
+    start = f"charts and reports need {' and '.join(missing)}, which is not installed"
+    refuse((missing, f"{start}; run {install_advice('report')}"))
 
 
 # Names from files, shortened for charts.
@@ -322,27 +319,24 @@ _SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "di
 
 def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
-    traces = []
-    for one in series:
-        points, colour = np.array(one.at, dtype=np.float64), f"role:{one.role}"
+    traces = [
+        {
+            "type": "scatter3d",
+            "name": one.label or "route",
+            **{
+                name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
+                for name, column in zip("xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True)
+            },
+            "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
+            "line": {"color": f"role:{one.role}", "width": 3 * one.width},
+            "marker": {"size": one.size, "color": f"role:{one.role}", "symbol": _SYMBOLS.get(one.marker, "circle")},
+            **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
+        }
+        for one in series
+        for points in [np.array(one.at, dtype=np.float64)]
         # plotly interprets some tags and entities.
-        texts = [escape(text, quote=False).replace("\n", "<br>") for text in one.texts]
-        traces.append(
-            {
-                "type": "scatter3d",
-                "name": one.label or "route",
-                **{
-                    name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
-                    for name, column in zip(
-                        "xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True
-                    )
-                },
-                "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
-                "line": {"color": colour, "width": 3 * one.width},
-                "marker": {"size": one.size, "color": colour, "symbol": _SYMBOLS.get(one.marker, "circle")},
-                **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
-            }
-        )
+        for texts in [[escape(text, quote=False).replace("\n", "<br>") for text in one.texts]]
+    ]
     return {
         "traces": traces,
         "axes": [f"{name}, {unit}" for name in "xyz"],

@@ -28,8 +28,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text import QUANTITIES, Document, unit_of
-from robacc.render.views.elements import Grid
+from robacc.render.text import QUANTITIES, Document, Grid, unit_of
 from robacc.render.views.fit import fit_stages
 
 # The errors of a result's poses by stage: nominal model, baseline, extended model.
@@ -201,13 +200,19 @@ def _distribution_chart(document: Document, name: str, si_unit: str, curves: Seq
     title = f"Distribution of the {'predicted ' * (document['command'] == 'predict')}{name} error"
     medians = [(label, unit.text(float(np.median(sizes)))) for _, label, sizes in curves]
     lines = ", ".join(f"{label} {unit.text(size)}" for label, _, size in limits)
-    series = []
-    for role, label, sizes in curves:
-        ordered, share = np.sort(sizes) * unit.factor, np.arange(1, sizes.size + 1) / sizes.size
-        pick = thinned(400, ordered)
-        # The corners of the steps, from no pose up.
-        x, y = np.repeat(ordered[pick], 2), 100 * np.repeat(np.append(0.0, share[pick]), 2)[1:-1]
-        series.append(Series((x, y), role, label, line=_DASHES[role], width=1.6))
+    # The corners of the steps, from no pose up.
+    series = [
+        Series(
+            (np.repeat(ordered[pick], 2), 100 * np.repeat(np.append(0.0, (pick + 1) / sizes.size), 2)[1:-1]),
+            role,
+            label,
+            line=_DASHES[role],
+            width=1.6,
+        )
+        for role, label, sizes in curves
+        for ordered in [np.sort(sizes) * unit.factor]
+        for pick in [thinned(400, ordered)]
+    ]
     x_axis = error_axis(f"{name} error, {unit.name}", [sizes * unit.factor for _, _, sizes in curves])
     rules = [(size * unit.factor, short_label) for _, short_label, size in limits]
     return Chart(
@@ -247,9 +252,9 @@ def error_axis(title: str, curves: Sequence[Array]) -> Axis:
 def error_over_time_charts(document: Document) -> Iterator[Chart]:
     """Return the chart over the logged time, or over the lines of the file without a time."""
     errors = stages_of(document, "m")
-    timed = errors is not None and errors.poses.get("time_s") is not None
     if errors is None or len(errors.used) < 2:
         return
+    timed = errors.poses.get("time_s") is not None
     x = numbers(errors.poses["time_s" if timed else "line"])
     # The errors of the nominal model are much larger.
     stages = [stage for stage in errors.sizes() if stage[0] != "nominal"]
@@ -264,17 +269,16 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     # All inliers are in the chart; outliers off scale stand at its upper edge.
     inliers = rows[used[rows]] if used[rows].any() else rows
     top = 1.08 * float(np.array(sizes)[:, inliers].max()) * unit.factor or 1.0
+    beyond = last * unit.factor > top
     looks: dict[str, Any] = {"after": {"size": 2.8}, "before": {"size": 3.4, "hollow": True, "width": 0.8}}
     series = [
         Series((x[rows], own[rows] * unit.factor), role, label, marker="o", **looks[role])
         for role, label, own in stages
+    ] + [
+        Series((x[those], np.minimum(last[those] * unit.factor, 0.97 * top)), "ink", label, marker=mark, size=6)
+        for mark, chosen, label in (("x", ~used & ~beyond, "outlier"), ("^", ~used & beyond, "outlier, off scale"))
+        if (those := rows[chosen[rows]]).size
     ]
-    beyond = last * unit.factor > top
-    for mark, chosen, label in (("x", ~used & ~beyond, "outlier"), ("^", ~used & beyond, "outlier, off scale")):
-        if (those := rows[chosen[rows]]).size:
-            series.append(
-                Series((x[those], np.minimum(last[those] * unit.factor, 0.97 * top)), "ink", label, marker=mark, size=6)
-            )
     yield Chart(
         "time",
         f"Position error over {'time' if timed else 'the lines of the file'}",
@@ -485,14 +489,15 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     present = [name for name in known if name in grades] + sorted({*grades.tolist()} - {*known})
     shares = ", ".join(f"{name} in {np.count_nonzero(grades == name)}" for name in present)
     unit, edge = unit_of("m", float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
-    order = np.argsort(-bound, kind="stable")[:_LISTED]
+    order, rows = np.argsort(-bound, kind="stable")[:_LISTED], thinned(1500, bound)
     x, y, z = at[order[0]]
-    rows, series = thinned(1500, bound), []
-    for number, name in enumerate(present):
-        role, marker = _LOOKS[min(number, len(_LOOKS) - 1)]
-        own = rows[grades[rows] == name]
-        texts = [f"95 % bound {unit.text(float(bound[i]))}" for i in own]
-        series.append(Series(at[own].T, role, f"grade {name}", marker=marker, size=3.4, alpha=0.75, texts=texts))
+    series = [
+        Series(at[own].T, role, f"grade {name}", marker=marker, size=3.4, alpha=0.75, texts=texts)
+        for number, name in enumerate(present)
+        for role, marker in [_LOOKS[min(number, len(_LOOKS) - 1)]]
+        for own in [rows[grades[rows] == name]]
+        for texts in [[f"95 % bound {unit.text(float(bound[i]))}" for i in own]]
+    ]
     yield Chart(
         "warranty",
         "Grade over the workspace",
@@ -558,7 +563,7 @@ def planned_poses_charts(document: Document) -> Iterator[Chart]:
 
 def _groups(document: Document, at: Array) -> Iterator[Series]:
     """Yield the poses by role and payload: each pose has one mark."""
-    visits, blocks, validation = document["visits"], document["payloads"], document["validation"]
+    visits, blocks, instrument = document["visits"], document["payloads"], document["instrument_in_base_m"]
     names, roles = np.array(visits["pose"]), np.array(visits["role"])
     texts = np.array([f"visit {i}: {name}, {role}" for i, (name, role) in enumerate(zip(names, roles, strict=True), 1)])
     is_single = (roles == "pose") & ~np.isin(names, names[roles == "repeat"])
@@ -569,20 +574,25 @@ def _groups(document: Document, at: Array) -> Iterator[Series]:
             (f"poses with {kg:g} kg", colour, "o", is_single & (payloads == kg))
             for kg, colour in zip((block["payload_kg"] for block in blocks), _PAYLOAD_ROLES, strict=False)
         ]
-    for role, label, colour, marker in (
-        ("repeat", "poses visited twice", "before", "s"),
-        ("check", "drift check poses", "limit", "D"),
-    ):
-        first = np.flatnonzero(roles == role)[np.unique(names[roles == role], return_index=True)[1]]
-        chosen.append((label, colour, marker, np.isin(np.arange(names.size), first)))
+    # Of a pose visited twice and of a drift check pose, the first visit stands for all.
+    chosen += [
+        (
+            label,
+            colour,
+            marker,
+            np.flatnonzero(roles == role)[np.sort(np.unique(names[roles == role], return_index=True)[1])],
+        )
+        for role, label, colour, marker in (
+            ("repeat", "poses visited twice", "before", "s"),
+            ("check", "drift check poses", "limit", "D"),
+        )
+    ]
     groups = [(label, colour, marker, at[rows], texts[rows]) for label, colour, marker, rows in chosen]
-    if validation is not None:
-        points = vectors(validation["target_in_base_m"])
-        labels = [f"validation pose {i + 1}" for i in range(len(points))]
-        groups.append(("validation poses", "nominal", "^", points, labels))
-    if document["instrument_in_base_m"] is not None:
-        groups.append(("instrument", "ink", "*", vectors([document["instrument_in_base_m"]]), ["instrument"]))
-    for label, colour, marker, points, labels in groups:
+    validation = vectors((document["validation"] or {"target_in_base_m": ()})["target_in_base_m"])
+    labels = [f"validation pose {i + 1}" for i in range(len(validation))]
+    groups.append(("validation poses", "nominal", "^", validation, labels))
+    groups.append(("instrument", "ink", "*", vectors([] if instrument is None else [instrument]), ["instrument"]))
+    for label, colour, marker, points, own in groups:
         if len(points):
             size, is_hollow = 8.0 if marker == "*" else 4.5, marker != "o"
-            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=labels, width=1.0)
+            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=own, width=1.0)

@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.render.plots.canvas import (
     Array,
     Axis,
@@ -33,8 +33,7 @@ from robacc.render.plots.poses import (
     workspace_3d_charts,
     workspace_charts,
 )
-from robacc.render.text import Document, Unit, effect_label, fixed, p_value, unit_of
-from robacc.render.views.elements import Grid, effect_families
+from robacc.render.text import Document, Grid, Unit, effect_families, effect_label, fixed, p_value, unit_of
 
 # The residual along each effect over its driver.
 
@@ -474,21 +473,19 @@ def _overview(criteria: Mapping[str, Document]) -> Chart:
         for key, part in criteria.items()
         if part["max_m"] is not None
     )
-    panels = []
     # Separate panels, so that readers do not take repeatability for accuracy.
-    for key, part in criteria.items():
-        title, role, marker = _CRITERIA[key]
-        is_last = key == [*criteria][-1]
-        ticks = [short(name, 10) * is_last for name in names]
-        at = np.array([names.index(str(place["pose"])) for place in part["poses"]])
-        columns = [unit.factor * column for column in figures[key]]
-        panels.append(
-            Panel(
-                (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
-                _intervals(columns, at, role, vertical=True, marker=marker, size=5),
-                title,
-            )
+    panels = [
+        Panel(
+            (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
+            _intervals([unit.factor * own for own in figures[key]], at, role, vertical=True, marker=marker, size=5),
+            title,
         )
+        for key, part in criteria.items()
+        for title, role, marker in [_CRITERIA[key]]
+        for is_last in [key == [*criteria][-1]]
+        for ticks in [[short(name, 10) * is_last for name in names]]
+        for at in [np.array([names.index(str(place["pose"])) for place in part["poses"]])]
+    ]
     return Chart(
         "iso9283",
         "Accuracy (AP) and repeatability (RP) by commanded pose",
@@ -522,16 +519,21 @@ def _cloud(document: Document, visits: Document) -> Chart:
     zero = "the commanded pose" if is_known else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""
     around, shown = np.linspace(0.0, 2 * np.pi, 97), offsets[rows] * unit.factor
-    panels = []
-    for i, j in ((0, 1), (0, 2)):
-        x, y = centre[[i, j]] * unit.factor
-        series = [Series((shown[:, i], shown[:, j]), "after", "one visit", marker="o")]
-        if radius is not None:
-            ring = radius * unit.factor * np.array([np.cos(around), np.sin(around)])
-            series.append(Series((x + ring[0], y + ring[1]), "before", "RP", line="-"))
-        series.append(Series(([x], [y]), "ink", "barycentre", marker="s", size=5, hollow=True))
-        series.append(Series(([0], [0]), "ink", "commanded", marker="+", size=9))
-        panels.append(Panel([Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in (i, j)], series, equal=True))
+    ring = (radius or 0.0) * unit.factor * np.array([np.cos(around), np.sin(around)])
+    panels = [
+        Panel(
+            [Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in plane],
+            [
+                Series(shown.T[plane], "after", "one visit", marker="o"),
+                *([] if radius is None else [Series(middle[:, None] + ring, "before", "RP", line="-")]),
+                Series(middle[:, None], "ink", "barycentre", marker="s", size=5, hollow=True),
+                Series(([0], [0]), "ink", "commanded", marker="+", size=9),
+            ],
+            equal=True,
+        )
+        for plane in ([0, 1], [0, 2])
+        for middle in [centre[plane] * unit.factor]
+    ]
     return Chart(
         "iso9283-cloud",
         f"Visits of {visits['pose']}",
@@ -564,23 +566,24 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         return
     points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
     unit = unit_of("m", *(point["total_rms_m"] for point in points))
-    ending, rules, at_plan = "Ten more poses still reduce it by more than 10 %.", [], ""
+    ending = "Ten more poses still reduce it by more than 10 %."
     if knee is not None:
         ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
-        rules = [(knee, f"knee, {knee} poses")]
     n = numbers(point["n_poses"] for point in points)
-    series = []
-    for key, label, role, line, marker in (
-        ("total_rms_m", "with repeatability", "nominal", "-", "s"),
-        ("random_rms_m", "random poses", "before", "--", "^"),
-        ("rms_m", "planned poses", "after", "-", "o"),
-    ):
-        at = (n, unit.factor * numbers(point[key] for point in points))
-        series.append(Series(at, role, label, marker=marker, line=line, size=3.4))
+    series = [
+        Series((n, unit.factor * numbers(own[key] for own in points)), role, label, marker=marker, line=line, size=3.4)
+        for key, label, role, line, marker in (
+            ("total_rms_m", "with repeatability", "nominal", "-", "s"),
+            ("random_rms_m", "random poses", "before", "--", "^"),
+            ("rms_m", "planned poses", "after", "-", "o"),
+        )
+    ]
+    at_plan = ""
     if planned is not None:
         at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
         here = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
         series.append(Series(here, "ink", "this plan", marker="o", size=8, hollow=True))
+    rules = [] if knee is None else [(knee, f"knee, {knee} poses")]
     yield Chart(
         "expected-accuracy",
         "Predicted error over the number of poses",
@@ -603,40 +606,45 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
 def detection_limit_charts(document: Document) -> Iterator[Chart]:
     """Return the chart of the effects that a trace of planned poses can find, the likeliest first."""
     families = sorted(effect_families(document), key=lambda family: -family.power)
-    if not families:
-        return
     detectable = [family for family in families if family.known]
     sure = sum(family.power >= 0.5 for family in families)
-    rows: list[Sequence[str]] = []
-    series: list[Series] = []
-    for family in families:
-        usual, unit, limits = family.entries[0]["usual_size"], family.entries[0]["unit"], ["–", "–"]
-        if family.known:
-            ends = [family.known[end]["limit"] for end in (0, -1)]
-            limits = [f"{end:.1e}" for end in ends]
-            at, is_sure = (numbers(ends) / usual, [len(series)] * 2), family.power >= 0.5
-            looks: dict[str, Any] = {"marker": "o", "line": "-", "size": 4, "width": 1.6, "hollow": not is_sure}
-            series.append(Series(at, "after" if is_sure else "before", **looks))
-        rows.append([family.name, *limits, unit, f"{usual:.1e}", f"{100 * family.power:.0f} %"])
-    yield Chart(
-        "detection-limits",
-        "Detection limits",
-        "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line joins "
-        f"the most and the least visible joint. Left of 1, the usual size is found. {sure} of {len(families)} effects "
-        "are found at their usual size with a mean probability of at least 1/2.",
-        f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
-        [
-            Panel(
-                (
-                    Axis("detection limit over the usual size", is_log=True, rules=[(1.0, "usual size")]),
-                    Axis("", names=[family.name for family in detectable]),
-                ),
-                series,
-            )
-        ],
-        Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
-        (4.9, 1.0 + 0.24 * max(len(detectable), 3)),
-    )
+    rows = [
+        (
+            family.name,
+            *(f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)),
+            family.entries[0]["unit"],
+            f"{family.entries[0]['usual_size']:.1e}",
+            f"{100 * family.power:.0f} %",
+        )
+        for family in families
+    ]
+    looks: dict[str, Any] = {"marker": "o", "line": "-", "size": 4, "width": 1.6}
+    series = [
+        Series((ends / family.entries[0]["usual_size"], [place] * 2), role, hollow=role == "before", **looks)
+        for place, family in enumerate(detectable)
+        for ends in [numbers(family.known[end]["limit"] for end in (0, -1))]
+        for role in ["after" if family.power >= 0.5 else "before"]
+    ]
+    if families:
+        yield Chart(
+            "detection-limits",
+            "Detection limits",
+            "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line "
+            "joins the most and the least visible joint. Left of 1, the usual size is found. "
+            f"{sure} of {len(families)} effects are found at their usual size with a mean probability of at least 1/2.",
+            f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
+            [
+                Panel(
+                    (
+                        Axis("detection limit over the usual size", is_log=True, rules=[(1.0, "usual size")]),
+                        Axis("", names=[family.name for family in detectable]),
+                    ),
+                    series,
+                )
+            ],
+            Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+            (4.9, 1.0 + 0.24 * max(len(detectable), 3)),
+        )
 
 
 # The charts of a result, in reading order.
@@ -673,13 +681,14 @@ def chart_of(document: Document, kind: str, number: int = 1) -> Chart:
         UsageError: the result has no such chart; the message lists its charts.
     """
     charts = charts_of(document)
-    matching = [chart for chart in charts if chart.kind == (kind or charts[0].kind)]
-    if 1 <= number <= len(matching):
-        return matching[number - 1]
-    start = f"this result of robacc {document['command']} has"
-    if matching:
-        raise UsageError(f"{start} {len(matching)} chart(s) {matching[0].kind!r}, not {number}")
-    raise UsageError(f"{start} no chart{f' {kind!r}' * bool(kind)}; it has {', '.join(kinds_of(charts)) or 'none'}")
+    kinds, start = kinds_of(charts), f"this result of robacc {document['command']} has"
+    wanted = kind or "".join(kinds[:1])
+    matching = [chart for chart in charts if chart.kind == wanted]
+    refuse(
+        (not matching, f"{start} no chart{f' {kind!r}' * bool(kind)}; it has {', '.join(kinds) or 'none'}"),
+        (not 1 <= number <= len(matching), f"{start} {len(matching)} chart(s) {wanted!r}, not {number}"),
+    )
+    return matching[number - 1]
 
 
 def kinds_of(charts: Iterable[Chart]) -> list[str]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from robacc.outcomes import FileOutcome
@@ -12,17 +12,9 @@ from robacc.render.text import (
     IN_MM,
     QUANTITIES,
     STATISTICS,
-    Document,
-    as_options,
-    chance,
-    decimals,
-    fixed,
-    p_value,
-    three_digits,
-)
-from robacc.render.views.elements import (
     Block,
     Cell,
+    Document,
     Form,
     Grid,
     Listing,
@@ -31,18 +23,24 @@ from robacc.render.views.elements import (
     Section,
     Text,
     amount,
+    as_options,
+    chance,
+    decimals,
+    fixed,
     grid,
     measured_cells,
     named_by_text,
     number,
     of_robot,
+    p_value,
     parameter_tables,
     percent,
     statistics_cells,
+    three_digits,
     tile,
     with_unit,
 )
-from robacc.render.views.gate import LOOKS, annotation_lines, sentence, title
+from robacc.render.views.gate import LOOKS, annotation_lines, title, words_of
 from robacc.statistics.intervals import ASSURANCE
 
 _FRAMES = {
@@ -103,57 +101,61 @@ def _confirmed(grade: Document) -> str:
     return f"{'' if grade['demonstrated'] else 'not '}confirmed at {100 * grade['confidence']:g} % confidence"
 
 
-def estimate_view(
-    document: Document, poses: str = "", robot: str | None = None, form: Form = "page"
-) -> Iterator[Section]:
+def estimate_view(document: Document, poses: str = "", robot: str | None = None, form: Form = "page") -> list[Section]:
     """Return the view of an estimate; ``poses`` and ``robot`` are file names.
 
     In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
     of the intervals and limitations.
     """
-    alignment, notes = document["alignment"], document["notes"] if form == "full" else ()
+    alignment, frame = document["alignment"], [_FRAMES[document["frame"]]] if form == "full" else []
     quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
-    if form != "page":
-        yield Section(
-            f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
-            [
-                Text(text, wraps=False)
-                for text in (*_opening(document, poses, robot), *([_FRAMES[document["frame"]]] * (form == "full")))
-            ],
-        )
-    yield _grade(document["grade"], form == "short")
+    opening = Section(
+        f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
+        [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
+    )
     if form == "short":
-        yield from _short_view(
-            document, quantities, f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
-        )
-        return
-    for part, name, unit, sign, factor in quantities:
-        yield Section(f"{name.capitalize()} error, {sign}", _statistics(document, part, name, sign, unit, factor))
-    yield _targets(document)
-    yield Section("Registration", [] if alignment is None else parameter_tables(alignment["parameters"]))
-    methods = [(_methods(part, unit), name) for part, name, unit, *_ in quantities]
-    is_one = len({how for how, _ in methods}) == 1
-    for how, name in methods[:1] if is_one else methods:
-        yield Section("Confidence intervals" + ("" if is_one else f", {name}"), [Listing(how)])
-    yield Section("Limitations", [Listing([document["position"]["pose_structure"]["text"], *notes])])
+        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+        return [opening, _grade(document["grade"], True), *_short_view(document, quantities, ahead)]
+    methods = {name: _methods(part, unit) for part, name, unit, *_ in quantities}
+    is_one = len({*methods.values()}) == 1
+    return [
+        *([opening] if form == "full" else []),
+        _grade(document["grade"], False),
+        *(
+            Section(f"{name.capitalize()} error, {sign}", _statistics(document, part, name, sign, unit, factor))
+            for part, name, unit, sign, factor in quantities
+        ),
+        _targets(document),
+        Section("Registration", [] if alignment is None else parameter_tables(alignment["parameters"])),
+        *(
+            Section("Confidence intervals" + ("" if is_one else f", {name}"), [Listing(how)])
+            for name, how in [*methods.items()][: 1 if is_one else None]
+        ),
+        Section(
+            "Limitations",
+            [Listing([document["position"]["pose_structure"]["text"], *(document["notes"] if form == "full" else ())])],
+        ),
+    ]
 
 
-def _short_view(document: Document, quantities: Sequence[Any], ahead: str) -> Iterator[Section]:
-    """Yield the size of the errors, those of each target, the worst poses, and what to do next."""
+def _short_view(document: Document, quantities: Sequence[Any], ahead: str) -> list[Section]:
+    """Return the size of the errors, those of each target, the worst poses, and what to do next."""
     heads = [head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))]
     rows = [
         (label, *(cell for part, _, unit, _, factor in quantities for cell in _measured(part, f"{key}_{unit}", factor)))
         for label, key in STATISTICS
     ]
-    yield Section("", [Grid(("error", *heads), rows)])
-    yield _targets(document)
     worst = ", ".join(
         f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
         for pose in document["worst_poses"]["by_position"][:3]
         for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
     )
     more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
-    yield Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)])
+    return [
+        Section("", [Grid(("error", *heads), rows)]),
+        _targets(document),
+        Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]),
+    ]
 
 
 def _grade(grade: Document, is_short: bool) -> Section:
@@ -188,26 +190,31 @@ def _grade(grade: Document, is_short: bool) -> Section:
     )
 
 
-def _opening(document: Document, poses: str, robot: str | None) -> Iterator[str]:
-    """Yield the files and the registration."""
+def _opening(document: Document, poses: str, robot: str | None) -> list[str]:
+    """Return the files and the registration."""
     reference = f"the model {robot}" if document["commanded"] == "robot" else "its cmd_ columns"
-    yield f"{'standard input' if poses == '-' else poses} against {reference}"
     # Without orientations a tool has no turns, which readers expect; a place that is not known they do not.
     parameters, registered = (document["alignment"] or {}).get("parameters", ()), _registered(document["alignment"])
     unknown = ", ".join(each["name"] for each in parameters if each["std"] is None and each["unit"] == "m")
     missing = f"; not identifiable on these poses: {unknown}" * bool(unknown)
-    yield f"registered{registered}{missing}" if registered else "frames as given, not registered"
-    if document["unaligned"] is not None:
-        size = with_unit(document["unaligned"]["position"]["rms_m"])
-        yield f'before registration: {size} rms (`align="none"` leaves the frames as they are)'
+    return [
+        f"{'standard input' if poses == '-' else poses} against {reference}",
+        f"registered{registered}{missing}" if registered else "frames as given, not registered",
+        *(
+            f'before registration: {with_unit(part["position"]["rms_m"])} rms (`align="none"` leaves the frames as '
+            "they are)"
+            for part in [document["unaligned"]]
+            if part is not None
+        ),
+    ]
 
 
 def _measured(part: Document, key: str, factor: float) -> tuple[Number, str]:
     return measured_cells(part[key], factor, part["intervals"][key])
 
 
-def _statistics(document: Document, part: Document, name: str, sign: str, unit: str, factor: float) -> Iterator[Block]:
-    """Yield all tables of the position or of the orientation error."""
+def _statistics(document: Document, part: Document, name: str, sign: str, unit: str, factor: float) -> list[Block]:
+    """Return all tables of the position or of the orientation error."""
     before, head = (document["unaligned"] or {}).get(name), percent(part["confidence"])
     unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
     lengths = [
@@ -218,69 +225,73 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
         (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
         for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
     ]
-    yield grid(("length", "", head, "unregistered" if document["unaligned"] else None), [*lengths, *radii])
     # A mean without an interval may be zero up to rounding, so the digits follow the rms.
     places, bounds = decimals(part[f"rms_{unit}"] * factor, None, None), part["intervals"][f"mean_{unit}"]
-    yield Grid(
-        ("mean vector", "", head),
-        [
-            (axis, Number(fixed(value * factor, places), value) if own["lower"] is None else mean, ends)
-            for axis, value, own in zip("xyz", part[f"mean_{unit}"], bounds, strict=True)
-            for mean, ends in [measured_cells(value, factor, own)]
-        ],
-    )
-    yield Grid((f"covariance, {sign}²", "x", "y", "z"), [*_covariances(part, unit, factor)])
-    yield Grid(
-        ("principal axis, standard deviation", "", head, "x", "y", "z"),
-        [
-            (
-                str(place),
-                *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
-                # Adding zero after rounding removes the sign of "-0.00".
-                *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
-            )
-            for place, axis in enumerate(part["ellipsoid"], 1)
-        ],
-    )
-    yield Grid(
-        ("test of an assumption", "statistic", "result"),
-        [
-            (
-                label,
-                number(test["statistic"]),
-                test["why"] or "" if test["p_value"] is None else p_value(test["p_value"]),
-            )
-            for label, test in ((label, part["tests"][key]) for key, label in _TESTS.items())
-        ],
-    )
-    worst = document["worst_poses"][f"by_{name}"]
+    tests, worst = part["tests"], document["worst_poses"][f"by_{name}"]
     heads = {"pose": "pose", "target": "target"} | {f"error_{own}": f"{of}, {mark}" for of, own, mark, _ in QUANTITIES}
-    yield grid(
-        (
-            f"largest {name} errors",
-            *[head if any(pose[key] is not None for pose in worst) else None for key, head in heads.items()],
+    return [
+        grid(("length", "", head, "unregistered" if document["unaligned"] else None), [*lengths, *radii]),
+        Grid(
+            ("mean vector", "", head),
+            [
+                (axis, Number(fixed(value * factor, places), value) if own["lower"] is None else mean, ends)
+                for axis, value, own in zip("xyz", part[f"mean_{unit}"], bounds, strict=True)
+                for mean, ends in [measured_cells(value, factor, own)]
+            ],
         ),
-        [
+        Grid((f"covariance, {sign}²", "x", "y", "z"), _covariances(part, unit, factor)),
+        Grid(
+            ("principal axis, standard deviation", "", head, "x", "y", "z"),
+            [
+                (
+                    str(place),
+                    *measured_cells(axis[f"sd_{unit}"], factor, axis["interval"]),
+                    # Adding zero after rounding removes the sign of "-0.00".
+                    *(f"{round(float(value), 2) + 0.0:+.2f}" for value in axis["direction"]),
+                )
+                for place, axis in enumerate(part["ellipsoid"], 1)
+            ],
+        ),
+        Grid(
+            ("test of an assumption", "statistic", "result"),
+            [
+                (
+                    label,
+                    number(tests[key]["statistic"]),
+                    tests[key]["why"] or "" if tests[key]["p_value"] is None else p_value(tests[key]["p_value"]),
+                )
+                for key, label in _TESTS.items()
+            ],
+        ),
+        grid(
             (
-                _place(pose),
-                *(pose[key] or "" for key in ("pose", "target")),
-                *(number(pose[f"error_{own}"], scale) for _, own, _, scale in QUANTITIES),
-            )
-            for pose in worst
-        ],
-    )
+                f"largest {name} errors",
+                *(head if any(pose[key] is not None for pose in worst) else None for key, head in heads.items()),
+            ),
+            [
+                (
+                    _place(pose),
+                    *(pose[key] or "" for key in ("pose", "target")),
+                    *(number(pose[f"error_{own}"], scale) for _, own, _, scale in QUANTITIES),
+                )
+                for pose in worst
+            ],
+        ),
+    ]
 
 
-def _covariances(part: Document, unit: str, factor: float) -> Iterator[Sequence[Cell]]:
+def _covariances(part: Document, unit: str, factor: float) -> list[Sequence[Cell]]:
     unknown = [[None] * 3] * 3
-    for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean")):
-        bounds = part["intervals"][f"{key}_{unit}2"]
-        ends = (unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper"))
-        for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True):
-            yield (
-                f"{label}, {axis}",
-                *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
-            )
+    return [
+        (
+            f"{label}, {axis}",
+            *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
+        )
+        for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean"))
+        for bounds in [part["intervals"][f"{key}_{unit}2"]]
+        for ends in [[unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper")]]
+        for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True)
+    ]
 
 
 def _place(pose: Document) -> str:
@@ -321,14 +332,10 @@ def _methods(part: Document, unit: str) -> tuple[str, ...]:
 # Several files in one table: one line per file, in the order given.
 
 
-def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None) -> Iterator[Section]:
+def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None) -> list[Section]:
     """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
     alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
     alignment = "registered where the frames do not agree" if aligned is None else alignment
-    yield Section(
-        f"Pose errors in {len(outcomes)} files, {alignment}",
-        [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
-    )
     turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
     gate = "gate" if any(own.gate is not None for own in outcomes) else None
     rows = [
@@ -345,20 +352,29 @@ def many_view(outcomes: Sequence[FileOutcome], robot: str | None, aligned: Seque
         )
         for outcome in outcomes
     ]
-    yield Section(
-        "", [grid(("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate), rows)]
-    )
     notes = [
-        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {sentence(criterion)}"
+        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {words_of(criterion)['sentence']}"
         for outcome in outcomes
         for criterion in (outcome.gate or {}).get("criteria", ())
         if criterion["outcome"] != "pass"
     ]
     failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    yield Section(
-        "",
-        [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)])],
-    )
+    heads = ("position error, mm", "poses", "rms", "95th pct.", "max", turn, "grade", "confirmed", gate)
+    return [
+        Section(
+            f"Pose errors in {len(outcomes)} files, {alignment}",
+            [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
+        ),
+        Section("", [grid(heads, rows)]),
+        Section(
+            "",
+            [
+                Listing(
+                    [*notes, *failed, f"{len(failed)} of {len(outcomes)} files could not be estimated" * bool(failed)]
+                )
+            ],
+        ),
+    ]
 
 
 def _reason(outcome: FileOutcome) -> str:
@@ -454,7 +470,7 @@ def iso9283_headline(document: Document) -> ReportHeadline:
     )
 
 
-def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> Iterator[Section]:
+def iso9283_view(document: Document, robot: str | None = None, form: Form = "page") -> list[Section]:
     """Return all criteria by group, by pose and by pair of poses, the protocol, and the methods of the intervals.
 
     In short, one table of the criteria; ``robot`` is the file's name.
@@ -462,33 +478,34 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
     confidence, protocol = document["confidence"], document["protocol"]
     parts = [p for entry in document["iso9283"].values() for p in ([entry] if "symbol" in entry else entry.values())]
     criteria = {part["symbol"]: part for part in parts}
-    if form != "page":
-        yield Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in _facts(document, robot)])
+    start = Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in _facts(document, robot)])
     if form == "short":
         known = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
         counts = Counter(_STATUS[condition["status"]] for condition in protocol)
-        statuses = Text(
-            f"conditions of the standard's protocol: {', '.join(f'{n} {status}' for status, n in counts.items())}"
-        )
+        statuses = ", ".join(f"{n} {status}" for status, n in counts.items())
         more = Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True)
-        yield Section("", [*_summary(known, confidence), statuses, more])
-        return
-    for heading, symbols in _GROUPS:
-        yield Section(heading, _summary([criteria[symbol] for symbol in symbols], confidence))
-    for symbol, heading, head, key in _TABLES:
-        yield _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
-    yield Section(
-        "Conditions of the standard's protocol",
-        [
-            Grid(
-                ("condition", "clause", "status", "reason"),
-                [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol],
-                is_text=True,
-            )
-        ],
-    )
-    yield Section("Confidence intervals", [Listing([*_interval_methods(parts)])])
-    yield Section("Limitations", [Listing(document["notes"] if form != "page" else ())])
+        told = Text(f"conditions of the standard's protocol: {statuses}")
+        return [start, Section("", [*_summary(known, confidence), told, more])]
+    return [
+        *([start] if form == "full" else []),
+        *(Section(title, _summary([criteria[symbol] for symbol in symbols], confidence)) for title, symbols in _GROUPS),
+        *(
+            _places(criteria[symbol], heading, head, key, confidence, len(document["files"]) > 1)
+            for symbol, heading, head, key in _TABLES
+        ),
+        Section(
+            "Conditions of the standard's protocol",
+            [
+                Grid(
+                    ("condition", "clause", "status", "reason"),
+                    [(each["condition"], each["clause"], _STATUS[each["status"]], each["why"]) for each in protocol],
+                    is_text=True,
+                )
+            ],
+        ),
+        Section("Confidence intervals", [Listing(_interval_methods(parts))]),
+        Section("Limitations", [Listing(document["notes"] if form == "full" else ())]),
+    ]
 
 
 def _facts(document: Document, robot: str | None) -> list[str]:
@@ -500,11 +517,10 @@ def _facts(document: Document, robot: str | None) -> list[str]:
     several = ", robot by robot" * (len(document["files"]) > 1)
     poses = f"{' and '.join(map(str, files))} commanded pose{'s' * ([*files] != [1])}{several}"
     before = [three_digits(float(value) * IN_MM) for value in (document["unaligned"] or {}).get("AP_max_m", ())]
+    sources = {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}
     return [
         f"{', '.join(document['files'])}: {poses}, {each}",
-        {None: "no commanded poses", "robot": f"commanded poses from the model {robot or ''}"}.get(
-            document["commanded"], "commanded poses from cmd_ columns"
-        ),
+        sources.get(document["commanded"], "commanded poses from cmd_ columns"),
         f"registered{_registered(document['alignment'][0])}" if document["alignment"] else "not registered",
         *([f"largest AP before registration: {', '.join(before)} mm"] if before else []),
     ]
@@ -522,15 +538,15 @@ def _summary(criteria: Sequence[Document], confidence: float) -> list[Block]:
         if own[f"max_{unit}"] is not None
         for size, ends in [_measured(own, f"max_{unit}", factor)]
     ]
-    missing: dict[str, list[str]] = {}
-    for part in criteria:
-        if part["max_m"] is None:
-            name = _NAMES[part["symbol"]].removesuffix(", ±")
-            missing.setdefault(part["why"] or "", []).append(f"{_symbol(part)} ({name})" if _symbol(part) else name)
-    notes = dict.fromkeys(note for part in criteria for note in part["notes"])
+    missing = named_by_text(
+        (f"no {_symbol(part)} ({name})" if _symbol(part) else f"no {name}", part["why"] or "")
+        for part in criteria
+        for name in [_NAMES[part["symbol"]].removesuffix(", ±")]
+        if part["max_m"] is None
+    )
     return [
         Grid(("largest over poses", "clause", "", "", percent(confidence), "at"), rows),
-        Listing([*(f"no {', no '.join(names)}: {why}" for why, names in missing.items()), *notes]),
+        Listing([*missing, *dict.fromkeys(note for part in criteria for note in part["notes"])]),
     ]
 
 
@@ -548,9 +564,14 @@ def _places(criterion: Document, heading: str, head: str, key: str, confidence: 
         heading += f" (the {_MAX_ROWS} largest of {len(places)})"
         places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
     rows = [
-        (place["pose"], place["file"] or "", str(place["n"]), *_measured(place, "position_m", IN_MM), *beside)
+        (
+            place["pose"],
+            place["file"] or "",
+            str(place["n"]),
+            *_measured(place, "position_m", IN_MM),
+            *_beside(place, key),
+        )
         for place in places
-        for beside in [_beside(place, key)]
     ]
     file, values = "file" if several and criterion["symbol"] != "E" else None, ("visits", head, percent(confidence))
     return Section(heading, [grid(("", file, *(values if head else [None] * 3), *_BESIDE[key]), rows)])

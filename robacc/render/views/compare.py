@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from robacc.comparison.stored_results import split_key
-from robacc.render.text import IN_MM, QUANTITIES, Document, chance, decimals, fixed, p_value, three_digits, unit_of
-from robacc.render.views.elements import (
+from robacc.render.text import (
+    IN_MM,
+    QUANTITIES,
+    Document,
     Form,
     Grid,
     Listing,
@@ -15,10 +17,16 @@ from robacc.render.views.elements import (
     Section,
     Tile,
     amount,
+    chance,
+    decimals,
+    fixed,
     named_by_text,
     number,
+    p_value,
     percent,
     statistics_cells,
+    three_digits,
+    unit_of,
 )
 
 _STATISTICS = {
@@ -65,53 +73,45 @@ def comparison_headline(document: Document) -> ReportHeadline:
     )
 
 
-def comparison_view(document: Document, form: Form = "page") -> Iterator[Section]:
+def comparison_view(document: Document, form: Form = "page") -> list[Section]:
     """Return ranking, grades and statistics, with the methods of the differences.
 
     A page has every difference, and how each result was made.
     """
     results, rows, complete = document["results"], document["statistics"], form == "page"
-    if not complete:
-        title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
-        yield Section(title, [_results(document)])
-    yield _ranking(document["ranking"])
-    if document["grade"] is not None:
-        yield _grade(document["grade"])
     owners = {row["key"]: split_key(row["key"])[0] for row in rows}
     main = [row for row in rows if _stage(owners[row["key"]]) is None and not row["key"].startswith(_ISO9283)]
     groups = {
         f"{owner.capitalize()} error": [row for row in main if owners[row["key"]] == owner]
         for owner in dict.fromkeys(owners[row["key"]] for row in main)
     }
-    for name, unit, *_ in QUANTITIES:
-        groups[f"ISO 9283, {name}"] = [r for r in rows if r["key"].startswith(_ISO9283) and r["unit"] == unit]
-    for name, *_ in QUANTITIES:
-        groups[f"{name.capitalize()} rms"] = [
-            row for row in rows if row["key"].endswith(f".{name}.rms") and _stage(row["key"])
-        ]
-    yield from (_block(document, title, group, complete) for title, group in groups.items() if group)
+    groups |= {
+        f"ISO 9283, {name}": [row for row in rows if row["key"].startswith(_ISO9283) and row["unit"] == unit]
+        for name, unit, *_ in QUANTITIES
+    }
+    groups |= {
+        f"{name.capitalize()} rms": [r for r in rows if r["key"].endswith(f".{name}.rms") and _stage(r["key"])]
+        for name, *_ in QUANTITIES
+    }
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
-    yield Section("Differences", [Listing(named_by_text(methods))])
-    if not complete:
-        yield Section("Limitations", [Listing(document["notes"])])
-        return
-    yield Section(
-        "Compared results",
-        [
-            _results(document),
-            Grid(
-                ("", *(result["name"] for result in results)),
-                [
-                    *(
-                        (key, *(str(result["made"].get(key, "–")) for result in results))
-                        for key in dict.fromkeys(key for result in results for key in result["made"])
-                    ),
-                    ("SHA-256", *(result["sha256"] for result in results)),
-                ],
-                is_text=True,
-            ),
-        ],
-    )
+    title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
+    made = [
+        *(
+            (key, *(str(result["made"].get(key, "–")) for result in results))
+            for key in dict.fromkeys(key for result in results for key in result["made"])
+        ),
+        ("SHA-256", *(result["sha256"] for result in results)),
+    ]
+    table = Grid(("", *(result["name"] for result in results)), made, is_text=True)
+    return [
+        *([] if complete else [Section(title, [_results(document)])]),
+        _ranking(document["ranking"]),
+        *([] if document["grade"] is None else [_grade(document["grade"])]),
+        *(_block(document, heading, group, complete) for heading, group in groups.items() if group),
+        Section("Differences", [Listing(named_by_text(methods))]),
+        Section("Limitations", [Listing(() if complete else document["notes"])]),
+        Section("Compared results", [_results(document), table] if complete else []),
+    ]
 
 
 def _short(name: str) -> str:
@@ -244,8 +244,7 @@ def _stage(key: str) -> str | None:
 def _label(key: str) -> str:
     """Return the name of a statistic, or of a criterion such as ``AP`` or ``drift of AP``."""
     if not key.startswith(_ISO9283):
-        name = split_key(key)[1]
-        return _STATISTICS.get(name, name)
+        return _STATISTICS.get(split_key(key)[1], split_key(key)[1])
     kind, _, base = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation").partition(".")
     return f"{kind} of {base}" if base else kind
 
@@ -259,11 +258,12 @@ def _difference(difference: Document, unit: str) -> tuple[Number, str, str]:
     value, factor = difference["value"], unit_of(unit).factor
     known = [end * factor for end in (difference["lower"], difference["upper"]) if end is not None]
     places = decimals(value * factor, *(known if len(known) == 2 else (None, None)))
-    texts = []
-    for size in (value * factor, *known):
-        text = "0" if abs(size) < _ROUNDING * factor else fixed(size, places)
-        texts.append(text if text.startswith("-") or float(text) == 0.0 else f"+{text}")
-    return Number(texts[0], value), " … ".join(texts[1:]) if len(known) == 2 else "–", p_value(difference["p_value"])
+    size, *ends = (
+        text if text.startswith("-") or float(text) == 0.0 else f"+{text}"
+        for number in (value * factor, *known)
+        for text in ["0" if abs(number) < _ROUNDING * factor else fixed(number, places)]
+    )
+    return Number(size, value), " … ".join(ends) if len(ends) == 2 else "–", p_value(difference["p_value"])
 
 
 # Targets before and after a correction.
@@ -311,11 +311,13 @@ def paired_view(document: Document, names: tuple[str, str]) -> list[Section]:
 
 def _promise(promise: Document | None, rms: float) -> str:
     """Return whether the error after a correction is that of the model; empty without a model."""
-    if promise is None:
-        return ""
     return (
-        f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
-        f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
-        f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
-        f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
+        ""
+        if promise is None
+        else (
+            f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
+            f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
+            f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
+            f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
+        )
     )

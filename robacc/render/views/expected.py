@@ -2,24 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from robacc.planning.campaign import DEFAULT_FIT, CampaignPlan
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
     QUANTITIES,
-    Document,
-    effect_label,
-    fixed,
-    joint_unit,
-    p_value,
-    three_digits,
-    unit_of,
-)
-from robacc.render.views.elements import (
     Block,
     Cell,
+    Document,
     Form,
     Grid,
     Listing,
@@ -30,10 +22,16 @@ from robacc.render.views.elements import (
     Tile,
     amount,
     effect_families,
+    effect_label,
+    fixed,
     grid,
+    joint_unit,
     number,
     of_robot,
+    p_value,
     percent,
+    three_digits,
+    unit_of,
     with_unit,
 )
 
@@ -85,47 +83,39 @@ def predict_headline(document: Document) -> ReportHeadline:
     )
 
 
-def prediction_view(document: Document, source: str = "", form: Form = "page") -> Iterator[Section]:
+def prediction_view(document: Document, source: str = "", form: Form = "page") -> list[Section]:
     """Return grade, errors, worst poses and budget, then allocation and measured poses, whose file is ``source``.
 
     A page has a chart of the budget.
     """
     parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
-    if not is_page:
-        origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-        yield Section(
-            f"Expected accuracy of {document['robot']['name']}, from {origin}",
-            [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])],
-        )
+    origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
+    opening = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
     limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
-    yield Section(
-        f"Grade {grade['grade']} predicted (scale: {grade['scale']})",
-        [
-            Listing(
-                [
-                    f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
-                    f"share of poses that meet each grade individually: {shares}",
-                ]
-            )
-        ],
-    )
-    yield Section("Predicted error", _errors(document))
-    yield Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])])
-    if not is_page:
-        yield Section(
+    graded = [
+        f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
+        f"share of poses that meet each grade individually: {shares}",
+    ]
+    allocation, against, coverage = (document[key] for key in ("allocation", "against", "coverage"))
+    budgets = [
+        Section(
             "Error budget: share of the variance (parameters sorted by both shares)",
             _budgets(document, "parameter" if parameters else "source"),
-        )
-        for label in ("joint", "kind"):
-            yield Section("", [_budget(label, "name", document[f"budget_by_{label}"])])
-    if document["allocation"] is not None:
-        yield _allocation(document["allocation"], grade["statistic"])
-    if document["against"] is not None:
-        yield from _against(document["against"], source)
-    if document["coverage"] is not None:
-        yield _coverage(document["coverage"])
-    yield Section("Limitations", [Listing(() if is_page else document["notes"])])
+        ),
+        *(Section("", [_budget(label, "name", document[f"budget_by_{label}"])]) for label in ("joint", "kind")),
+    ]
+    return [
+        *([] if is_page else [Section(f"Expected accuracy{of_robot(document)}, from {origin}", opening)]),
+        Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(graded)]),
+        Section("Predicted error", _errors(document)),
+        Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])]),
+        *([] if is_page else budgets),
+        *([] if allocation is None else [_allocation(allocation, grade["statistic"])]),
+        *([] if against is None else _against(against, source)),
+        *([] if coverage is None else [_coverage(coverage)]),
+        Section("Limitations", [Listing(() if is_page else document["notes"])]),
+    ]
 
 
 def _percent(share: float) -> str:
@@ -135,7 +125,7 @@ def _percent(share: float) -> str:
 def _errors(document: Document) -> list[Block]:
     errors = [(document[name], unit, factor) for name, unit, _, factor in QUANTITIES]
     columns = [
-        {**part["percentiles_over_poses"][f"{name}_{unit}"], "largest": largest, "factor": factor}
+        ({**part["percentiles_over_poses"][f"{name}_{unit}"], "largest": largest}, factor)
         for part, unit, factor in errors
         for name, largest in (("rms", part["worst"][f"rms_{unit}"]), ("radius95", part[f"max_radius95_{unit}"]))
     ]
@@ -149,10 +139,7 @@ def _errors(document: Document) -> list[Block]:
         ),
         Grid(
             ("percentile over poses", "rms, mm", "95 % within, mm", "rms, °", "95 % within, °"),
-            [
-                (key.removeprefix("p"), *(number(column[key], column["factor"]) for column in columns))
-                for key in (*document["position"]["percentiles_over_poses"]["rms_m"], "largest")
-            ],
+            [(key.removeprefix("p"), *(number(own[key], factor) for own, factor in columns)) for key in columns[0][0]],
         ),
     ]
 
@@ -174,17 +161,14 @@ def _worst(document: Document, name: str, unit: str) -> str:
 
 def _budgets(document: Document, label: str) -> list[Block]:
     """Return the largest shares, and the sum of the others."""
-
-    def both(part: Document) -> float:
-        return float(part["share_position"] + part["share_orientation"])
-
+    names = [f"share_{name}" for name, *_ in QUANTITIES]
     # Scatter that the fit did not separate and poses within its ranges have no share of their own.
     budget = sorted(
-        [part for part in document["budget"] if part["sd"] is not None or both(part)],
-        key=lambda part: -round(both(part), 9),
+        (part for part in document["budget"] if part["sd"] is not None or any(part[name] for name in names)),
+        key=lambda part: -round(sum(part[name] for name in names), 9),
     )
     unlisted = budget[_LISTED:]
-    position, turn = (_percent(sum(part[f"share_{name}"] for part in unlisted)) for name, *_ in QUANTITIES)
+    position, turn = (_percent(sum(part[name] for part in unlisted)) for name in names)
     return [
         _budget(label, "parameter", budget[:_LISTED]),
         Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)),
@@ -277,6 +261,22 @@ def _against(comparison: Document, source: str) -> list[Section]:
         for scaled in [comparison["likelihood_ratio"]]
         if scaled is not None
     ]
+    rows = [
+        (
+            part["name"],
+            unit,
+            number(predicted, factor),
+            *(("–", "–", "–") if part["why"] else (number(part["estimate"], factor), ends, number(part["factor"]))),
+            f"{part['dof']:.1f}",
+        )
+        for part in components["components"]
+        for (factor, unit), predicted in [(unit_of(part["unit"]), part["predicted"])]
+        for ends in [
+            " … ".join(
+                "∞" if part[end] is None else three_digits(part[end] * predicted * factor) for end in ("lower", "upper")
+            )
+        ]
+    ]
     heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
     dof = "dof: effective number of independent parameter errors in the estimate"
     return [
@@ -292,38 +292,26 @@ def _against(comparison: Document, source: str) -> list[Section]:
         ),
         Section(
             "Variance components (one standard deviation)",
-            [
-                Grid(heads, [*map(_component, components["components"])]),
-                Listing([dof * bool(components["components"]), *components["notes"]]),
-            ],
+            [Grid(heads, rows), Listing([dof * bool(rows), *components["notes"]])],
         ),
         Section("Limits of data from one robot", [Text(comparison["one_draw"])]),
     ]
 
 
-def _component(component: Document) -> Sequence[Cell]:
-    """Return the row of a variance component."""
-    (factor, unit), predicted = unit_of(component["unit"]), component["predicted"]
-    low, high = (
-        "∞" if component[end] is None else three_digits(component[end] * predicted * factor)
-        for end in ("lower", "upper")
-    )
-    estimate: Sequence[Cell] = ("–", "–", "–")
-    if component["why"] is None:
-        estimate = (number(component["estimate"], factor), f"{low} … {high}", number(component["factor"]))
-    return component["name"], unit, number(predicted, factor), *estimate, f"{component['dof']:.1f}"
-
-
 def _coverage(coverage: Document) -> Section:
     """Return the measured poses within the bounds of a model."""
     parts = {name: coverage[name] for name, *_ in QUANTITIES if coverage.get(name) is not None}
-    rows = [(name, f"{part['n_inside']} of {part['n_poses']}", _percent(part["share"])) for name, part in parts.items()]
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
-    registered = " and ".join(coverage["registered"])
-    halves = f"{registered} fitted to one half of the poses for the errors of the other" * bool(registered)
+    halves = f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the other"
     return Section(
         f"Measured poses within the {100 * coverage['probability']:g} % bound of their error",
-        [Grid(("", "poses", "share"), rows), Listing([f"the bound contains the measurement noise, {sources}", halves])],
+        [
+            Grid(
+                ("", "poses", "share"),
+                [(name, f"{p['n_inside']} of {p['n_poses']}", _percent(p["share"])) for name, p in parts.items()],
+            ),
+            Listing([f"the bound contains the measurement noise, {sources}", halves * bool(coverage["registered"])]),
+        ],
     )
 
 
@@ -401,7 +389,7 @@ def plan_headline(document: Document) -> ReportHeadline:
     )
 
 
-def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> Iterator[Section]:
+def plan_view(document: Document, form: Form = "page", robot: str = "", output: str | None = None) -> list[Section]:
     """Return whether the poses are enough, what excluded candidates, and what to expect, in short or in full.
 
     ``robot`` is the name of the robot's file, ``output`` that of the CSV if it was written.
@@ -409,36 +397,28 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     purpose, options, is_short = document["purpose"], document.get("options", {}), form == "short"
     count = f"{document['n_poses']} poses, {document['n_visits']} visits"
     title = f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {count}"
-    yield Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))])
-    if (sufficiency := document["sufficiency"]) is not None:
-        yield Section(
-            "Enough" if sufficiency["enough"] else f"Not enough: measure the next {document['n_poses']}",
-            [Listing(_sufficiency(sufficiency))],
-        )
-    yield Section(
-        "Feasible poses",
-        [
-            Grid(
-                ("candidates excluded by", "count", "by this alone"),
-                [
-                    (each["reason"], str(each["count"]), str(each["alone"]))
-                    for each in (() if is_short else document["candidates"]["excluded"])
-                ],
-            )
-        ],
-    )
-    if document["needed_poses"]:
-        yield _needed(document["needed_poses"])
-    if document["accuracy"] is not None:
-        region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
-        yield Section(f"Predicted error after the fit, over {region}, mm", _accuracy(document, not is_short))
+    enough, needed, accuracy = (document[key] for key in ("sufficiency", "needed_poses", "accuracy"))
+    excluded = [
+        (each["reason"], str(each["count"]), str(each["alone"]))
+        for each in (() if is_short else document["candidates"]["excluded"])
+    ]
+    region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
+    sections = [
+        Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))]),
+        *([] if enough is None else [_sufficiency(enough, document["n_poses"])]),
+        Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)]),
+        *([_needed(needed)] if needed else []),
+        Section(
+            f"Predicted error after the fit, over {region}, mm",
+            [] if accuracy is None else _accuracy(document, not is_short),
+        ),
+    ]
     if is_short:
         more = (
             "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
         )
         ahead = Text(f"next: {_next_step(document, robot, output)}")
-        yield Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])
-        return
+        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])]
     most, texts = {"full": 8, "page": 20}[form], _inseparable(document["inseparable"] or ())
     fitted = document["coefficients"] if purpose in ("calibrate", "health") else ()
     missing = ", ".join(each["name"] for each in fitted if each["std"] is None)
@@ -448,21 +428,30 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         if each["std"] is not None
         for factor, unit in [unit_of(each["unit"])]
     ]
-    note = Text(f"not identifiable: {missing}" * bool(missing), is_note=True)
-    yield Section("Predicted standard errors", [Grid(("coefficient", "standard error", "unit"), errors), note])
     pairs = [
         f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})"
         for pair in (document["correlations"] if purpose == "calibrate" else ())
     ]
-    yield Section("Estimates that stay strongly correlated", [Listing(pairs[:most])])
-    if document["detection_limits"] is not None:
-        yield Section("Effects that a trace of these poses can find", _detectability(document, most))
-    yield Section(
-        "Pairs that are not distinguishable at the usual size",
-        [Listing(texts[:most]), Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)],
-    )
-    if form == "page":
-        yield _visits(document)
+    return [
+        *sections,
+        Section(
+            "Predicted standard errors",
+            [
+                Grid(("coefficient", "standard error", "unit"), errors),
+                Text(f"not identifiable: {missing}" * bool(missing), is_note=True),
+            ],
+        ),
+        Section("Estimates that stay strongly correlated", [Listing(pairs[:most])]),
+        Section(
+            "Effects that a trace of these poses can find",
+            [] if document["detection_limits"] is None else _detectability(document, most),
+        ),
+        Section(
+            "Pairs that are not distinguishable at the usual size",
+            [Listing(texts[:most]), Text(f"… and {len(texts) - most} more pairs" * (len(texts) > most), is_note=True)],
+        ),
+        *([_visits(document)] if form == "page" else []),
+    ]
 
 
 def _next_step(document: Document, robot: str, output: str | None) -> str:
@@ -478,31 +467,28 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     return f"{start}, then: robacc {name} {file} --robot {robot}" + f" {option} {planned_for}" * bool(planned_for)
 
 
-def _sufficiency(sufficiency: Document) -> list[str]:
+def _sufficiency(sufficiency: Document, n_poses: int) -> Section:
     now, later = (number(sufficiency[key], IN_MM) for key in ("now_m", "later_m"))
     own, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    return [
+    texts = [
         sufficiency["why"],
         f"error to expect: {now} mm rms now, {later} mm with the next poses" * (None not in (now.si, later.si)),
         f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
     ]
+    return Section("Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}", [Listing(texts)])
 
 
 def _route_facts(document: Document, full: bool) -> list[str]:
     """Return where the poses come from, how often each is visited, and what was assumed; in ``full`` the route too."""
-    route, noise, candidates = document["route"], document["noise"], document["candidates"]
-    blocks = document["payloads"]
-    with_each = " with each payload" if len(blocks) > 1 else ""
-    repeats, n_poses, n_visits = route["repeats"], document["n_poses"], document["n_visits"]
-    again, checks = f", {repeats} of them a second time" if repeats else "", n_visits - n_poses - repeats
-    check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" if checks else ""
-    turn, measured = (
-        noise["orientation_rad"],
-        (three_digits(noise[key] * IN_MM) for key in ("position_m", "repeatability_m")),
-    )
+    route, noise, candidates, blocks = (document[key] for key in ("route", "noise", "candidates", "payloads"))
+    n_poses, n_visits, repeats, passes = document["n_poses"], document["n_visits"], route["repeats"], route["passes"]
+    with_each, checks = " with each payload" * (len(blocks) > 1), n_visits - n_poses - repeats
+    again = f", {repeats} of them a second time" * bool(repeats)
+    check = f", one of them{with_each} {checks} more time{'s' * (checks > 1)} to show drift" * bool(checks)
+    instrument, joints = (three_digits(noise[key] * IN_MM) for key in ("position_m", "repeatability_m"))
+    turn, ask = noise["orientation_rad"], "; `noise` and `repeatability` state yours" * ("typical" in noise["source"])
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
-    ask = "; `noise` and `repeatability` state yours" if "typical" in noise["source"] else ""
-    least, passes = min([*route["rarer_direction_share"]], default=0.0), route["passes"]
+    least = min([*route["rarer_direction_share"]], default=0.0)
     collisions = "collisions of the links not checked: check every pose before you send it"
     if (checked := document["collisions"]) is not None:
         pairs = ", ".join(" and ".join(pair) for pair in checked["overlapping"])
@@ -514,8 +500,8 @@ def _route_facts(document: Document, full: bool) -> list[str]:
     return [
         f"chosen from {candidates['feasible']} feasible poses of {candidates['source']}{with_each}",
         f"{n_visits} visits: each of the {n_poses} poses once{again}{check}",
-        "instrument {} mm and repeatability {} mm along each axis".format(*measured)
-        + f"{orientation} ({noise['source']}{ask})",
+        f"instrument {instrument} mm and repeatability {joints} mm along each axis{orientation} "
+        f"({noise['source']}{ask})",
         f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} times "
         f"the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached from its "
         f"rarer direction in at least {100 * least:.0f} % of its moves"
@@ -584,21 +570,21 @@ def _accuracy(document: Document, is_curve: bool) -> list[Block]:
         for mark in [", ".join(name for name, place in marks.items() if place == n)]
         if is_curve or mark
     ]
-    heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
-    if planned is None:
-        advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
-    elif enough is None:
+    advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
+    if planned is not None and enough is None:
         advice = "more poses are worth it: ten more still reduce the error to expect by more than 10 %"
-    else:
+    elif planned is not None:
         spare = planned["n_poses"] - enough
-        advice = f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
-        advice += (
-            f"; if there is time, the other {spare} are a reserve for failed measurements and for checking the fit"
-        ) * (spare > 0)
+        advice = (
+            f"{enough} poses are enough (`poses={enough}`): ten more reduce the error to expect by less than 10 %"
+            + f"; if there is time, the other {spare} are a reserve for failed measurements and for checking the fit"
+            * (spare > 0)
+        )
     meaning = (
         "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
         "at its worst pose and fitted to random poses"
     )
+    heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
     return [
         Grid(("more poses" if is_addition else "poses", *heads), rows),
         Listing([meaning, advice * (planned is None or not is_addition)]),
@@ -637,12 +623,10 @@ def _found(power: Document | None) -> list[str]:
     """Return the probability that a trace of the poses finds an effect, and whether that is good."""
     if power is None:
         return []
-    found, random_found, separated, random_separated = (
-        f"{100 * power[key]:.0f} %" for key in ("found", "random_found", "separated", "random_separated")
-    )
     return [
-        f"a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
-        f"{random_found}), and distinguishes it from the most similar cause with {separated} ({random_separated})",
+        "a trace of these poses finds a cause of its usual size with probability {found} on average (random poses: "
+        "{random_found}), and distinguishes it from the most similar cause with {separated} "
+        "({random_separated})".format(**{key: f"{100 * share:.0f} %" for key, share in power.items()}),
         "this is good: more causes of their usual size are found than missed"
         if power["found"] >= 0.5
         else "this is low: most causes are found only if they are larger than usual; a better instrument "
@@ -665,28 +649,22 @@ def _inseparable(pairs: Sequence[Document]) -> list[str]:
 
 
 def _visits(document: Document) -> Section:
-    visits = document["visits"]
-    units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
-    payloads = visits["payload_kg"]
+    visits, joints = document["visits"], document["robot"]["joints"]
+    units, payloads, count = [joint_unit(joint) for joint in joints], visits["payload_kg"], len(visits["q"])
     rows = [
         (
             str(i + 1),
             visits["pose"][i],
             visits["role"][i],
             "" if payloads is None else f"{payloads[i]:g}",
-            *(
-                f"{value * unit.factor:.{2 if unit.name == '°' else 1}f}"
-                for value, unit in zip(q, units.values(), strict=True)
-            ),
+            *(f"{value * unit.factor:.{2 if unit.name == '°' else 1}f}" for value, unit in zip(q, units, strict=True)),
         )
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
-    payload, names = (
-        None if payloads is None else "payload, kg",
-        (f"{name}, {unit.name}" for name, unit in units.items()),
-    )
-    more = f"The first {_VISITS} of {len(visits['q'])} visits; the CSV has all of them." * (len(visits["q"]) > _VISITS)
-    return Section("Visits", [grid(("visit", "pose", "role", payload, *names), rows), Text(more)])
+    heads = ("visit", "pose", "role", None if payloads is None else "payload, kg")
+    names = (f"{joint['name']}, {unit.name}" for joint, unit in zip(joints, units, strict=True))
+    more = f"The first {_VISITS} of {count} visits; the CSV has all of them." * (count > _VISITS)
+    return Section("Visits", [grid((*heads, *names), rows), Text(more)])
 
 
 # A correction: corrections, the errors to expect, and what remains.
@@ -723,35 +701,34 @@ def correction_headline(document: Document) -> ReportHeadline:
     )
 
 
-def correction_text(
-    parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str
-) -> Iterator[Section]:
+def correction_text(parts: Sequence[Document], n_targets: int, names: tuple[str, str], output: str) -> list[Section]:
     """Return the text of a correction, of each kind of targets in turn.
 
     ``names`` are those of targets and model, ``output`` that of the file that was written.
     """
     targets, model = names
-    is_corrected = any(
+    notes = Listing([*dict.fromkeys(note for part in parts for note in part["notes"])])
+    if not any(
         part["correction"][name] and part["correction"][name][f"max_{unit}"] * factor >= _LEAST[name]
         for part in parts
         for name, unit, _, factor in QUANTITIES
+    ):
+        what = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
+        ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
+        return [
+            Section(f"Correction of {targets} by {model}: nothing to correct", [Text(what)]),
+            Section("", [notes, Text(f"next: {ahead}")]),
+        ]
+    count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
+    ahead = (
+        f"load {output}, measure the same targets again, and compare with the measurement before: "
+        f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}"
     )
-    end, what, ahead = (
-        "nothing to correct",
-        Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}."),
-        "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL",
-    )
-    if is_corrected:
-        end, what, ahead = (
-            f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected",
-            Text(f"The commands are in {output}.", wraps=False),
-            f"load {output}, measure the same targets again, and compare with the measurement before: "
-            f"robacc compare --paired BEFORE.csv AFTER.csv --model {model}",
-        )
-    yield Section(f"Correction of {targets} by {model}: {end}", [what])
-    yield from (section for part in parts if is_corrected for section in _errors_to_expect(part))
-    notes = dict.fromkeys(note for part in parts for note in part["notes"])
-    yield Section("", [Listing([*notes]), Text(f"next: {ahead}")])
+    return [
+        Section(f"Correction of {targets} by {model}: {count}", [Text(f"The commands are in {output}.", wraps=False)]),
+        *(section for part in parts for section in _errors_to_expect(part)),
+        Section("", [notes, Text(f"next: {ahead}")]),
+    ]
 
 
 def correction_view(document: Document) -> list[Section]:
@@ -765,9 +742,25 @@ def correction_view(document: Document) -> list[Section]:
 
 def _errors_to_expect(document: Document) -> list[Section]:
     """Return the corrections and the errors to expect, and how many targets are not corrected for which cause."""
-    correction, expected, count = document["correction"], document["expected"], document["n_corrected"]
-    stages = [_row(f"error {stage}", part, "expected_rms", "largest_bound95") for stage, part in expected.items()]
-    turns = ("rms, °", "at most, °") if correction["orientation"] is not None else (None, None)
+    expected, count = document["expected"], document["n_corrected"]
+    rows: list[Sequence[Cell]] = [
+        (
+            label,
+            *(
+                number(size, factor)
+                if size is None or size * factor >= _LEAST[name]
+                else Number(f"< {_LEAST[name]:g}", size)
+                for name, unit, _, factor in QUANTITIES
+                for key in keys
+                for size in [(part[name] or {}).get(f"{key}_{unit}")]
+            ),
+        )
+        for label, part, keys in (
+            *((f"error {stage}", part, ("expected_rms", "largest_bound95")) for stage, part in expected.items()),
+            ("change of the command", document["correction"], ("rms", "max")),
+        )
+    ]
+    turns = ("rms, °", "at most, °") if document["correction"]["orientation"] is not None else (None, None)
     grades = "; ".join(
         f"{', '.join(f'{name} {number}' for name, number in part['grades'].items() if number)} {stage}"
         for stage, part in expected.items()
@@ -780,26 +773,13 @@ def _errors_to_expect(document: Document) -> list[Section]:
         f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
         "nominal arm best, which robacc calibrate and a registered estimate take",
     ]
-    changes = [*stages, _row("change of the command", correction, "rms", "max")]
     refused = [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()]
     kind = f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (count > 1)}"
-    table = grid(("", "rms, mm", "at most, mm", *turns), changes)
+    blocks: list[Block] = [grid(("", "rms, mm", "at most, mm", *turns), rows), Listing(texts)]
     return [
-        Section(f"Errors to expect at {count} corrected {kind}", [table, Listing(texts)] if count else []),
+        Section(f"Errors to expect at {count} corrected {kind}", blocks if count else []),
         Section("", [Grid(("not corrected, kept as given", "targets"), refused)]),
     ]
-
-
-def _row(label: str, part: Document, *keys: str) -> Sequence[Cell]:
-    sizes = [
-        ((part[name] or {}).get(f"{key}_{unit}"), factor, _LEAST[name])
-        for name, unit, _, factor in QUANTITIES
-        for key in keys
-    ]
-    return label, *(
-        number(size, factor) if size is None or size * factor >= least else Number(f"< {least:g}", size)
-        for size, factor, least in sizes
-    )
 
 
 # Table of ``robacc export``, at most 80 columns.
@@ -808,7 +788,7 @@ _LEAST_OF_FILE = 1e-4
 """Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
 
 
-def export_view(document: Document) -> Iterator[Section]:
+def export_view(document: Document) -> list[Section]:
     """Return what the file holds, the error that remains in it, and the tool to set."""
     remaining, tool = document["remaining_error"], document["tool"]
     position, turn = (
@@ -832,7 +812,6 @@ def export_view(document: Document) -> Iterator[Section]:
         ("tool to set", f"x, y, z {place} mm"),
         ("", f"roll, pitch, yaw {angles}°"),
     ]
-    yield Section(
-        f"Export as {document['format']}{' of ' * bool(document['arm'])}{document['arm'] or ''}",
-        [Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)],
-    )
+    arm = f" of {document['arm']}" if document["arm"] else ""
+    table = Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)
+    return [Section(f"Export as {document['format']}{arm}", [table])]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import re
 import statistics
 from collections import Counter
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from robacc.effects import REGISTRY
@@ -14,18 +14,9 @@ from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
     QUANTITIES,
-    Document,
-    effect_label,
-    grouped,
-    joint_unit,
-    odds,
-    p_value,
-    three_digits,
-    unit_of,
-)
-from robacc.render.views.elements import (
     UNBOUNDED,
     Block,
+    Document,
     Form,
     Grid,
     Listing,
@@ -35,15 +26,22 @@ from robacc.render.views.elements import (
     amount,
     coefficients,
     effect_families,
+    effect_label,
     first_of,
     grid,
+    grouped,
+    joint_unit,
     number,
+    odds,
     of_robot,
+    p_value,
     parameter_tables,
     percent,
     shown,
     statistics_cells,
+    three_digits,
     tile,
+    unit_of,
     with_error,
     with_unit,
 )
@@ -93,8 +91,7 @@ _LISTED = 60
 
 def fit_stages(document: Document) -> Sequence[tuple[str, str, str]]:
     """Return key, name and short name of the stages; without findings, the baseline is the last."""
-    stages = _STAGES["findings" in document]
-    return stages[:2] if document.get("findings") == [] else stages
+    return _STAGES["findings" in document][: 2 if document.get("findings") == [] else 3]
 
 
 def _pose_set(document: Document) -> str:
@@ -207,52 +204,50 @@ def next_step(document: Document, model: str | None = None) -> str:
 
 def fit_view(
     document: Document, poses: str = "", robot: str = "", form: Form = "page", model: str | None = None
-) -> Iterator[Section]:
+) -> list[Section]:
     """Return the view of a calibration or a trace: in short, how good, why, and what now; else all that was tested.
 
     ``poses`` and ``robot`` are file names, and ``model`` that of the model if it was written. A page has every cause
     and coefficient.
     """
-    is_trace, declared = "findings" in document, document["declared"]
-    if form != "page":
-        start, option, verb = f"{document['n_poses']} measured poses", "fit", "fitted"
-        if is_trace:
-            said, option, verb = _VERDICTS[document["verdict"]][2], "declared", "declared"
-            if document["verdict"] == "clean" and _is_worth_it(document):
-                said = "declared effects explain it; nothing else found"
-            title = f"Trace of {start}: {said}"
-        else:
-            title = f"Calibration from {start}: {document['identifiability']['n_identifiable']} coefficients fitted"
-        default = f" (default; `{option}` changes them)" if declared["by_default"] else ""
-        facts = [
-            f"{verb} effects: {', '.join(declared['effects']) or 'none'}{default}",
-            *(f"{each['effect']} is not {verb}: {each['why']}" for each in declared["left_out"]),
+    is_trace, declared, start = "findings" in document, document["declared"], f"{document['n_poses']} measured poses"
+    if is_trace:
+        is_known, option, verb = document["verdict"] == "clean" and _is_worth_it(document), "declared", "declared"
+        said = "declared effects explain it; nothing else found" if is_known else _VERDICTS[document["verdict"]][2]
+        title, parts = f"Trace of {start}: {said}", [*shown(_trace_sections(document))]
+        if form != "page":
+            parts = [replace(part, title=f"{place}. {part.title}") for place, part in enumerate(parts, 1)]
+    else:
+        option, verb, count = "fit", "fitted", document["identifiability"]["n_identifiable"]
+        title = f"Calibration from {start}: {count} coefficients fitted"
+        estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
+        others = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
+        listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(others), *map(Text, masses)]
+        parts = [
+            Section("Before and after", _stage_blocks(document)),
+            Section("Coefficients", listed if form == "full" else []),
+            Section("Quality of the fit", [Listing(_quality(document))]),
         ]
-        yield Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
+    default = f" (default; `{option}` changes them)" if declared["by_default"] else ""
+    facts = [
+        f"{verb} effects: {', '.join(declared['effects']) or 'none'}{default}",
+        *(f"{each['effect']} is not {verb}: {each['why']}" for each in declared["left_out"]),
+    ]
+    opening = Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
     if form == "short":
         ahead = Text(f"next: {next_step(document, model)}")
-        yield Section("", _causes(document, 6, short=True))
-        yield Section("", [Listing([*_doubts(document)]), Text(_MORE[is_trace], is_note=True), ahead])
-        return
-    yield Section("Causes", _causes(document, None if form == "page" else 8))
-    if not is_trace:
-        yield Section("Before and after", _stage_blocks(document))
-        if form == "full":
-            estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
-            more = Text(
-                f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
-            )
-            yield Section("Coefficients", [coefficients(estimated[:_LISTED]), more, *map(Text, masses)])
-        yield Section("Quality of the fit", [Listing([*_quality(document)])])
-    for place, section in enumerate(shown(_trace_sections(document)) if is_trace else (), 1):
-        yield section if form == "page" else replace(section, title=f"{place}. {section.title}")
-    if form == "page":
-        note = Text(
-            "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
-            "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
-        )
-        tables = [note, *parameter_tables(document["parameters"])]
-        yield Section("Coefficients", tables if document["parameters"] else [Text("No coefficient was fitted.")])
+        doubts, more = Listing(_doubts(document)), Text(_MORE[is_trace], is_note=True)
+        return [opening, Section("", _causes(document, 6, short=True)), Section("", [doubts, more, ahead])]
+    if form == "full":
+        return [opening, Section("Causes", _causes(document, 8)), *parts]
+    note = Text(
+        "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
+        "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
+    )
+    tables: list[Block] = [note, *parameter_tables(document["parameters"])]
+    if not document["parameters"]:
+        tables = [Text("No coefficient was fitted.")]
+    return [Section("Causes", _causes(document, None)), *parts, Section("Coefficients", tables)]
 
 
 def _trace_sections(document: Document) -> list[Section]:
@@ -321,12 +316,11 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
     if not shown:
         return [size]
     hidden, is_mixed = len(causes) - len(shown), len({cause["declared"] for cause in causes}) > 1
-    without_it = None if short else "without it, mm"
     without = "" if short else "without it: rms error that no other effect can describe; "
     return [
         size,
         grid(
-            ("effect", "coefficient", "moves, mm", "95 % interval", without_it, "share"),
+            ("effect", "coefficient", "moves, mm", "95 % interval", None if short else "without it, mm", "share"),
             [
                 (
                     f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
@@ -358,28 +352,32 @@ def _coefficient(document: Document, cause: Document) -> str:
     return unit.after(str(with_error(own[0]["value"], own[0]["std"], unit.factor)[0]))
 
 
-def _stage_blocks(document: Document) -> Iterator[Block]:
-    """Yield the errors of each stage, held-out poses first, and the gain with its interval."""
-    for pose_set, title in _POSE_SETS.items():
-        figures = {label: document[stage].get(pose_set) for stage, label, _ in fit_stages(document)}
-        for quantity, unit, sign, factor in QUANTITIES if None not in figures.values() else ():
-            yield Grid(
+def _stage_blocks(document: Document) -> list[Block]:
+    """Return the errors of each stage, held-out poses first, and the gain with its interval."""
+    figures = [
+        (title, [(label, document[stage].get(pose_set)) for stage, label, _ in fit_stages(document)])
+        for pose_set, title in _POSE_SETS.items()
+    ]
+    whose = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
+    return [
+        *(
+            Grid(
                 (f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"),
-                [
-                    (label, *statistics_cells(part[quantity], unit, factor))
-                    for label, part in figures.items()
-                    if part[quantity] is not None
-                ],
+                [(label, *statistics_cells(part[quantity], unit, factor)) for label, part in parts if part[quantity]],
             )
-    if (gain := document["gain_m"]) is not None and gain["low"] is not None:
-        value, low, high = (three_digits(gain[key] * IN_MM) for key in ("value", "low", "high"))
-        interval = f"{percent(gain['confidence'])} {low} to {high} mm"
-        yield Text(f"rms reduction on held-out poses: {value} mm ({interval})", wraps=False)
-    if "findings" in document:
-        yield Text(
-            "rows are of models; the arm itself keeps the error of the first row until its controller uses the model",
-            is_note=True,
-        )
+            for title, parts in figures
+            if all(part is not None for _, part in parts)
+            for quantity, unit, sign, factor in QUANTITIES
+        ),
+        *(
+            Text(f"rms reduction on held-out poses: {value} mm ({percent(gain['confidence'])} {ends} mm)", wraps=False)
+            for gain in [document["gain_m"]]
+            if gain is not None and gain["low"] is not None
+            for value, *limits in [[three_digits(gain[key] * IN_MM) for key in ("value", "low", "high")]]
+            for ends in [" to ".join(limits)]
+        ),
+        Text(whose * ("findings" in document), is_note=True),
+    ]
 
 
 def _repeatability(document: Document) -> list[str]:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Sequence
-from datetime import UTC, datetime
 from typing import NamedTuple
 
 from robacc.outcomes import FileOutcome
-from robacc.render.text import Document, Style, as_options, say, unit_of
-from robacc.render.views.elements import Grid, Listing, ReportHeadline, Section, Text
+from robacc.render.text import Document, Grid, Listing, ReportHeadline, Section, Style, Text, as_options, say, unit_of
 from robacc.statistics.intervals import ASSURANCE
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
@@ -47,105 +45,76 @@ def title(gate: Document) -> str:
     return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({', '.join(counts)})"
 
 
-def _cells(criterion: Document) -> tuple[str, ...]:
-    """Return the cells of a criterion below :data:`_HEADER`."""
-    return (
+def words_of(criterion: Document) -> dict[str, str]:
+    """Return a criterion in words: its cells below :data:`_HEADER`, and its ``sentence``, ``said``, ``explained``.
+
+    The sentence has the value, bounds, limit, margin and reasons; ``said`` has the outcome before it; ``explained`` has
+    the outcome, its reason and the number of poses that would decide, then the reason for the limit.
+    """
+    unit, value, given, is_least = (
+        unit_of(criterion["unit"]),
+        *(criterion[key] for key in ("value", "limit", "at_least")),
+    )
+    baseline = criterion["baseline"] or {}
+    before, file = baseline.get("value"), baseline.get("file")
+    if isinstance(given, str | list):
+        limit = f"{given} or better" if isinstance(given, str) else " or ".join(given)
+    else:
+        size = unit.after(f"{unit.factor * abs(given or 0.0):.6g}")
+        limit = f"at {'least' if is_least else 'most'} {size}"
+        if baseline and not given:
+            limit = f"no {'less' if is_least else 'more'} than in {file}"
+        elif baseline:
+            # A limit on a difference has a sign and a direction.
+            extent = "most" if (given > 0.0) != is_least else "least"
+            limit = f"at {extent} {size} {'more' if given > 0.0 else 'less'} than in {file}"
+    shown = unit.text(value) if isinstance(value, int | float) else value or "missing"
+    if isinstance(value, int | float) and before is not None:
+        relation = "same as" if value == 0.0 else f"{unit.text(abs(value))} {'more' if value > 0.0 else 'less'} than"
+        shown = f"{unit.text(value + before)}, {relation} the {unit.text(before)} in {file}"
+    bounds, ends = "", (criterion["lower_bound"], criterion["upper_bound"])
+    if criterion["rule"] != "simple" and criterion["share"] is None and ends != (None, None):
+        of = "" if before is None else " for the difference"
+        bounds = (
+            f"{' to '.join(map(unit.text, ends))}{of}, each bound at {100 * criterion['confidence']:g} % confidence"
+        )
+    chance, probability = "", criterion["conformity_probability"]
+    if probability is not None:
+        percent = 100.0 * probability
+        chance = "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
+    decided, needed, if_true = "", criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
+    if criterion["outcome"] == "inconclusive" and needed is not None:
+        # ISO 9283 results count visits of a few commanded poses.
+        counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
+        decided = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
+        decided += f", {if_true} if the measured value is the true one" * (if_true not in (None, needed))
+    elif criterion["outcome"] == "inconclusive" and if_true is None and criterion["why"] is None:
+        # The distance to the limit is unknown without bounds or without a number of poses.
+        is_known = criterion["n_poses"] is not None
+        decided = "the value is too close to the limit for any number of poses to decide" * is_known
+    label, reasons = LOOKS[criterion["outcome"]].label, [as_options(criterion["why"] or ""), decided]
+    parts = (
+        f"{criterion['key']} {shown}{f' ({bounds})' * bool(bounds)}, expected {limit}",
+        "" if criterion["margin"] is None else f"margin {unit.text(criterion['margin'])}",
+        f"conforms with probability {chance}" * bool(chance),
+        *reasons,
+    )
+    sentence = "; ".join(filter(None, parts))
+    cells = (
         criterion["name"],
         criterion["key"],
-        _value(criterion),
-        limit(criterion),
-        (_bounds(criterion) or "–").strip("()"),
-        unit_of(criterion["unit"]).text(criterion["margin"]),
-        probability(criterion) or "–",
+        shown,
+        limit,
+        bounds or "–",
+        unit.text(criterion["margin"]),
+        chance or "–",
     )
-
-
-def limit(criterion: Document) -> str:
-    """Return the limit with its direction."""
-    given, baseline, is_least = criterion["limit"], criterion["baseline"], criterion["at_least"]
-    if isinstance(given, str | list):
-        return f"{given} or better" if isinstance(given, str) else " or ".join(given)
-    unit = unit_of(criterion["unit"])
-    size = unit.after(f"{unit.factor * abs(given or 0.0):.6g}")
-    if baseline is None:
-        return f"at {'least' if is_least else 'most'} {size}"
-    if not given:
-        return f"no {'less' if is_least else 'more'} than in {baseline['file']}"
-    # A limit on a difference has a sign and a direction.
-    extent, relation = "most" if (given > 0.0) != is_least else "least", "more" if given > 0.0 else "less"
-    return f"at {extent} {size} {relation} than in {baseline['file']}"
-
-
-def _value(criterion: Document) -> str:
-    """Return the measured value; for a comparison, also the baseline's value."""
-    size, baseline, text = criterion["value"], criterion["baseline"] or {}, unit_of(criterion["unit"]).text
-    if size is None or isinstance(size, str):
-        return size or "missing"
-    if baseline.get("value") is None:
-        return text(size)
-    relation = "same as" if size == 0.0 else f"{text(abs(size))} {'more' if size > 0.0 else 'less'} than"
-    return f"{text(size + baseline['value'])}, {relation} the {text(baseline['value'])} in {baseline['file']}"
-
-
-def _bounds(criterion: Document) -> str | None:
-    """Return the bounds that the rule used, None if it used none."""
-    ends = (criterion["lower_bound"], criterion["upper_bound"])
-    if criterion["rule"] == "simple" or criterion["share"] is not None or ends == (None, None):
-        return None
-    interval = " to ".join(map(unit_of(criterion["unit"]).text, ends)) + (
-        "" if (criterion["baseline"] or {}).get("value") is None else " for the difference"
-    )
-    return f"({interval}, each bound at {100 * criterion['confidence']:g} % confidence)"
-
-
-def probability(criterion: Document) -> str | None:
-    """Return the conformity probability in percent, between ``< 0.1 %`` and ``> 99.9 %``."""
-    if criterion["conformity_probability"] is None:
-        return None
-    percent = 100.0 * criterion["conformity_probability"]
-    return "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
-
-
-def _poses_needed(criterion: Document) -> str | None:
-    """Return the number of poses or visits that would decide an inconclusive criterion, None where unknown."""
-    needed, needed_if_true = criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
-    if criterion["outcome"] != "inconclusive":
-        return None
-    if needed is None:
-        # The distance to the limit is unknown without bounds or without a number of poses.
-        too_close = needed_if_true is None and criterion["why"] is None and criterion["n_poses"] is not None
-        return "the value is too close to the limit for any number of poses to decide" if too_close else None
-    # ISO 9283 results count visits of a few commanded poses.
-    counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
-    text = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
-    is_same = needed_if_true in (None, needed)
-    return text if is_same else f"{text}, {needed_if_true} if the measured value is the true one"
-
-
-def sentence(criterion: Document) -> str:
-    """Return one line with the value, bounds, limit, margin and reasons of a criterion, without its outcome."""
-    statement = " ".join(filter(None, (criterion["key"], _value(criterion), _bounds(criterion))))
-    margin, chance = criterion["margin"], probability(criterion)
-    parts = (
-        f"{statement}, expected {limit(criterion)}",
-        "" if margin is None else f"margin {unit_of(criterion['unit']).text(margin)}",
-        "" if chance is None else f"conforms with probability {chance}",
-        *_explanations(criterion),
-    )
-    return "; ".join(filter(None, parts))
-
-
-def _said(criterion: Document) -> str:
-    return f"{LOOKS[criterion['outcome']].label}: {sentence(criterion)}"
-
-
-def _explained(criterion: Document) -> str:
-    """Return the outcome, its reason and the number of poses that would decide, then the reason for the limit."""
-    return f"{'; '.join([LOOKS[criterion['outcome']].label, *_explanations(criterion)])}. Reason: {criterion['reason']}"
-
-
-def _explanations(criterion: Document) -> list[str]:
-    return [text for text in (as_options(criterion["why"] or ""), _poses_needed(criterion)) if text]
+    return {
+        **dict(zip(_HEADER, cells, strict=True)),
+        "sentence": sentence,
+        "said": f"{label}: {sentence}",
+        "explained": f"{'; '.join(filter(None, (label, *reasons)))}. Reason: {criterion['reason']}",
+    }
 
 
 _INDENT = 15
@@ -156,9 +125,9 @@ def say_gate(gate: Document) -> None:
     """Write the outcome, and each criterion that does not pass, to standard error: for a log without the table."""
     say(title(gate), LOOKS[gate["outcome"]].style)
     for criterion in gate["criteria"]:
+        look = LOOKS[criterion["outcome"]]
         if criterion["outcome"] != "pass":
-            look = LOOKS[criterion["outcome"]]
-            say(f"{look.label}: {criterion['name']}: {sentence(criterion)}", look.style)
+            say(f"{look.label}: {criterion['name']}: {words_of(criterion)['sentence']}", look.style)
 
 
 def gate_view(gate: Document) -> list[Section]:
@@ -169,7 +138,7 @@ def gate_view(gate: Document) -> list[Section]:
         *(
             Section(
                 f"{look.label:<{_INDENT}}{own['name']}",
-                [Text(indent + sentence(own)), Text(f"{indent}Reason: {own['reason']}", is_note=True)],
+                [Text(indent + words_of(own)["sentence"]), Text(f"{indent}Reason: {own['reason']}", is_note=True)],
                 look.style,
             )
             for own in gate["criteria"]
@@ -195,8 +164,9 @@ def passed(gate: Document) -> str:
 
 def gate_section(gate: Document) -> Section:
     """Return each criterion with outcome, value, limit and bounds, and the reasons."""
-    rows = [(each["name"], LOOKS[each["outcome"]].label, *_cells(each)[1:]) for each in gate["criteria"]]
-    reasons = Listing([f"{each['name']}: {_explained(each)}" for each in gate["criteria"]])
+    criteria = [(own["name"], LOOKS[own["outcome"]].label, words_of(own)) for own in gate["criteria"]]
+    rows = [(name, label, *(words[head] for head in _HEADER[1:])) for name, label, words in criteria]
+    reasons = Listing([f"{name}: {words['explained']}" for name, _, words in criteria])
     return Section(
         title(gate), [Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows), reasons, Listing(gate["warnings"], "warning")]
     )
@@ -219,16 +189,17 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         outcomes: Outcomes of files by their gates; a file without a result has an error instead of its criteria.
         started: Start of the command, seconds since 1970.
     """
+    from datetime import UTC, datetime
     from xml.etree.ElementTree import Element, SubElement, indent, tostring
 
-    suites = Element("testsuites")
+    suites, timestamp = Element("testsuites"), datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S")
     for number, outcome in enumerate(outcomes):
         if (gate := outcome.gate) is None:
             cases = [(command, "no result", as_options(outcome.problems[0].message), "")]
             streams = {"out": "", "err": "\n".join(as_options(str(problem)) for problem in outcome.problems)}
         else:
             cases = [
-                (each["name"], each["outcome"], _said(each), f"Reason for the limit: {each['reason']}")
+                (each["name"], each["outcome"], words_of(each)["said"], f"Reason for the limit: {each['reason']}")
                 for each in gate["criteria"]
             ]
             streams = {"out": title(gate), "err": "\n".join(gate["warnings"])}
@@ -239,7 +210,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
             id=str(number),
             package=f"robacc.{command}",
             name=outcome.name,
-            timestamp=datetime.fromtimestamp(started, UTC).strftime("%Y-%m-%dT%H:%M:%S"),
+            timestamp=timestamp,
             hostname="localhost",
             tests=str(len(cases)),
             failures=str(kinds.count("fail")),
@@ -255,8 +226,7 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         for stream, text in streams.items():
             SubElement(suite, f"system-{stream}").text = text
     indent(suites)
-    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n'
-    return _NOT_XML.sub("\ufffd", text)
+    return _NOT_XML.sub("\ufffd", f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n')
 
 
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.
@@ -279,7 +249,7 @@ def github_annotations(command: str, table: str, gate: Document | None, warnings
         (
             LOOKS[criterion["outcome"]].level,
             f"{gate['name']}: {criterion['name']}",
-            f"{_said(criterion)}. Reason for the limit: {criterion['reason']}",
+            f"{words_of(criterion)['said']}. Reason for the limit: {criterion['reason']}",
         )
         for criterion in gate["criteria"]
     ]
@@ -309,16 +279,20 @@ def markdown(command: str, table: str, gate: Document | None, warnings: tuple[st
     """
     lines = [f"## robacc {_escaped(command)}"]
     if gate is not None:
-        criteria = gate["criteria"]
         rows = [
             ("", *_HEADER),
             ["---"] * (1 + len(_HEADER)),
-            *((LOOKS[criterion["outcome"]].sign, *map(_escaped, _cells(criterion))) for criterion in criteria),
+            *(
+                (LOOKS[own["outcome"]].sign, *(_escaped(words_of(own)[head]) for head in _HEADER))
+                for own in gate["criteria"]
+            ),
         ]
         lines += [
             f"### {LOOKS[gate['outcome']].sign} {_escaped(title(gate))}",
             "\n".join(f"| {' | '.join(row)} |" for row in rows),
-            "\n".join(f"- **{_escaped(each['name'])}**: {_escaped(_explained(each))}" for each in criteria),
+            "\n".join(
+                f"- **{_escaped(own['name'])}**: {_escaped(words_of(own)['explained'])}" for own in gate["criteria"]
+            ),
         ]
     lines += [f"> **Warning:** {_escaped(warning)}" for warning in warnings]
     if table:

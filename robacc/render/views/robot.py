@@ -3,12 +3,11 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 
 from robacc.effects.request import CatalogueEntry
 from robacc.iso_9283.cube import Proposal
-from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, fixed, unit_of
-from robacc.render.views.elements import Grid, Listing, Section, Text, grid
+from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Reach, Summary
 
@@ -21,12 +20,10 @@ _MOST = 40
 """Coefficients of effects that are listed."""
 
 
-def robot_view(summary: Summary) -> Iterator[Section]:
+def robot_view(summary: Summary) -> list[Section]:
     """Return the report of ``robacc show``."""
     robot, count = summary.robot, len(summary.robot.variables)
     ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
-    yield Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")])
-    yield from _geometry(robot)
     follows = "follows" if any(joint.mimic or joint.coupling for joint in robot.joints) else None
     drives = [
         (
@@ -42,7 +39,6 @@ def robot_view(summary: Summary) -> Iterator[Section]:
         if joint.type != "fixed"
         for factor, unit in [unit_of("m" if joint.type == "prismatic" else "rad")]
     ]
-    yield _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives)
     links = [(joint.name, joint) for joint in robot.joints] + [
         (f"{branch.joint.name} (on {branch.parent or 'the base'}{rule})", branch.joint)
         for branch in robot.branches
@@ -56,8 +52,13 @@ def robot_view(summary: Summary) -> Iterator[Section]:
         for name, joint in links
         if has_masses
     ]
-    yield _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses)
-    yield Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text])
+    return [
+        Section(robot.name, [Text(f"{_CHAINS[robot.convention]}; {count} joint{'s' * (count != 1)}{ends}")]),
+        *_geometry(robot),
+        _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives),
+        _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses),
+        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text]),
+    ]
 
 
 def _table(title: str, header: Sequence[str | None], rows: Sequence[Sequence[str]]) -> Section:
@@ -65,8 +66,8 @@ def _table(title: str, header: Sequence[str | None], rows: Sequence[Sequence[str
     return Section(title, [grid(header, rows, left=left, is_ruled=True)])
 
 
-def _geometry(robot: Robot) -> Iterator[Section]:
-    """Yield the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
+def _geometry(robot: Robot) -> list[Section]:
+    """Return the geometry as one table, or as one of lengths and one of angles if a line would not fit."""
     is_urdf = robot.convention == "urdf"
     # Empty columns are omitted: beta of most DH tables, offsets of most URDFs.
     columns = {
@@ -80,14 +81,11 @@ def _geometry(robot: Robot) -> Iterator[Section]:
         columns["axis"] = ["fixed" if joint.type == "fixed" else _axis(joint.axis) for joint in robot.joints]
     names = {"joint": [joint.name for joint in robot.joints]}
     lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
-    tables = {
-        "Geometry: lengths": lengths,
-        "Geometry: angles": {head: cells for head, cells in columns.items() if head not in lengths},
-    }
+    angles = {head: cells for head, cells in columns.items() if head not in lengths}
+    tables = {"Geometry: lengths": names | lengths, "Geometry: angles": names | angles}
     if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
-        tables = {"Geometry": columns}
-    for title, own in tables.items():
-        yield _table(title, [*names, *own], [*zip(*names.values(), *own.values(), strict=True)])
+        tables = {"Geometry": names | columns}
+    return [_table(title, [*own], [*zip(*own.values(), strict=True)]) for title, own in tables.items()]
 
 
 def _axis(axis: Sequence[float]) -> str:
@@ -102,11 +100,12 @@ def _drive_rule(joint: Joint) -> str:
     """Return what a joint follows, such as ``2 x j1`` or ``j3 + j2``; empty for an independent joint."""
     if joint.mimic is not None:
         return f"{_number(joint.mimic.multiplier)} x {joint.mimic.master}"
-    text = "" if joint.is_passive or not joint.coupling else joint.name
-    for name, ratio in joint.coupling.items():
-        factor = "" if abs(ratio) == 1 else f"{_number(abs(ratio))} "
-        text += f" {'-' if ratio < 0 else '+'} {factor}{name}"
-    return text.strip().removeprefix("+ ")
+    others = (
+        f" {'-' if ratio < 0 else '+'} {'' if abs(ratio) == 1 else f'{_number(abs(ratio))} '}{name}"
+        for name, ratio in joint.coupling.items()
+    )
+    own = "" if joint.is_passive or not joint.coupling else joint.name
+    return f"{own}{''.join(others)}".strip().removeprefix("+ ")
 
 
 def _facts(summary: Summary) -> list[tuple[str, str]]:
@@ -180,15 +179,15 @@ def _number(value: float) -> str:
 # The arms that come with the package, as a table.
 
 
-def robots_view(arms: Sequence[LibraryArm]) -> Iterator[Section]:
+def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
     """Return a line per arm, and how to use them."""
     rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
-    yield Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))])
     use = (
         "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
         "NAME writes a copy to which you add the tool or several targets"
     )
-    yield Section("", [Listing([use])])
+    table = Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))
+    return [Section("", [table]), Section("", [Listing([use])])]
 
 
 # The catalogue of effects as text to read.
@@ -198,38 +197,33 @@ _COEFFICIENTS_SHOWN = 12
 
 def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
-    if in_detail:
-        name, about, facts = entries[0].effect.name, entries[0].effect.about, _effect_facts(entries[0])
-        rows = [(f"  {label:<14}", text) for label, text in facts.items()]
-        return [Section(name, [Text(f"  {about.summary}"), Grid(("", ""), rows, is_text=True)])]
-    rows = [
-        (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
-        for entry in entries
+    if not in_detail:
+        rows = [
+            (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
+            for entry in entries
+        ]
+        hint = (
+            "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
+        )
+        return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
+    (entry,) = entries
+    about, names = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients]
+    others = f" and {len(names) - _COEFFICIENTS_SHOWN} more" * (len(names) > _COEFFICIENTS_SHOWN)
+    applicable = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
+    is_known, is_applicable = entry.for_robot, entry.for_robot and entry.why is None
+    facts = [
+        ("equation", about.equation),
+        ("unit", about.unit),
+        ("usual size", about.usual_size),
+        ("needs", about.needs),
+        ("confused with", about.confused_with),
+        ("source", about.source),
+        ("in a file", about.example),
+        ("this robot", (applicable if is_applicable else f"not applicable: {entry.why}") * is_known),
+        ("coefficients", f"{', '.join(names[:_COEFFICIENTS_SHOWN])}{others}" * is_applicable),
     ]
-    hint = "robacc show effects NAME shows an effect's equation, unit, usual size, required data and similar effects"
-    return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
-
-
-def _effect_facts(entry: CatalogueEntry) -> dict[str, str]:
-    about = entry.effect.about
-    names = [f"{name} ({unit})" for name, unit in entry.coefficients]
-    of_robot = {
-        "this robot": f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}",
-        "coefficients": ", ".join(names[:_COEFFICIENTS_SHOWN])
-        + (f" and {len(names) - _COEFFICIENTS_SHOWN} more" if len(names) > _COEFFICIENTS_SHOWN else ""),
-    }
-    if entry.why is not None:
-        of_robot = {"this robot": f"not applicable: {entry.why}"}
-    return {
-        "equation": about.equation,
-        "unit": about.unit,
-        "usual size": about.usual_size,
-        "needs": about.needs,
-        "confused with": about.confused_with,
-        "source": about.source,
-        "in a file": about.example,
-        **(of_robot if entry.for_robot else {}),
-    }
+    table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
+    return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]
 
 
 # The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.

@@ -13,18 +13,24 @@ from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
 from robacc.geometry import rotation_from_quaternion, rotation_from_rpy, transpose
-from robacc.programs.grammar import AXIS_UNITS, POSE_UNITS, RUN_TIME, Place, arguments, mask, numbers
 from robacc.programs.program import (
+    AXIS_UNITS,
+    POSE_UNITS,
+    RUN_TIME,
     Convention,
     Draft,
     MotionType,
+    Place,
     Program,
     ProgramFrame,
     ProgramNote,
     ProgramNumber,
     ProgramSource,
     ProgramTarget,
+    arguments,
+    mask,
     nearest_angles,
+    numbers,
 )
 from robacc.robots.description import Frame
 

@@ -44,7 +44,7 @@ from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import nominal_robot
-from robacc.programs.program import Dialect, Program
+from robacc.programs.program import Program
 from robacc.programs.reading import read_program
 from robacc.programs.targets import (
     allowed_by_status,
@@ -551,7 +551,7 @@ def _configured(
         if window is not None:
             q = turned_into(window, q, limits, revolute)
             usable = usable & allowed_by_window(window, q)
-            if program.dialect == Dialect.krl:
+            if program.dialect == "krl":
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]

@@ -8,17 +8,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from robacc.programs.grammar import AXIS_UNITS, MM, POSE_UNITS, numbers
 from robacc.programs.program import (
+    AXIS_UNITS,
     FIXED_XYZ,
+    MM,
     NUMBER,
-    Dialect,
+    POSE_UNITS,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
     ProgramTarget,
+    numbers,
 )
 from robacc.robots.description import Frame
 
@@ -50,7 +52,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         raise source.error("has no /PROG, so it is not a TP program in ASCII", fix=_FIX)
     if "END" not in sections:
         raise source.error("is truncated: it has no /END", len(text), _FIX)
-    draft = Draft(source, Dialect.fanuc)
+    draft = Draft(source, "fanuc")
     end = sections["END"].start()
     first = sections["POS"].end() if "POS" in sections else end
     positions = list(_POSITION.finditer(text, first, end))

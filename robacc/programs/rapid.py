@@ -10,27 +10,24 @@ import re
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from robacc.programs.grammar import (
+from robacc.programs.program import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
     MM,
-    RUN_TIME,
-    Place,
-    arguments,
-    items,
-    mask,
-    numbers,
-)
-from robacc.programs.program import (
     QUATERNION,
-    Dialect,
+    RUN_TIME,
     Draft,
     MotionType,
+    Place,
     Program,
     ProgramFrame,
     ProgramSource,
     ProgramTarget,
+    arguments,
+    items,
+    mask,
+    numbers,
 )
 from robacc.robots.description import Frame
 
@@ -109,7 +106,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no RAPID module, or is truncated.
     """
-    module, draft = _Module(source), Draft(source, Dialect.rapid)
+    module, draft = _Module(source), Draft(source, "rapid")
     text = module.text
     frames = {name: ProgramFrame(name, Frame()) for name in ("tool0", "wobj0")}
     targets: dict[tuple[int, str], list[int | None]] = {}
@@ -127,7 +124,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 indices = targets[module.routine(match.start()), name.lower()] = []
                 for i, place in enumerate(elements):
                     written, reason = _written(text, place, kind), f"{name} lacks some of the numbers of a {kind}"
-                    indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
+                    indices.append(draft.add(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
     for (routine, name), indices in targets.items():
         if (position := module.change_of(routine, name)) is not None:
             reason = CHANGED.format(source.line(position))

@@ -17,7 +17,7 @@ from robacc.errors import InputError, Problem
 from robacc.io.files import read_bytes, read_text
 from robacc.io.yaml_nodes import top_section
 from robacc.plug_ins import plug_in, plug_in_names
-from robacc.programs.program import PROGRAM_LIMIT, Dialect, Program, ProgramFrame, ProgramSource
+from robacc.programs.program import PROGRAM_LIMIT, Program, ProgramFrame, ProgramSource
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
@@ -29,17 +29,17 @@ pattern of text that only such programs have, ``companions(path)``, the paths of
 ``parse(source, others)``, the :class:`Program`.
 """
 SUFFIXES = {
-    ".src": Dialect.krl,
-    ".dat": Dialect.krl,
-    ".sub": Dialect.krl,
-    ".mod": Dialect.rapid,
-    ".modx": Dialect.rapid,
-    ".sys": Dialect.rapid,
-    ".sysx": Dialect.rapid,
-    ".prg": Dialect.rapid,
-    ".ls": Dialect.fanuc,
-    ".script": Dialect.urscript,
-    ".urscript": Dialect.urscript,
+    ".src": "krl",
+    ".dat": "krl",
+    ".sub": "krl",
+    ".mod": "rapid",
+    ".modx": "rapid",
+    ".sys": "rapid",
+    ".sysx": "rapid",
+    ".prg": "rapid",
+    ".ls": "fanuc",
+    ".script": "urscript",
+    ".urscript": "urscript",
 }
 """Suffixes of program files."""
 _TABLES = frozenset({"", ".csv", ".tsv", ".txt", ".xlsx", ".parquet"})
@@ -57,11 +57,11 @@ _BINARY = {
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
 _SIGNS = (
-    (Dialect.fanuc, re.compile(r"^/PROG\b", re.M)),
-    (Dialect.urscript, re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
-    (Dialect.rapid, re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
-    (Dialect.krl, re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$])", re.I | re.M)),
-    (Dialect.urscript, re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
+    ("fanuc", re.compile(r"^/PROG\b", re.M)),
+    ("urscript", re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
+    ("rapid", re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
+    ("krl", re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$])", re.I | re.M)),
+    ("urscript", re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
 )
 """Texts that only programs of a dialect have, in the order in which they are looked for."""
 

@@ -8,11 +8,18 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from robacc.programs.grammar import (
+from robacc.programs.program import (
+    ROTATION_VECTOR,
     RUN_TIME,
+    Draft,
     EventKind,
     FrameEvent,
+    MotionType,
     Place,
+    Program,
+    ProgramFrame,
+    ProgramSource,
+    ProgramTarget,
     arguments,
     items,
     mask,
@@ -20,16 +27,6 @@ from robacc.programs.grammar import (
     stripped,
     timeline,
     unclosed,
-)
-from robacc.programs.program import (
-    ROTATION_VECTOR,
-    Dialect,
-    Draft,
-    MotionType,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -105,7 +102,7 @@ class _Script:
 
     def __init__(self, source: ProgramSource) -> None:
         """Sort the variables into those that are assigned once, as numbers, and those that the program computes."""
-        self.draft = Draft(source, Dialect.urscript)
+        self.draft = Draft(source, "urscript")
         self.text = text = mask(source.text, _HIDDEN)
         self.literals: dict[str, Place] = {}
         self.changed: dict[str, int] = {}

@@ -18,8 +18,7 @@ ROOT = Path(__file__).resolve().parents[2]
 DIALECT = """
 import re
 
-from robacc.programs.grammar import AXIS_UNITS, arguments, numbers
-from robacc.programs.program import Draft, ProgramTarget
+from robacc.programs.program import AXIS_UNITS, Draft, ProgramTarget, arguments, numbers
 
 SIGN = re.compile(r"^CELL PROGRAM", re.M)
 

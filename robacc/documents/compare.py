@@ -492,7 +492,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
     for name, unit, length, rms, bound in (
         ("position", "m", errors.position, errors.position_rms, errors.position_bound),
         ("orientation", "rad", errors.orientation, orientation_rms(errors), errors.orientation_bound),
-    )[: 2 if result.targets.wanted.oriented else 1]:
+    )[: 2 if result.wanted.oriented else 1]:
         if (extent := _extent(result.metrics(length), unit)) is not None:
             document[name] = {
                 **extent,
@@ -500,7 +500,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
                 f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
             }
     if errors.grades is not None:
-        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        counts = Counter(np.array(errors.grades)[result.is_corrected].tolist())
         # The best grade first.
         names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
         document["grades"] = {name: counts[name] for name in names}
@@ -509,7 +509,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
 
 def _correction(result: Correction) -> Document:
     """Return the sizes of the correction."""
-    metrics, oriented = result.correction_metrics, result.targets.wanted.oriented
+    metrics, oriented = result.correction_metrics, result.wanted.oriented
     return {
         "position": _extent(metrics.position, "m"),
         "orientation": _extent(metrics.orientation, "rad") if oriented else None,
@@ -533,9 +533,9 @@ CORRECT = part(
         "frame": Key(
             choice("measuring", "base"),
             "Frame of wanted and command poses: the measuring frame, or the robot's base.",
-            "targets.setting.frame",
+            "setting.frame",
         ),
-        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
+        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "wanted.given"),
         "model": Key(text, "Name of the model.", "model.name"),
         "joints": Key(
             array(part({"name": Key(text, "Name of the joint."), "type": Key(text, "revolute or prismatic.")})),
@@ -556,9 +556,7 @@ CORRECT = part(
         "weight_m_per_rad": Key(
             number | None,
             "Weight of orientation against position, m per rad; null for arms with six axes or more.",
-            lambda result: (
-                result.limits.weight if len(result.model.variables) < 6 and result.targets.wanted.oriented else None
-            ),
+            lambda result: result.limits.weight if len(result.model.variables) < 6 and result.wanted.oriented else None,
         ),
         "correction": Key(
             part(

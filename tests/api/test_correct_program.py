@@ -121,8 +121,8 @@ ENDMODULE
         nominal=dataclasses.replace(nominal, tool=Frame()),
         frame="base",
     )
-    np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.targets.q), atol=1e-6)
-    np.testing.assert_allclose(flange(real, direct.targets.q), flange(nominal, Q[:, 1:]), atol=1e-6)
+    np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.q), atol=1e-6)
+    np.testing.assert_allclose(flange(real, direct.q), flange(nominal, Q[:, 1:]), atol=1e-6)
     assert b"! approach" in result.data
 
 
@@ -206,7 +206,7 @@ def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
     path = tmp_path / "two.src"
     result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 2
-    np.testing.assert_allclose(result.corrections[0].targets.wanted.q.T, [q, other], atol=1e-6)
+    np.testing.assert_allclose(result.corrections[0].wanted.q.T, [q, other], atol=1e-6)
     result = corrected(path, text.replace("T " + lines[0].split("T ")[-1], "T 63}"), model=real, nominal=nominal)
     assert result.n_corrected == 1
     assert "no solution in its configuration" in result.unchanged[0][2]
@@ -254,7 +254,7 @@ def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path
         nominal=nominal,
         frames=[frames],
     )
-    wanted = result.corrections[1].targets.wanted.q
+    wanted = result.corrections[1].wanted.q
     turned = Q[:, 0] + 2 * np.pi * np.eye(6)[5]
     if not all(j.limits is None or j.limits[1] >= turned[5] for j in nominal.variables[5:]):
         assert "no solution in its configuration N U T, 0, 0, 1" in result.unchanged[0][2]

@@ -86,7 +86,7 @@ def test_the_status_selects_the_elbow(tmp_path: Path) -> None:
         text += f"Z {z:.6f},A {a:.6f},B {b:.6f},C {c:.6f},S {number}}}\nEND\n"
         path = tmp_path / f"m{number}.src"
         path.write_text(text)
-        used.append(correct_program(path, model=real, nominal=nominal).corrections[0].targets.wanted.q)
+        used.append(correct_program(path, model=real, nominal=nominal).corrections[0].wanted.q)
         assert allowed_by_status(arm, f"S {number}", used[-1]).all()
     np.testing.assert_allclose(used[0], q, atol=1e-5)
     assert np.abs(used[1] - q).max() > 0.5

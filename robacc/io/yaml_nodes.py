@@ -172,12 +172,18 @@ class Source(ProblemLog):
             self.report(node, path, f"expected a number, found {describe(node)}", fix)
         return None
 
-    def numbers(self, node: yaml.Node, path: str, count: int) -> tuple[float, ...] | None:
-        """Return ``count`` finite numbers; report a problem and return None where the node is not such a list."""
+    def numbers(
+        self,
+        node: yaml.Node,
+        path: str,
+        count: int,
+        kind: Callable[[Source, yaml.Node, str], float | None] | None = None,
+    ) -> tuple[float, ...] | None:
+        """Return ``count`` numbers of a kind (default: finite); report other values and return None."""
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
             self.report(node, path, f"expected a list of {count} numbers, found {describe(node)}")
             return None
-        values = [self.number(item, f"{path}[{i}]") for i, item in enumerate(node.value)]
+        values = [(kind or Source.number)(self, item, f"{path}[{i}]") for i, item in enumerate(node.value)]
         finite = tuple(value for value in values if value is not None)
         return finite if len(finite) == count else None
 

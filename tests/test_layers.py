@@ -51,7 +51,7 @@ OPENS_FILES = (
     "robacc.documents.accuracy",
     "robacc.documents.envelope",
     "robacc.modelling.robot_file",
-    "robacc.programs.reading",
+    "robacc.programs.program",
     "robacc.poses.reading",
     "robacc.api.",
     "robacc.cli.",

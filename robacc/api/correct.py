@@ -44,8 +44,7 @@ from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import nominal_robot
-from robacc.programs.program import Program
-from robacc.programs.reading import read_program
+from robacc.programs.program import Program, read_program
 from robacc.programs.targets import (
     allowed_by_status,
     allowed_by_window,
@@ -462,7 +461,7 @@ def correct_program(
     a pose of the flange in the robot's base frame. Joint and Cartesian targets are corrected each in their own order.
 
     Args:
-        path: Program of a dialect of :func:`robacc.programs.reading.read_program`.
+        path: Program of a dialect of :func:`robacc.programs.program.read_program`.
         model: Robot file of the real arm.
         nominal: Robot file that the controller computes with; None for the robot that the model was fitted from.
         frames: Files with tools and bases that the program only names.

@@ -99,9 +99,9 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
             for i, place in enumerate(elements):
                 written, reason = _written(text, place, kind), f"{name} lacks some of the numbers of a {kind}"
                 indices.append(draft.add(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
-            places = [place for place in changes.get(name.lower(), ()) if place < end]
-            for position in [place for place in places if scope in (routine(place), _GLOBAL)][:1]:
-                reason = CHANGED.format(source.line(position))
+            own = (position for position in changes.get(name.lower(), ()) if position < end)
+            if at := next((position for position in own if scope in (routine(position), _GLOBAL)), 0):
+                reason = CHANGED.format(source.line(at))
                 draft.dropped.update({index: reason for index in indices if index is not None})
     for match in _INSTRUCTION.finditer(text, 0, end):
         motion = _KINDS[match[2].upper()]

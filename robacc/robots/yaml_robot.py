@@ -110,7 +110,7 @@ def _list(source: Source, node: yaml.Node, path: str, *, kind: Kind, item_name: 
     return tuple(value for value in values if value is not None)
 
 
-def _size(source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
+def read_size(source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
     """Read a length in m or an angle in rad; report a value that is too large, with the likely cause."""
     value, units = source.number(node, path), cast(Units, source.units)
     unit, most = (units.length, MAX_LENGTH) if is_length else (units.angle, TURN)
@@ -125,8 +125,8 @@ def _size(source: Source, node: yaml.Node, path: str, *, is_length: bool) -> flo
     return None
 
 
-_length = partial(_size, is_length=True)
-_angle = partial(_size, is_length=False)
+_length: Kind = partial(read_size, is_length=True)
+_angle: Kind = partial(read_size, is_length=False)
 _lengths = partial(Source.numbers, count=3, kind=_length)
 _angles = partial(Source.numbers, count=3, kind=_angle)
 
@@ -469,7 +469,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint]) -> tuple[BranchJoi
     branches = []
     for section, joint in read:
         section.require("name")
-        kinds = {"parent": Source.text, "position": _length if joint.type == "prismatic" else _angle}
+        kinds: dict[str, Kind] = {"parent": Source.text, "position": _length if joint.type == "prismatic" else _angle}
         values = read_fields(section, kinds, ["parent"])
         parent = values.get("parent", BASE_LINK)
         if joint.mimic and section.get("position") is not None:

@@ -14,7 +14,7 @@ from robacc.api.correct import CorrectedProgram, correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
-from robacc.programs.reading import read_program
+from robacc.programs.program import read_program
 from robacc.programs.targets import (
     allowed_by_window,
     flange_targets,

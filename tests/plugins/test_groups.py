@@ -12,7 +12,7 @@ import pytest
 import robacc
 from robacc.errors import UsageError
 from robacc.plug_ins import plug_in
-from robacc.programs.reading import is_program, read_program
+from robacc.programs.program import is_program, read_program
 
 ROOT = Path(__file__).resolve().parents[2]
 DIALECT = """

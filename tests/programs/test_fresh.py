@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.errors import UsageError
-from robacc.programs.reading import read_program
+from robacc.programs.program import read_program
 from robacc.programs.targets import SUFFIX, write_program
 
 JOINTS = [(0.1, -1.2, 1.3, -0.4, 0.5, 3.0), (0.0, -1.5707963, 1.5707963, 0.0, 1e-9, -3.1)]

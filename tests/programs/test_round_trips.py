@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robacc.programs.program import NUMBER, Program, ProgramSource
-from robacc.programs.reading import read_program
+from robacc.programs.program import NUMBER, Program, ProgramSource, read_program
 from robacc.programs.targets import SUFFIX, with_targets
 
 FOLDER = Path(__file__).parent / "samples"

@@ -18,6 +18,7 @@ import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -31,13 +32,13 @@ from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, Poses, exp_so3, log_between, rotation_about
-from robacc.io.yaml_nodes import Source, compose
+from robacc.io.yaml_nodes import Source, compose, top_section
 from robacc.modelling.model import Model, predict
 from robacc.plug_ins import plug_in
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
 from robacc.robots.urdf import robot_to_urdf
-from robacc.robots.yaml_robot import read_fields, robot_to_yaml
+from robacc.robots.yaml_robot import Kind, read_fields, read_list, read_section, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__
 
@@ -425,7 +426,7 @@ def _document(robot: Robot) -> dict[str, Any]:
             "name": joint.name,
             "type": joint.type,
             "limits": None if joint.limits is None else list(joint.limits),
-            "origin": _plain(step),
+            "origin": dataclasses.asdict(step),
             "dh": {"theta": row.theta, "d": row.d, "a": row.a, "alpha": row.alpha},
             "modified_dh": {"alpha": other.alpha, "a": other.a, "theta": other.theta, "d": other.d},
         }
@@ -437,50 +438,59 @@ def _document(robot: Robot) -> dict[str, Any]:
         "name": robot.name,
         "units": {"length": "m", "angle": "rad"},
         "gravity": list(robot.gravity),
-        "base": _plain(robot.base),
+        "base": dataclasses.asdict(robot.base),
         "joints": joints,
-        "tool": _plain(Frame.of(frames[-2].inverse() @ frames[-1] @ robot.tool.pose)),
-        "dh_base": _plain(Frame.of(robot.base.pose @ table.base)),
-        "dh_tool": _plain(Frame.of(table.tool @ robot.tool.pose)),
-        "modified_dh_tool": _plain(Frame.of(flange @ robot.tool.pose)),
+        "tool": dataclasses.asdict(Frame.of(frames[-2].inverse() @ frames[-1] @ robot.tool.pose)),
+        "dh_base": dataclasses.asdict(Frame.of(robot.base.pose @ table.base)),
+        "dh_tool": dataclasses.asdict(Frame.of(table.tool @ robot.tool.pose)),
+        "modified_dh_tool": dataclasses.asdict(Frame.of(flange @ robot.tool.pose)),
     }
 
 
-def _plain(frame: Frame) -> dict[str, list[float]]:
-    return {"xyz": list(frame.xyz), "rpy": list(frame.rpy)}
+def _unread(source: Source, node: yaml.Node, path: str) -> None:
+    """Take a key for granted that is only for other programs."""
 
 
-def _frame(value: Any) -> Frame:
-    (x, y, z), (roll, pitch, yaw) = map(float, value["xyz"]), map(float, value["rpy"])
-    return Frame((x, y, z), (roll, pitch, yaw))
+_JSON_FRAME = partial(
+    read_section,
+    kinds=dict.fromkeys(("xyz", "rpy"), partial(Source.numbers, count=3)),
+    required=("xyz", "rpy"),
+    into=Frame,
+)
+_JSON_JOINT: dict[str, Kind] = {
+    "origin": _JSON_FRAME,
+    "name": Source.text,
+    "type": partial(Source.choice, options=("revolute", "prismatic")),
+    "limits": partial(Source.numbers, count=2),
+    **dict.fromkeys(("dh", "modified_dh"), _unread),
+}
+_JSON: dict[str, Kind] = {
+    "name": Source.text,
+    "gravity": partial(Source.numbers, count=3),
+    "base": _JSON_FRAME,
+    "tool": _JSON_FRAME,
+    "joints": partial(
+        read_list,
+        kind=partial(read_section, kinds=_JSON_JOINT, required=("origin", "name", "type")),
+        item_name="joints",
+    ),
+}
 
 
 def _parse_json(text: str, file: str) -> Robot:
-    def no_number(name: str) -> float:
-        raise ValueError(f"{name} is not a finite number")
-
     try:
-        document: Any = json.loads(text, parse_constant=no_number)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
-    except ValueError as error:
-        raise InputError(Problem(str(error), file)) from None
-    if not isinstance(document, dict) or document.get("schema") != KINEMATICS_SCHEMA:
+    if document.get("schema") != KINEMATICS_SCHEMA:
         raise InputError(Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
-    try:
-        joints = []
-        for entry in document["joints"]:
-            limits = entry.get("limits")
-            if entry["type"] not in ("revolute", "prismatic"):
-                raise ValueError(f"type {entry['type']!r}")
-            limits = None if limits is None else (float(limits[0]), float(limits[1]))
-            joints.append(_joint_at(_frame(entry["origin"]), str(entry["name"]), entry["type"], limits))
-        x, y, z = map(float, document["gravity"])
-        base, tool = _frame(document["base"]), _frame(document["tool"])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        message = f"a key is missing or has an unexpected value: {error}"
-        raise InputError(Problem(message, file, fix="export the model again")) from None
-    return Robot(str(document.get("name", "arm")), "urdf", tuple(joints), base=base, tool=tool, gravity=(x, y, z))
+    top = top_section(text.replace("\t", " "), file, tuple(document))
+    values = read_fields(top, _JSON, ("gravity", "base", "tool", "joints"))
+    top.source.finish()
+    joints = tuple(
+        _joint_at(joint["origin"], joint["name"], joint["type"], joint.get("limits")) for joint in values.pop("joints")
+    )
+    return Robot(convention="urdf", joints=joints, **{"name": "arm", **values})
 
 
 # Kinematics files of ROS drivers: one origin (x, y, z, roll, pitch, yaw) for each joint.

@@ -79,7 +79,7 @@ def read_fields(section: YamlSection, kinds: Mapping[str, Kind], required: Colle
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _section(
+def read_section(
     source: Source,
     node: yaml.Node,
     path: str,
@@ -104,7 +104,7 @@ def _named(
     return {name: value for name, value in values if value is not None}
 
 
-def _list(source: Source, node: yaml.Node, path: str, *, kind: Kind, item_name: str) -> tuple[Any, ...]:
+def read_list(source: Source, node: yaml.Node, path: str, *, kind: Kind, item_name: str) -> tuple[Any, ...]:
     """Read a list of values of a kind."""
     values = [kind(source, item, f"{path}[{i}]") for i, item in enumerate(source.items(node, path, item_name))]
     return tuple(value for value in values if value is not None)
@@ -191,7 +191,7 @@ def _tolerances(names: Iterable[str], lengths: Collection[str] = LENGTH_PARAMETE
     """Kind of standard deviations by name, m for the ``lengths``, else rad."""
     checks = [(lambda value: value >= 0, "a standard deviation cannot be negative, found {found}", None)]
     kinds = {name: partial(_checked, kind=_length if name in lengths else _angle, checks=checks) for name in names}
-    return partial(_section, kinds=kinds)
+    return partial(read_section, kinds=kinds)
 
 
 def _mimic(joint: str = "", **factors: float) -> Mimic:
@@ -204,7 +204,7 @@ def _campaign(poses: tuple[str, ...] = (), before: Mapping[str, Any] = MappingPr
 
 def read_units(top: YamlSection) -> Units | None:
     """Return the units of the key ``units`` of a file, which they now are of; None where they cannot be read."""
-    kinds = {"units": partial(_section, kinds=_UNITS, required=_UNITS)}
+    kinds = {"units": partial(read_section, kinds=_UNITS, required=_UNITS)}
     names = read_fields(top, kinds, ["units"]).get("units", {})
     is_whole = len(names) == len(_UNITS)
     units = top.source.units = Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if is_whole else None
@@ -222,21 +222,21 @@ _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
 _FRAME: dict[str, Kind] = {"xyz": _lengths, "rpy": _angles}
-_PLAIN_FRAME = partial(_section, kinds=_FRAME, into=Frame)
+_PLAIN_FRAME = partial(read_section, kinds=_FRAME, into=Frame)
 FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
 )
 """Frames by name, of which there may be none."""
-_FRAME_WITH_TOLERANCE = partial(_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
+_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
 _TARGETS = partial(
     _named,
-    kind=partial(_section, kinds=_FRAME, required=["xyz"], into=Frame),
+    kind=partial(read_section, kinds=_FRAME, required=["xyz"], into=Frame),
     message="expected names with xyz, found {found}",
 )
-_DIGESTS = partial(_list, kind=_digest, item_name="SHA-256 of pose files")
-_EFFECTS = partial(_list, kind=_mapping, item_name="effects")
+_DIGESTS = partial(read_list, kind=_digest, item_name="SHA-256 of pose files")
+_EFFECTS = partial(read_list, kind=_mapping, item_name="effects")
 _BEFORE: dict[str, Kind] = {"base": _PLAIN_FRAME, "tool": _PLAIN_FRAME, "targets": _TARGETS}
-_CAMPAIGN: dict[str, Kind] = {"poses": _DIGESTS, "before": partial(_section, kinds=_BEFORE), "effects": _EFFECTS}
+_CAMPAIGN: dict[str, Kind] = {"poses": _DIGESTS, "before": partial(read_section, kinds=_BEFORE), "effects": _EFFECTS}
 
 
 def _number(*checks: Check) -> Kind:
@@ -259,13 +259,13 @@ _ROBOT: dict[str, Kind] = {
             )
         ],
     ),
-    "payload": partial(_section, kinds={"com": _lengths}, required=["com"]),
+    "payload": partial(read_section, kinds={"com": _lengths}, required=["com"]),
     "targets": _TARGETS,
     "effects": _EFFECTS,
     "base_link": Source.text,
     "tip_link": Source.text,
     "fitted_to": _DIGESTS,
-    "campaign": partial(_section, kinds=_CAMPAIGN, into=_campaign),
+    "campaign": partial(read_section, kinds=_CAMPAIGN, into=_campaign),
     "mass_uncertainty": _number(
         (
             lambda value: 0.0 <= value <= 1.0,
@@ -274,7 +274,7 @@ _ROBOT: dict[str, Kind] = {
         )
     ),
     "fit": partial(_mapping, fix="`write_model` writes it"),
-    "identity": partial(_section, kinds=IDENTITY_FIELDS),
+    "identity": partial(read_section, kinds=IDENTITY_FIELDS),
 }
 _TOP_KEYS = (
     "robacc",
@@ -319,7 +319,7 @@ _OF_ANY_JOINT: dict[str, Kind] = {
     "mass": _number((lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
     "com": _lengths,
     **_DRIVE,
-    "mimic": partial(_section, kinds=_MIMIC, required=["joint"], into=_mimic),
+    "mimic": partial(read_section, kinds=_MIMIC, required=["joint"], into=_mimic),
 }
 _FIXED_KEYS = ("name", "type", "origin", "link", "mass", "com", "tolerance")
 _DH_KEYS = ("name", "type", *DH_PARAMETERS, "limits", *_DRIVE, "mass", "com", "tolerance")

@@ -177,8 +177,6 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
         raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
 
 
-Given = Literal["joints", "poses", "poses and joints"]
-
 _REACHED = 1e-7
 """m and rad: error at which the nominal robot reaches a Cartesian target."""
 _BLOCK = 256
@@ -189,7 +187,7 @@ _BLOCK = 256
 class WantedPoses:
     """Wanted poses, and nominal joints that keep the commanded configuration."""
 
-    given: Given
+    given: Literal["joints", "poses", "poses and joints"]
     poses: Poses
     """``(N)`` wanted poses of the target in the measuring frame; rotations are nominal if none were given."""
     oriented: bool
@@ -266,9 +264,11 @@ def pose_evaluator(
         targets: ``(M,)`` numbers of the targets whose poses are wanted.
     """
     # A joint variable turns its joint with the joint's sign, and those that mimic it.
-    drives = [[drive for drive in model.arm.chain.drives if drive.joint == j] for j in range(len(model.arm.names))]
-    moved = [tuple(Part(drive.motion, drive.coefficient) for drive in own) for own in drives]
-    terms = tuple(Term(name, "", 1.0, parts) for name, parts in zip(model.arm.names, moved, strict=True))
+    drives = model.arm.chain.drives
+    terms = tuple(
+        Term(name, "", 1.0, tuple(Part(drive.motion, drive.coefficient) for drive in drives if drive.joint == j))
+        for j, name in enumerate(model.arm.names)
+    )
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
         data = setting.at(q, motion, targets[index])
@@ -487,19 +487,14 @@ class ExpectedErrors:
     """``(N,)`` angle of the predicted error, rad."""
     position_rms: Array
     """``(N,)`` root mean square of the error's length: predicted error and uncertainty of the model, m."""
-    orientation_rms: Array
-    """``(N,)`` rad."""
+    orientation_rms: Array | None
+    """``(N,)`` rad; None where the model has an uncertainty, but not of orientation: a fit to positions alone."""
     position_bound: Array | None
     """``(N,)`` bound of 95 % of the errors, m; None where the model has no uncertainty."""
     orientation_bound: Array | None
     """``(N,)`` rad; None where the model has no uncertainty of orientation."""
     grades: tuple[str, ...] | None
     """``(N,)`` grade of each bound; None without bounds."""
-
-    @property
-    def orientation_is_known(self) -> bool:
-        """Return whether the model says how uncertain its orientation is; a fit to positions alone does not."""
-        return self.position_bound is None or self.orientation_bound is not None
 
 
 def expected_errors(
@@ -526,7 +521,8 @@ def expected_errors(
     if "position" in sizes:
         # The best grade whose limits the bounds meet.
         grades = tuple(map(scale.name_of, np.argmax(steps_met(scale, sizes), axis=0).tolist()))
-    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1], bounds[0], bounds[1], grades)
+    known = bounds[0] is None or bounds[1] is not None
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:

@@ -17,7 +17,7 @@ LAYERS = (
     ("robacc.errors", "robacc.threads", "robacc.version"),
     ("robacc.geometry", "robacc.plug_ins", "robacc.quantities"),
     ("robacc.io",),
-    ("robacc.chain", "robacc.measurements", "robacc.statistics"),
+    ("robacc.measurements", "robacc.statistics"),
     ("robacc.poses",),
     ("robacc.robots",),
     ("robacc.programs",),
@@ -126,7 +126,7 @@ def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.py"
     wrong.write_text("def f():\n    from robacc.cli import main\n", encoding="utf-8")
     assert imports(wrong, modules()) == {"robacc.cli.main"}
-    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.chain")
+    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.geometry")
 
 
 def test_only_io_opens_files() -> None:

@@ -34,7 +34,7 @@ from robacc.correction import (
     circumstances,
     correction,
 )
-from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
+from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
 from robacc.documents.parts import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
@@ -157,7 +157,7 @@ class Corrected(CsvResult, Correction):
                 f"{stage}_m": errors.position,
                 f"{stage}_rad": errors.orientation,
                 f"{stage}_rms_m": errors.position_rms,
-                f"{stage}_rms_rad": orientation_rms(errors),
+                f"{stage}_rms_rad": errors.orientation_rms,
                 f"{stage}_bound95_m": errors.position_bound,
                 f"{stage}_bound95_rad": errors.orientation_bound,
             }

@@ -33,7 +33,6 @@ if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
     from robacc.comparison.comparing import ResultComparison
     from robacc.correction import Correction, ExpectedErrors
-    from robacc.geometry import Array
 
 _NAME = {"name": Key(text, "Name of the result.")}
 _DIFFERENCE = {
@@ -343,11 +342,6 @@ COMPARE_PAIRED = part(
 # A correction.
 
 
-def orientation_rms(errors: ExpectedErrors) -> Array | None:
-    """Return the rms orientation error of each target, rad; None where the model does not know it."""
-    return errors.orientation_rms if errors.orientation_is_known else None
-
-
 _EXPECTED = part(
     {
         "position": Key(
@@ -402,7 +396,7 @@ _BOUNDS = part(
         "rms_rad": Key(
             array(number) | None,
             "Rms orientation error to expect, rad; null if the model was fitted to positions alone.",
-            orientation_rms,
+            "orientation_rms",
         ),
         "bound95_m": Key(
             array(number) | None, "Bound of 95 % of the position errors, m; null without uncertainty.", "position_bound"
@@ -491,7 +485,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
     document: Document = {"position": None, "orientation": None, "grades": None}
     for name, unit, length, rms, bound in (
         ("position", "m", errors.position, errors.position_rms, errors.position_bound),
-        ("orientation", "rad", errors.orientation, orientation_rms(errors), errors.orientation_bound),
+        ("orientation", "rad", errors.orientation, errors.orientation_rms, errors.orientation_bound),
     )[: 2 if result.wanted.oriented else 1]:
         if (extent := _extent(result.metrics(length), unit)) is not None:
             document[name] = {

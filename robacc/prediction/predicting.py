@@ -18,13 +18,12 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, transpose
 from robacc.io.yaml_nodes import Source, compose as parsed, describe, nearest
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, Arm, Chain, Scalar
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
 from robacc.robots.yaml_robot import read_size, read_units
 from robacc.simulation.simulate import even_joints

@@ -14,12 +14,11 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.errors import RobaccError, UsageError
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BLOCK, Arm
 from robacc.robots.description import Robot
 from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.robots.library import low_discrepancy

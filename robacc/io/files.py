@@ -138,14 +138,10 @@ def decode(data: bytes, name: str) -> str:
     Raises:
         InputError: The bytes are not text, or are in another encoding.
     """
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16"
-    else:
-        encoding = "utf-8-sig"
-        position = data.find(b"\0")
-        if position >= 0:
-            line = data.count(b"\n", 0, position) + 1
-            raise InputError(Problem("is not a text file: it contains a NUL byte", name, line))
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    before, nul, _ = data.partition(b"\0")
+    if nul and encoding != "utf-16":
+        raise InputError(Problem("is not a text file: it contains a NUL byte", name, before.count(b"\n") + 1))
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -239,12 +235,14 @@ def target_of(path: str | os.PathLike[str]) -> Path:
     if os.path.exists(name) and not os.path.isfile(name) and not os.path.isdir(name):
         return Path(name)
     target = Path(os.path.realpath(name))
-    if target.is_symlink():
-        raise InputError(Problem("cannot be written: it is a link to itself", name, fix="name another file"))
-    if target.is_dir():
-        raise InputError(Problem("is a folder, not a file", name, fix="name a file in it"))
-    if not target.parent.is_dir():
-        raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
+    obstacles = (
+        (target.is_symlink(), "cannot be written: it is a link to itself", "name another file"),
+        (target.is_dir(), "is a folder, not a file", "name a file in it"),
+        (not target.parent.is_dir(), "cannot be written: its folder does not exist", "create the folder first"),
+    )
+    for is_there, message, fix in obstacles:
+        if is_there:
+            raise InputError(Problem(message, name, fix=fix))
     return target
 
 

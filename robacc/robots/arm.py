@@ -151,7 +151,7 @@ class Chain:
 
         ``frames`` are motion counts after which the frame is stored (a body's ``after``).
         """
-        wanted = tuple(range(len(self.motions))) if wanted is None else tuple(wanted)
+        wanted = range(len(self.motions)) if wanted is None else wanted
         dtype = np.result_type(np.float64, *(scalar.dtype for scalar in scalars if not isinstance(scalar, float)))
         jacobian = np.empty((6, len(wanted), n), dtype=dtype)
         stored = {count: _empty_poses(n, dtype) for count in frames}
@@ -166,7 +166,10 @@ class Chain:
                 if k in stored:
                     _store(stored[k], columns, origin, block)
                 for slot in slots.get(k, ()):
-                    _store_axis(jacobian[:, slot, block], motion, columns, origin)
+                    # A rotation's origin and axis until the tool is known, or a translation's axis and zeros.
+                    axis, is_rotation = columns[motion.axis], motion.kind == "rotation"
+                    jacobian[:3, slot, block] = origin if is_rotation else axis
+                    jacobian[3:, slot, block] = axis if is_rotation else 0.0
                 scalar = scalars[k]
                 if isinstance(scalar, float):
                     if scalar != 0.0:
@@ -190,12 +193,6 @@ class Chain:
 
 def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
     return Poses(np.empty((3, 3, n), dtype=dtype), np.empty((3, n), dtype=dtype))
-
-
-def _store_axis(column: NDArray[Any], motion: Motion, columns: list[NDArray[Any]], origin: NDArray[Any]) -> None:
-    """Store a rotation's origin and axis until the tool is known, or a translation's axis and zeros."""
-    column[:3] = origin if motion.kind == "rotation" else columns[motion.axis]
-    column[3:] = columns[motion.axis] if motion.kind == "rotation" else 0.0
 
 
 def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:

@@ -614,7 +614,27 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
         writer.connect(writer.unused_name(f"to_{name}"), "fixed", tail @ frame.pose, writer.unused_name(name))
     indent(writer.root)
     text = tostring(writer.root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n', _losses(robot)
+    joints = robot.joints
+    losses: list[tuple[str, bool | list[str]]] = [
+        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
+        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
+        ("tolerances of the base", bool(robot.base_tolerance)),
+        ("tolerances of the tool", bool(robot.tool_tolerance)),
+        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
+        ("targets: each becomes a link", bool(robot.targets)),
+        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
+        ("the payload's centre of mass", robot.payload_com is not None),
+        (
+            "missing limits (one turn either way is written)",
+            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
+        ),
+        (
+            "an unlimited range (a URDF requires limits)",
+            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
+        ),
+    ]
+    lost = (f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n', tuple(lost)
 
 
 class _Writer:
@@ -719,27 +739,3 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
 def _texts(values: Array) -> str:
     # Adding zero turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
-
-
-def _losses(robot: Robot) -> tuple[str, ...]:
-    """Return a line for each piece of information that a URDF cannot carry, with the joints that have it."""
-    joints = robot.joints
-    losses: list[tuple[str, bool | list[str]]] = [
-        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
-        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
-        ("tolerances of the base", bool(robot.base_tolerance)),
-        ("tolerances of the tool", bool(robot.tool_tolerance)),
-        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
-        ("targets: each becomes a link", bool(robot.targets)),
-        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
-        ("the payload's centre of mass", robot.payload_com is not None),
-        (
-            "missing limits (one turn either way is written)",
-            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
-        ),
-        (
-            "an unlimited range (a URDF requires limits)",
-            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
-        ),
-    ]
-    return tuple(f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)

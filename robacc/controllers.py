@@ -27,7 +27,7 @@ import yaml
 from robacc.accuracy.estimation import pose_metrics
 from robacc.effects.base import Effect
 from robacc.effects.frames import JointOffset, LinkGeometry
-from robacc.errors import InputError, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.solver import fit
@@ -57,9 +57,8 @@ def joint_frames(robot: Robot) -> list[Poses]:
     chain = arm.chain
     own = set(enumerate(chain.joint_axis))
     motions = [chain.motions[drive.motion] for drive in chain.drives if (drive.joint, drive.motion) not in own]
-    if motions:
-        names = ", ".join(sorted({robot.joints[motion.owner].name for motion in motions}))
-        raise UsageError(f"{names} follows other joints; the format has no joint that does")
+    names = ", ".join(sorted({robot.joints[motion.owner].name for motion in motions}))
+    refuse((names, f"{names} follows other joints; the format has no joint that does"))
     # A DH row's d lies on the axis too: the frame behind it is the one that drawings show.
     counts = [k + 1 + (chain.motions[k + 1].label == "d") for k in chain.joint_axis]
     wanted = sorted({*counts, arm.flange})
@@ -341,11 +340,13 @@ def export_model(
     Raises:
         UsageError: The arm does not fit the format, or an argument is missing.
     """
-    if form == "joint-offsets":
-        if nominal is None:
-            raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
-        if nominal.variable_names != robot.variable_names:
-            raise UsageError("the model and the nominal model have different joints")
+    is_of_offsets = form == "joint-offsets"
+    others = is_of_offsets and nominal is not None and nominal.variable_names != robot.variable_names
+    no_nominal = "the format joint-offsets needs the nominal model, which the controller has"
+    refuse(
+        (is_of_offsets and nominal is None, no_nominal),
+        (others, "the model and the nominal model have different joints"),
+    )
     chosen: str | None = None
     losses: tuple[str, ...] = ()
     controller, complete, refitted, excluded = restricted(robot, nominal)
@@ -358,8 +359,8 @@ def export_model(
     elif form == "json":
         text = json.dumps(_document(controller), indent=2) + "\n"
     elif form == "ur-calibration":
-        if arm is not None and arm not in UR_ARMS:
-            raise UsageError(f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}")
+        unknown = f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}"
+        refuse((arm is not None and arm not in UR_ARMS, unknown))
         chosen = arm or _ur_arm_of(controller)
         rows = _ur_table(chosen)
         table = dh_table(joint_frames(controller), rows, last_is_axis=True)
@@ -482,8 +483,8 @@ def _parse_json(text: str, file: str) -> Robot:
         document = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
-    if document.get("schema") != KINEMATICS_SCHEMA:
-        raise InputError(Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
+    other = Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file)
+    refuse((document.get("schema") != KINEMATICS_SCHEMA, other))
     top = top_section(text.replace("\t", " "), file, tuple(document))
     values = read_fields(top, _JSON, ("gravity", "base", "tool", "joints"))
     top.source.finish()
@@ -522,9 +523,8 @@ def _parse_links(text: str, file: str) -> Robot:
     root = compose(text, file)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     nodes = [value for key, value in pairs if key.value == "kinematics" and isinstance(value, yaml.MappingNode)]
-    if not nodes:
-        fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
-        raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
+    fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
+    refuse((not nodes, Problem("has no key kinematics with an origin for each joint", file, fix=fix)))
     origins: dict[str, dict[str, float]] = {}
     for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
@@ -534,10 +534,11 @@ def _parse_links(text: str, file: str) -> Robot:
     # The joint of each link, in the order of the arm.
     is_ur = set(origins) == set(UR_LINKS)
     names = dict(zip(UR_LINKS, UR_JOINTS, strict=True)) if is_ur else {name: name for name in numbered}
-    if not origins or set(names) != set(origins):
-        fix = f"expected {', '.join(UR_LINKS)}, or joint1, joint2 …"
-        message = f"the joints are {', '.join(origins) or 'missing'}"
-        raise InputError(Problem(message, file, column="kinematics", fix=fix))
+    message, fix = (
+        f"the joints are {', '.join(origins) or 'missing'}",
+        f"expected {', '.join(UR_LINKS)}, or joint1, joint2 …",
+    )
+    refuse((not origins or set(names) != set(origins), Problem(message, file, column="kinematics", fix=fix)))
     joints = [
         Joint(name, "revolute", {**origins[link], "offset": 0.0}, limits=FULL_TURN) for link, name in names.items()
     ]
@@ -554,11 +555,12 @@ def _links_text(robot: Robot, form: str, name: str, template: str) -> tuple[str,
         UsageError: The arm has a prismatic joint, or for ``ur-kinematics`` other than six joints.
     """
     *steps, flange = _steps(joint_frames(robot))
-    if any(joint.type != "revolute" for joint in robot.variables):
-        raise UsageError(f"the format {form} has revolute joints only")
     names = UR_LINKS if form != "xarm" else tuple(f"joint{i + 1}" for i in range(len(steps)))
-    if len(steps) != len(names):
-        raise UsageError(f"the format {form} is for arms with six joints; this one has {len(steps)}")
+    is_revolute = all(joint.type == "revolute" for joint in robot.variables)
+    refuse(
+        (not is_revolute, f"the format {form} has revolute joints only"),
+        (len(steps) != len(names), f"the format {form} is for arms with six joints; this one has {len(steps)}"),
+    )
     lines = [f"# written by robacc {__version__} from {name}", "kinematics:"]
     for link, step in zip(names, steps, strict=True):
         numbers = zip(_KEYS, (*step.xyz, *step.rpy), strict=True)
@@ -677,8 +679,8 @@ def _ur_arm_of(robot: Robot) -> str:
     """
     frames = joint_frames(robot)
     fix = "the format ur-calibration is for arms of Universal Robots"
-    if len(frames) != len(UR_JOINTS) + 1 or any(joint.type != "revolute" for joint in robot.variables):
-        raise UsageError(f"{fix}, which have six revolute joints")
+    is_revolute = all(joint.type == "revolute" for joint in robot.variables)
+    refuse((len(frames) != len(UR_JOINTS) + 1 or not is_revolute, f"{fix}, which have six revolute joints"))
     rows = dh_table(frames, last_is_axis=True).rows
     lengths = []
     for first, second in itertools.pairwise(frames[1:4]):
@@ -688,8 +690,8 @@ def _ur_arm_of(robot: Robot) -> str:
     known = np.abs(np.delete(list(_LENGTHS.values()), 3, axis=1))
     differences = np.abs(known - np.abs([rows[0].d, *lengths, rows[4].d, rows[5].d])).max(axis=1)
     arm, difference = UR_ARMS[int(differences.argmin())], differences.min()
-    if difference > _LARGEST_DIFFERENCE:
-        raise UsageError(f"{fix}; the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one")
+    nearest = f"the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one"
+    refuse((difference > _LARGEST_DIFFERENCE, f"{fix}; {nearest}"))
     return arm
 
 
@@ -719,6 +721,5 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
             raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
         return _ur_robot(_parse_deltas(text, file), arm)
     robot = _parse_json(text, file) if text.lstrip().startswith("{") else _parse_links(text, file)
-    if arm is not None:
-        raise UsageError(f"only a calibration.conf needs the name of its arm; {file} has all lengths")
+    refuse((arm is not None, f"only a calibration.conf needs the name of its arm; {file} has all lengths"))
     return robot

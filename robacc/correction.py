@@ -20,7 +20,7 @@ from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.drivers import is_outside
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
@@ -170,11 +170,11 @@ def setting_of(
 
 def check_same_joints(model: Robot, nominal: Robot) -> None:
     """Raise InputError unless both robots have the same joint variables."""
-    pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]
-    if [kind for _, kind in pairs[0]] != [kind for _, kind in pairs[1]]:
-        texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
-        message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
-        raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
+    types = [[joint.type for joint in robot.variables] for robot in (model, nominal)]
+    texts = [", ".join(f"{joint.name} ({joint.type})" for joint in robot.variables) for robot in (model, nominal)]
+    message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
+    fix = "give the robot file that the model was fitted from"
+    refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
 
 
 _REACHED = 1e-7
@@ -212,9 +212,9 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
         return WantedPoses("joints", setting.nominal_poses(data.q), True, data.q, np.ones(data.n, dtype=bool))
     if position is None:
         position, rotation = data.position, data.rotation
-    if data.n and data.q is None and not np.any(position):
-        fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
-        raise InputError(Problem("the targets have neither joints nor poses", data.source, fix=fix))
+    fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
+    nothing = Problem("the targets have neither joints nor poses", data.source, fix=fix)
+    refuse((data.n and data.q is None and not np.any(position), nothing))
     oriented = rotation is not None
     wanted = Poses(np.repeat(np.eye(3)[:, :, None], data.n, axis=2) if rotation is None else rotation, position)
     wanted = wanted if setting.frame == "measuring" else setting.nominal.robot.base.pose @ wanted
@@ -230,8 +230,8 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
 
 def _searched_joints(arm: Arm, wanted: Poses, oriented: bool) -> Array:
     """Return joints ``(J, N)`` for targets without joints: each the solution nearest to that of the target before."""
-    if arm.robot.targets:
-        raise InputError(Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …"))
+    several = Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …")
+    refuse((arm.robot.targets, several))
     low, high = joint_ranges(arm)
     # The first is nearest to the middle of the ranges.
     previous = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)

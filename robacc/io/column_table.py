@@ -19,7 +19,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS, number_of
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
@@ -173,13 +173,13 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
         pairs = [(key, get(key)) for key in names]
     columns = []
     for key, values in pairs:
-        if not isinstance(key, str):
-            message = f"expected a text as the name of each column, found {key!r}"
-            raise InputError(Problem(message, name, fix="name the columns, for example q1, x_mm"))
         column = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
-        if column.ndim != 1:
-            message = f"expected one value per row, found an array of shape {column.shape}"
-            raise InputError(Problem(message, name, column=key))
+        no_text = f"expected a text as the name of each column, found {key!r}"
+        shape = f"expected one value per row, found an array of shape {column.shape}"
+        refuse(
+            (not isinstance(key, str), Problem(no_text, name, fix="name the columns, for example q1, x_mm")),
+            (column.ndim != 1, Problem(shape, name, column=key)),
+        )
         columns.append((key, column))
     lengths = {column.size for _, column in columns}
     if len(lengths) > 1:
@@ -219,14 +219,9 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
     longest = max(lists, key=len, default=[])
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
-    if not rows or len(rows) < len(longest):
-        raise InputError(
-            Problem(
-                "has no list of records, expected a table of poses",
-                file,
-                fix="give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV",
-            )
-        )
+    fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
+    no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
+    refuse((not rows or len(rows) < len(longest), no_list))
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
     return ColumnTable(columns, file, skip_gaps, hashlib.sha256(data).hexdigest())
@@ -269,8 +264,8 @@ class ParquetTable(ColumnTable):
         self.file = file
         if not stream.seekable():
             data = stream.read(_PIPE_LIMIT + 1)
-            if len(data) > _PIPE_LIMIT:
-                raise self._error(f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB", "name a file instead")
+            pipe = f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB"
+            refuse((len(data) > _PIPE_LIMIT, Problem(pipe, file, fix="name a file instead")))
             stream = io.BytesIO(data)
         digest = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
         stream.seek(0)
@@ -282,8 +277,8 @@ class ParquetTable(ColumnTable):
         names = [field.name if part is None else f"{field.name}_{part + 1}" for field, part in self._parts]
         super().__init__([(name, np.empty(0)) for name in names], file, skip_gaps, digest)
         self.n = self._opened.metadata.num_rows
-        if not 0 <= self.n <= _MOST_ROWS:
-            raise self._error(f"found {self.n} rows", f"expected at most {_MOST_ROWS}")
+        many = Problem(f"found {self.n} rows", file, fix=f"expected at most {_MOST_ROWS}")
+        refuse((not 0 <= self.n <= _MOST_ROWS, many))
 
     def _places(self, field: Any) -> Sequence[int | None]:
         """Return the places in the lists of a column, as long as its first one; None for a column without lists."""
@@ -315,8 +310,8 @@ class ParquetTable(ColumnTable):
                 )
         # Arrow cannot select one of two columns with the same name; the log has that problem already.
         self.log.raise_if_any()
-        if self.n * len(numbers) > _MOST_NUMBERS:
-            raise self._error(f"found {self.n} rows of {len(numbers)} columns", "split the file")
+        many = Problem(f"found {self.n} rows of {len(numbers)} columns", self.file, fix="split the file")
+        refuse((self.n * len(numbers) > _MOST_NUMBERS, many))
         return super().body(numbers, texts)
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -334,12 +329,10 @@ class ParquetTable(ColumnTable):
             if is_text or not types.is_integer(inner) or stored.null_count:
                 stored = stored.cast(string() if is_text else float64(), safe=False)
             values = stored.to_numpy()
-        if values.size != self.n:
-            raise self._damaged(f"its header announces {self.n} rows, the data has another number")
+        refuse(
+            (values.size != self.n, self._damaged(f"its header announces {self.n} rows, the data has another number"))
+        )
         return values, missing
-
-    def _error(self, message: str, fix: str | None = None) -> InputError:
-        return InputError(Problem(message, self.file, fix=fix))
 
     @contextmanager
     def _arrow_errors(self) -> Iterator[None]:
@@ -349,10 +342,10 @@ class ParquetTable(ColumnTable):
         try:
             yield
         except (ArrowException, OSError, UnicodeDecodeError) as error:
-            raise self._damaged(str(error).strip().partition("\n")[0][:200]) from error
+            raise InputError(self._damaged(str(error).strip().partition("\n")[0][:200])) from error
 
-    def _damaged(self, why: str) -> InputError:
-        return self._error(f"cannot be read as Parquet ({why})", "it is damaged or cut short")
+    def _damaged(self, why: str) -> Problem:
+        return Problem(f"cannot be read as Parquet ({why})", self.file, fix="it is damaged or cut short")
 
 
 # Open a table: a Parquet file or a workbook, known by its first bytes, a data frame, or else text.
@@ -466,14 +459,8 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
             return table
     if other:
         raise InputError(Problem(f"is {other[0]}, expected a table of poses", file, fix=other[1]))
-    if suffix in _SUFFIXES:
-        raise InputError(
-            Problem(
-                "is not a Parquet file: it does not begin with PAR1",
-                file,
-                fix="export it again, or rename it to .csv if it is text",
-            )
-        )
+    fix = "export it again, or rename it to .csv if it is text"
+    refuse((suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=fix)))
     return TextTable(stream, file, options)
 
 
@@ -490,8 +477,7 @@ _FEWEST_NUMBERS = 3
 def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextTable:
     """Return the table in the chosen sheet of a workbook, or in its only one with numbers."""
     data = stream.read(_WORKBOOK_LIMIT + 1)
-    if len(data) > _WORKBOOK_LIMIT:
-        raise InputError(Problem("the workbook is too large", file, fix="export the sheet as CSV"))
+    refuse((len(data) > _WORKBOOK_LIMIT, Problem("the workbook is too large", file, fix="export the sheet as CSV")))
     try:
         from python_calamine import CalamineError, CalamineWorkbook
     except ImportError as error:
@@ -501,18 +487,16 @@ def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextT
     try:
         book = CalamineWorkbook.from_filelike(io.BytesIO(data))
         names = book.sheet_names
-        if options.sheet is not None and options.sheet not in names:
-            raise UsageError(f"`sheet`: {file} has no sheet {options.sheet!r}; it has {', '.join(names)}")
+        unknown = f"`sheet`: {file} has no sheet {options.sheet!r}; it has {', '.join(names)}"
+        refuse((options.sheet is not None and options.sheet not in names, unknown))
         if options.sheet is None and len(names) > 1:
             names = [name for name in names if book.get_sheet_by_name(name).height > 1]
             names = [name for name in names if _has_numbers(book.get_sheet_by_name(name))] or names
-            if len(names) > 1:
-                raise UsageError(f"{file} has several sheets; choose one with `sheet`: {', '.join(names)}")
-        if not names:
-            raise InputError(Problem("the workbook has no sheet with rows", file))
+            refuse((len(names) > 1, f"{file} has several sheets; choose one with `sheet`: {', '.join(names)}"))
+        refuse((not names, Problem("the workbook has no sheet with rows", file)))
         sheet = book.get_sheet_by_name(options.sheet or names[0])
-        if sheet.height * max(sheet.width, 1) > _MOST_CELLS:
-            raise InputError(Problem("the sheet is too large", file, fix="export it as CSV"))
+        large = Problem("the sheet is too large", file, fix="export it as CSV")
+        refuse((sheet.height * max(sheet.width, 1) > _MOST_CELLS, large))
         rows = sheet.to_python(skip_empty_area=False)
     except (CalamineError, OSError, ValueError) as error:
         reason = str(error).strip().partition("\n")[0][:200]

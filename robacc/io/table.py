@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted, InputError, Problem
+from robacc.errors import Counted, InputError, Problem, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import (
     GAPS,
@@ -113,8 +113,8 @@ class Table:
         """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
         self.times: Set[int] = frozenset()
         """Columns of times, which may be texts or numbers."""
-        if len(names) > MAX_COLUMNS:
-            raise InputError(Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}"))
+        many = Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}")
+        refuse((len(names) > MAX_COLUMNS, many))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -181,10 +181,8 @@ class TextTable(Table):
         """Line and number of fields of each row that does not fit the header."""
         self._blocks = self._read_blocks()
         start, lines = next((block for block in self._blocks if any(map(PLAIN.is_row, block[1]))), (0, []))
-        if not lines:
-            raise InputError(
-                Problem("the file is empty", file, fix="expected a header row of column names and one row per pose")
-            )
+        names_and_rows = "expected a header row of column names and one row per pose"
+        refuse((not lines, Problem("the file is empty", file, fix=names_and_rows)))
         self.dialect = dialect = find_dialect(lines, options.is_known)
         row = dialect.first_row
         number = start + (row if dialect.header_line is None else dialect.header_line)
@@ -232,14 +230,12 @@ class TextTable(Table):
     def _lines(self, data: bytes, number: int) -> list[str]:
         """Return the lines of bytes, the first of which has this number."""
         if self._encoding == "UTF-16":
-            if len(data) > _UTF16_LIMIT:
-                raise InputError(Problem("the UTF-16 file is too large", self.file, fix="save it as UTF-8"))
+            large = Problem("the UTF-16 file is too large", self.file, fix="save it as UTF-8")
+            refuse((len(data) > _UTF16_LIMIT, large))
             with contextlib.suppress(UnicodeDecodeError):
                 data = data.decode("utf-16").encode(errors="replace")
-        if b"\0" in data or (number == 1 and data.startswith(_UTF16)):
-            raise InputError(
-                Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
-            )
+        other = Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
+        refuse((b"\0" in data or (number == 1 and data.startswith(_UTF16)), other))
         data = data.removeprefix(_BOM) if number == 1 else data
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
         try:
@@ -454,6 +450,5 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
             message = f"the columns are separated by {word}, expected commas"
     if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
         message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
-    if message:
-        raise InputError(Problem(message, file, number, fix=fix))
+    refuse((message, Problem(message, file, number, fix=fix)))
     return names

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import yaml
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
@@ -58,8 +58,9 @@ def compose(text: str, file: str) -> yaml.Node:
     Raises:
         InputError: The text is not YAML, is empty, has several documents or anchors, or is too long or nested too deep.
     """
-    if len(text) > MAX_LENGTH:
-        raise InputError(Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
+    refuse(
+        (len(text) > MAX_LENGTH, Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
+    )
     try:
         loader: Any = yaml.SafeLoader
         if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):

@@ -10,6 +10,7 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import PurePath
 
+from robacc.errors import refuse
 from robacc.programs.program import (
     AXIS_UNITS,
     CHANGED,
@@ -153,15 +154,17 @@ class _Reader:
                 self.read_variable(kind, match)
         own = [(kind, match) for kind, match in self.statements if match.start() < self.end]
         blocks = [(match[1], match.start(), kind == "block") for kind, match in own if kind in ("block", "end")]
-        if not any(opens for *_, opens in blocks) and not any(map(self.own, self.values)):
-            raise source.error("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")
-        if opened := unclosed(blocks):
-            fix = "copy it from the controller again"
-            raise source.error("is truncated: the routine that begins here has no END", opened[0][1], fix)
+        is_whole = any(opens for *_, opens in blocks) or any(map(self.own, self.values))
+        word, place = next(iter(unclosed(blocks)), ("", 0))
+        no_end, fix = "is truncated: the routine that begins here has no END", "copy it from the controller again"
+        refuse(
+            (not is_whole, source.problem("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")),
+            (word, source.problem(no_end, place, fix)),
+        )
         self.frames: dict[str, Frame] = {}
         """Frames of variables, such as ``TOOL_DATA[1]``."""
-        for name, ((_, kind, place), *more) in self.values.items():
-            written = _written(self.text, place)
+        for name, ((_, kind, at), *more) in self.values.items():
+            written = _written(self.text, at)
             if more or name in self.changes or written is None or written.convention is None:
                 continue
             if _TABLE.match(name) or (kind in ("FRAME", "") and not written.configuration):

@@ -19,7 +19,7 @@ from typing import Any, Literal, cast
 
 import numpy as np
 
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.geometry import (
     Array,
     Poses,
@@ -81,31 +81,34 @@ class ProgramSource:
         text = " ".join(text.split())
         return text if len(text) <= 60 else text[:59] + "…"
 
-    def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
-        """Return the error of a program that cannot be read."""
-        return InputError(Problem(message, self.file, None if position is None else self.line(position), fix=fix))
+    def problem(self, message: str, position: int | None = None, fix: str | None = None) -> Problem:
+        """Return the problem of a program that cannot be read."""
+        return Problem(message, self.file, None if position is None else self.line(position), fix=fix)
 
 
 def _decode(data: bytes, file: str) -> tuple[str, str]:
     """Return text and encoding; a UTF-16 text keeps its mark."""
     if wide := {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}.get(data[:2]):
-        if _not_decoded(data, wide) is not None:
-            fix = "export it from the controller again"
-            raise InputError(Problem("is not UTF-16 text though it begins with its mark", file, fix=fix))
+        no_text = "is not UTF-16 text though it begins with its mark"
+        refuse(
+            (_not_decoded(data, wide) is not None, Problem(no_text, file, fix="export it from the controller again"))
+        )
         return data.decode(wide), wide
     before, nul, _ = data.partition(b"\0")
-    if nul:
-        fix = "export it from the controller as text"
-        raise InputError(Problem("is not a text file: it contains a NUL byte", file, before.count(b"\n") + 1, fix=fix))
+    no_text, line = "is not a text file: it contains a NUL byte", before.count(b"\n") + 1
+    refuse((nul, Problem(no_text, file, line, fix="export it from the controller as text")))
     wrong = _not_decoded(data, "utf-8")
     if wrong is None:
         return data.decode("utf-8"), "utf-8"
     # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
-    if has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN):
-        line = data.count(b"\n", 0, wrong) + 1
-        message = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
-        raise InputError(Problem(message, file, line, fix="save it in one encoding"))
+    mixes = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
+    refuse(
+        (
+            has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN),
+            Problem(mixes, file, data.count(b"\n", 0, wrong) + 1, fix="save it in one encoding"),
+        )
+    )
     return data.decode("latin-1"), "latin-1"
 
 
@@ -617,9 +620,8 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
     """
     name = os.fspath(path)
     suffix = PurePath(name).suffix.lower()
-    if suffix in _BINARY:
-        message, fix = _BINARY[suffix]
-        raise InputError(Problem(message, name, fix=fix))
+    message, fix = _BINARY.get(suffix, ("", ""))
+    refuse((message, Problem(message, name, fix=fix)))
     source = _source(name)
     # The dialect is that of the text, or of the suffix where the text is no proof.
     reader = _reader_by_text(source.text)
@@ -627,9 +629,8 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
         reader = import_module(f"robacc.programs.{SUFFIXES[suffix]}")
     elif reader is None and suffix[1:] in plug_in_names(PLUG_INS):
         reader = plug_in(PLUG_INS, suffix[1:])
-    if reader is None:
-        fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
-        raise source.error("is not a robot program that robacc reads", fix=fix)
+    fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
+    refuse((reader is None, source.problem("is not a robot program that robacc reads", fix=fix)))
     paths = [os.fspath(frame) for frame in frames]
     tables = [path for path in paths if PurePath(path).suffix.lower() in (".yaml", ".yml")]
     others = [*getattr(reader, "companions", companions)(name), *(path for path in paths if path not in tables)]

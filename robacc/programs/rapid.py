@@ -10,6 +10,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Sequence
 
+from robacc.errors import InputError, refuse
 from robacc.programs.program import (
     AXIS_UNITS,
     CHANGED,
@@ -136,12 +137,13 @@ def _check_blocks(module: ProgramSource) -> None:
         if not word.startswith("END"):
             opened.append((word, place))
         elif opened.pop()[0] != word[3:]:
-            raise module.error(f"{word} ends no {word[3:]}", place, copy)
-    if not _BLOCK.search(mask(module.text, _HIDDEN)):
-        raise module.error("has no MODULE and no PROC, so it is not a RAPID module")
+            raise InputError(module.problem(f"{word} ends no {word[3:]}", place, copy))
     word, place = opened[-1]
-    if word:
-        raise module.error(f"is truncated: this {word} has no END{word}", place, copy)
+    no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
+    refuse(
+        (not _BLOCK.search(mask(module.text, _HIDDEN)), no_module),
+        (word, module.problem(f"is truncated: this {word} has no END{word}", place, copy)),
+    )
 
 
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:

@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import spliced
 from robacc.programs.program import (
@@ -468,14 +468,12 @@ def write_program(
     Raises:
         UsageError: The dialect is not in :data:`SUFFIX`, or a target has more joints, or fewer, than its targets have.
     """
-    if dialect not in SUFFIX:
-        raise UsageError(f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}")
+    refuse((dialect not in SUFFIX, f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}"))
     layout = _LAYOUTS[dialect]
     data: list[str] = []
     moves: list[str] = []
     for k, (target, q) in enumerate(targets, start=1):
-        if len(q) not in layout["joints"]:
-            raise UsageError(f"target {target} has {len(q)} joints; {layout['has']}")
+        refuse((len(q) not in layout["joints"], f"target {target} has {len(q)} joints; {layout['has']}"))
         values = [value * layout["units"][i not in linear] for i, value in enumerate(q)]
         values += [0.0] * (layout["padded"] - len(q))
         texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == "fanuc") for value in values]

@@ -8,6 +8,7 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
+from robacc.errors import refuse
 from robacc.programs.program import (
     ROTATION_VECTOR,
     RUN_TIME,
@@ -74,16 +75,18 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     """
     draft, text, fix = Draft(source, "urscript"), mask(source.text, _HIDDEN), "save the script again"
     words = list(_BLOCK.finditer(text))
-    blocks = unclosed(
+    opened = unclosed(
         (match[1], match.start(1), match[1] != "end")
         for match in words
         if _EVENTS.get(match[1]) not in (None, "next") and (match[1] == "end" or not _ONE_LINE.match(text, match.end()))
     )
-    if blocks:
-        raise source.error(f"is truncated: this {blocks[0][0]} has no end", blocks[0][1], fix)
+    word, start = next(iter(opened), ("", 0))
     brackets = unclosed((m[0], m.start(), m[0] in "[(") for m in re.finditer(r"[\[\]()]", text))
-    if brackets:
-        raise source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
+    bracket, at = next(reversed(brackets), ("", 0))
+    refuse(
+        (word, source.problem(f"is truncated: this {word} has no end", start, fix)),
+        (bracket, source.problem("is truncated: this bracket is not closed", at, fix)),
+    )
     literals: dict[str, Place] = {}
     """Variables that are assigned once, as numbers."""
     changed: dict[str, int] = {}

@@ -13,7 +13,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, exp_so3, rotate, rpy_from_rotation
 from robacc.io.files import ProblemLog
 from robacc.robots.description import (
@@ -237,11 +237,11 @@ def _choose_chain(
         if base_link
         else [link for link in tree.links if link not in moved]
     )
-    if len(roots) != 1:
-        message = "the joints form a loop: there is no link to start from" if moved else "the file has no links"
-        if roots:
-            message = f"{len(roots)} links could be the base: {_listing(roots)}"
-        raise InputError(Problem(message, tree.log.file, fix="choose one with `base_link`" if roots else None))
+    several, loop = f"{len(roots)} links could be the base", "the joints form a loop: there is no link to start from"
+    refuse(
+        (roots[1:], Problem(f"{several}: {_listing(roots)}", tree.log.file, fix="choose one with `base_link`")),
+        (not roots, Problem(loop if moved else "the file has no links", tree.log.file)),
+    )
     base = roots[0]
     paths = tree.paths(base)
     named = {joint.name for joint in _moving([*tree.joints.values()]) if joint.name in columns}
@@ -263,14 +263,12 @@ def _choose_chain(
             return base, _flange(tree, links.pop())
     if tip_link is not None:
         return base, _known_link(tree, tip_link, "`tip_link`")
-    if not leaves:
-        raise InputError(Problem(f"no joint follows the link {base!r}", tree.log.file))
+    refuse((not leaves, Problem(f"no joint follows the link {base!r}", tree.log.file)))
     ranks = {leaf: (len(_moving(path)), len(path)) for leaf, path in leaves.items()}
     names = sorted(ranks, key=ranks.__getitem__, reverse=True)
     n_best = sum(rank == ranks[names[0]] for rank in ranks.values())
-    if n_best > 1:
-        message = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
-        raise InputError(Problem(message, tree.log.file, fix="choose one with `tip_link`"))
+    several = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
+    refuse((n_best > 1, Problem(several, tree.log.file, fix="choose one with `tip_link`")))
     return base, names[0]
 
 
@@ -563,12 +561,12 @@ def parse_urdf(
     """
     tree = _Tree(text, file)
     base, tip = _choose_chain(tree, base_link, tip_link, joint_columns)
-    path = tree.paths(base).get(tip)
-    if not path:
-        raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
-    if len(path) > MAX_JOINTS:
-        message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
-        raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
+    path = tree.paths(base).get(tip, [])
+    many = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
+    refuse(
+        (not path, f"{file}: link {tip!r} is not behind link {base!r}"),
+        (len(path) > MAX_JOINTS, Problem(many, file, fix="choose a shorter chain with `base_link` and `tip_link`")),
+    )
     joints, branches = _with_branches(tree, path, base)
     _check_joints(tree, [*joints, *(branch.joint for branch in branches)])
     tree.log.raise_if_any()

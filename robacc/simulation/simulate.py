@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import RobaccError, UsageError
+from robacc.errors import RobaccError, UsageError, refuse
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
@@ -98,8 +98,7 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     if plan.noise_orientation > 0:
         noise = _stream(plan, "orientation").normal(scale=plan.noise_orientation, size=position.shape)
         rotation = compose(exp_so3(noise), rotation)
-    if plan.outliers > data.n:
-        raise UsageError(f"{plan.outliers} outliers are more than the {data.n} rows")
+    refuse((plan.outliers > data.n, f"{plan.outliers} outliers are more than the {data.n} rows"))
     rng = _stream(plan, "outliers")
     outliers = np.sort(rng.choice(data.n, size=plan.outliers, replace=False)).astype(np.int64)
     direction = rng.normal(size=(3, plan.outliers))
@@ -193,8 +192,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     """Return all columns but the measured pose: poses in order, cycle after cycle, with every target at each visit."""
     targets = tuple(robot.targets) if len(robot.targets) > 1 else (None,)
     visits = (plan.poses if planned is None else planned.n) * plan.cycles
-    if visits * len(targets) > _MAX_ROWS:
-        raise UsageError(f"{visits * len(targets)} rows are more than the limit of {_MAX_ROWS}")
+    rows = visits * len(targets)
+    refuse((rows > _MAX_ROWS, f"{rows} rows are more than the limit of {_MAX_ROWS}"))
     if planned is None:
         ids, n = _pose_ids(np.arange(plan.poses)), plan.poses
         planned = Measurements(position=np.zeros((3, n)), q=joint_samples(robot, plan), pose=ids)
@@ -205,8 +204,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
     cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
-        if cycle is not None:
-            raise UsageError("the poses to visit have cycles already: leave out `cycles`, or their column cycle")
+        again = "the poses to visit have cycles already: leave out `cycles`, or their column cycle"
+        refuse((cycle is not None, again))
         cycle = np.repeat(np.arange(1, plan.cycles + 1), planned.n).astype(str)
     if plan.payloads:
         groups = planned.groups()
@@ -306,8 +305,7 @@ def robot_template(count: int, robot: str, poses: str) -> str:
     Raises:
         UsageError: ``count`` is below 1 or too large.
     """
-    if not 1 <= count <= MAX_JOINTS:
-        raise UsageError(f"expected 1 to {MAX_JOINTS} joints, found {count}")
+    refuse((not 1 <= count <= MAX_JOINTS, f"expected 1 to {MAX_JOINTS} joints, found {count}"))
     rows = _SIX if count == len(_SIX) else [_ALTERNATING[i % len(_ALTERNATING)] for i in range(count)]
     joints = "".join(_joint(i, row) + (_OPTIONAL if i == 0 else "") for i, row in enumerate(rows))
     return _HEAD.format(count=f"{count} joint{'s' * (count > 1)}", robot=robot, poses=poses) + joints + _TAIL

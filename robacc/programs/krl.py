@@ -6,7 +6,9 @@ for user group Expert (KRL syntax)".
 
 from __future__ import annotations
 
+import itertools
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from pathlib import PurePath
 
@@ -134,6 +136,8 @@ class _Reader:
         self.sources, self.draft = (source, *others), Draft(source, "krl")
         self.text, self.end = mask("\n".join(part.text for part in self.sources), _HIDDEN), len(source.text)
         """Text of all files, and where the program's own ends."""
+        self.starts = list(itertools.accumulate((len(part.text) + 1 for part in self.sources), initial=0))
+        """Where each file begins in the text."""
         self.values: dict[str, list[tuple[str, str, Place]]] = {}
         """Name as written, declared type (empty for an assignment) and place of each aggregate of a variable."""
         self.changes: dict[str, list[int]] = {}
@@ -227,11 +231,8 @@ class _Reader:
 
     def line_of(self, position: int) -> str:
         """Return the line of a place, and its file if it is not the program's own."""
-        number, start = 0, 0
-        while position > start + len(self.sources[number].text):
-            start += len(self.sources[number].text) + 1
-            number += 1
-        line = str(self.sources[number].line(position - start))
+        number = bisect_right(self.starts, position) - 1
+        line = str(self.sources[number].line(position - self.starts[number]))
         return f"{line} of {PurePath(self.sources[number].file).name}" if number else line
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:

@@ -496,10 +496,8 @@ class Draft:
 
     def program(self) -> Program:
         """Return the program, its targets with their values and what all motions to each have in common."""
-        for index, reason in self.dropped.items():
-            target = self.targets[index]
-            text = f"{target.name}: {self.source.excerpt(*target.place)}"
-            self.notes.append(ProgramNote(target.line, text, reason))
+        left = ((self.targets[index], reason) for index, reason in self.dropped.items())
+        self.notes += [ProgramNote(it.line, f"{it.name}: {self.source.excerpt(*it.place)}", why) for it, why in left]
         kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
         places = {index: place for place, index in enumerate(kept)}
         moves = tuple(places[index] for index, *_ in self.moves if index in places)

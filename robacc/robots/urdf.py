@@ -137,20 +137,20 @@ def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
     selected: list[tuple[str, ...] | None] = [_ELEMENTS[""]]
     # Elements read below each open element; None below one that is not read itself.
 
-    def refuse(message: str, fix: str | None = None) -> None:
+    def fail(message: str, fix: str | None = None) -> None:
         raise InputError(Problem(message, file, parser.CurrentLineNumber, fix=fix))
 
     def doctype(name: str, *_: object) -> None:
-        refuse(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
+        fail(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         is_read = tag in (selected[-1] or ())
         has_formula = is_read and any("${" in value or "$(" in value for value in attributes.values())
         if tag.startswith("xacro:") or has_formula:
-            refuse("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
+            fail("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
         if len(selected) == 1 and not is_read:
             model = _OTHER_MODELS.get(tag, "not a URDF")
-            refuse(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
+            fail(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
         selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
         if is_read:
             lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
@@ -677,25 +677,20 @@ class _Writer:
         """Add a joint of the robot, and its link with its mass."""
         origin, tail = _parts(joint, convention)
         origin = self.tail @ origin
-        *first, last = self.uncoupled(joint)
-        for piece in first:
-            self.place_axis(piece, origin, Poses.identity())
-            origin = Poses.identity()
-        self.place_axis(last, origin, tail)
-        self.tail = tail
-        self.carriers[joint.name] = (self.link, tail)
-
-    def uncoupled(self, joint: Joint) -> list[Joint]:
-        """Return joints about one axis that together move as a coupled joint does; the last has its name and link."""
-        if not joint.coupling:
-            return [joint]
+        # Joints about one axis that together move as a coupled joint does; the last has its name and link.
         plain = replace(joint, coupling={}, is_passive=False)
         bare = replace(plain, limits=None, mass=None, com=None, link=None)
         pieces = [
             replace(bare, name=self.unused_name(f"{joint.name}_by_{master}"), mimic=Mimic(master, ratio))
             for master, ratio in joint.coupling.items()
         ]
-        return [*pieces[:-1], replace(plain, mimic=pieces[-1].mimic)] if joint.is_passive else [*pieces, plain]
+        last = replace(plain, mimic=pieces.pop().mimic) if joint.is_passive else plain
+        for piece in pieces:
+            self.place_axis(piece, origin, Poses.identity())
+            origin = Poses.identity()
+        self.place_axis(last, origin, tail)
+        self.tail = tail
+        self.carriers[joint.name] = (self.link, tail)
 
     def place_axis(self, joint: Joint, origin: Poses, tail: Poses) -> None:
         """Add one joint of the URDF, and its link with its mass."""

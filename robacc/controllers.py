@@ -716,10 +716,9 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
         UsageError: ``arm`` is missing or unknown.
     """
     if _MARK.search(text):
-        if arm not in UR_ARMS:
-            reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
-            raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
-        return _ur_robot(_parse_deltas(text, file), arm)
+        reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
+        refuse((arm not in UR_ARMS, f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}"))
+        return _ur_robot(_parse_deltas(text, file), arm or "")
     robot = _parse_json(text, file) if text.lstrip().startswith("{") else _parse_links(text, file)
     refuse((arm is not None, f"only a calibration.conf needs the name of its arm; {file} has all lengths"))
     return robot

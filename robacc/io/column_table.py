@@ -182,8 +182,8 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
         )
         columns.append((key, column))
     lengths = {column.size for _, column in columns}
-    if len(lengths) > 1:
-        raise InputError(Problem(f"the columns have {min(lengths)} to {max(lengths)} rows", name))
+    counts = f"{min(lengths, default=0)} to {max(lengths, default=0)} rows"
+    refuse((len(lengths) > 1, Problem(f"the columns have {counts}", name)))
     return columns
 
 
@@ -448,19 +448,20 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
         return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)
     suffix = PurePath(file).suffix.lower()
-    other = next(
+    kind, fix = next(
         (kind for start, kind in _OTHER_FILES.items() if start in (first[: len(start)], text.lower()[: len(start)])),
-        None,
+        ("", ""),
     )
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
-    if other or not is_text or suffix not in _OF_TEXT:
+    if kind or not is_text or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
         if (table := _by_plug_in(path, first, options)) is not None:
             return table
-    if other:
-        raise InputError(Problem(f"is {other[0]}, expected a table of poses", file, fix=other[1]))
-    fix = "export it again, or rename it to .csv if it is text"
-    refuse((suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=fix)))
+    again = "export it again, or rename it to .csv if it is text"
+    refuse(
+        (kind, Problem(f"is {kind}, expected a table of poses", file, fix=fix)),
+        (suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
+    )
     return TextTable(stream, file, options)
 
 

@@ -221,9 +221,8 @@ class TextTable(Table):
             too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
             if len(tail) == _TAIL and not tail.endswith(b"\n"):
                 too_long.append(number + len(lines) - 1)
-            if too_long:
-                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-                raise InputError(Problem(message, self.file, too_long[0], fix="expected one line per pose"))
+            message, place = f"the line is longer than {MAX_LINE / (1 << 20):g} MB", next(iter(too_long), None)
+            refuse((too_long, Problem(message, self.file, place, fix="expected one line per pose")))
             yield number, lines
             number += len(lines)
 
@@ -439,16 +438,19 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
     Raises:
         InputError: The line is not a header row.
     """
-    names, message, fix = [], "", "export the file with commas, and with a point in decimals"
     try:
         names = PLAIN.split(line)
     except csv.Error as error:
         message, fix = f"the header row cannot be read ({error})", "close every quote on its line"
+        raise InputError(Problem(message, file, number, fix=fix)) from None
     signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
-    for sign, word in signs.items():
-        if not message and line.strip().count(sign) >= len(names):
-            message = f"the columns are separated by {word}, expected commas"
-    if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
-        message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
-    refuse((message, Problem(message, file, number, fix=fix)))
+    word = next((word for sign, word in signs.items() if line.strip().count(sign) >= len(names)), "")
+    separated, fix = f"the columns are separated by {word}", "export the file with commas, and with a point in decimals"
+    numbers = Problem(
+        "found numbers, expected a header row", file, number, fix="begin the file with the columns' names"
+    )
+    refuse(
+        (word, Problem(f"{separated}, expected commas", file, number, fix=fix)),
+        (all(number_of(name, decimal_comma=False) is not None for name in names), rows),
+    )
     return names

@@ -79,5 +79,5 @@ def test_a_reader_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: py
 
     offer(monkeypatch, missing)
     (tmp_path / "a.count").write_text("8")
-    with pytest.raises(UsageError, match=r"the plug-in counter \(site:reader\) cannot be loaded: No module named"):
+    with pytest.raises(UsageError, match=r"the reader counter \(site:reader\) cannot be loaded: No module named"):
         robacc.read_poses(tmp_path / "a.count")

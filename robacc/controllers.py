@@ -18,6 +18,7 @@ import operator
 import re
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -26,18 +27,18 @@ import yaml
 from robacc.accuracy.estimation import pose_metrics
 from robacc.effects.base import Effect
 from robacc.effects.frames import JointOffset, LinkGeometry
-from robacc.errors import InputError, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.fit_result import Options
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, Poses, exp_so3, log_between, rotation_about
-from robacc.io.yaml_nodes import Source, compose
+from robacc.io.yaml_nodes import Source, compose, top_section
 from robacc.modelling.model import Model, predict
 from robacc.plug_ins import plug_in
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, JointType, Robot
 from robacc.robots.urdf import robot_to_urdf
-from robacc.robots.yaml_robot import read_fields, robot_to_yaml
+from robacc.robots.yaml_robot import Kind, read_fields, read_list, read_section, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.version import __version__
 
@@ -56,9 +57,8 @@ def joint_frames(robot: Robot) -> list[Poses]:
     chain = arm.chain
     own = set(enumerate(chain.joint_axis))
     motions = [chain.motions[drive.motion] for drive in chain.drives if (drive.joint, drive.motion) not in own]
-    if motions:
-        names = ", ".join(sorted({robot.joints[motion.owner].name for motion in motions}))
-        raise UsageError(f"{names} follows other joints; the format has no joint that does")
+    names = ", ".join(sorted({robot.joints[motion.owner].name for motion in motions}))
+    refuse((names, f"{names} follows other joints; the format has no joint that does"))
     # A DH row's d lies on the axis too: the frame behind it is the one that drawings show.
     counts = [k + 1 + (chain.motions[k + 1].label == "d") for k in chain.joint_axis]
     wanted = sorted({*counts, arm.flange})
@@ -340,11 +340,13 @@ def export_model(
     Raises:
         UsageError: The arm does not fit the format, or an argument is missing.
     """
-    if form == "joint-offsets":
-        if nominal is None:
-            raise UsageError("the format joint-offsets needs the nominal model, which the controller has")
-        if nominal.variable_names != robot.variable_names:
-            raise UsageError("the model and the nominal model have different joints")
+    is_of_offsets = form == "joint-offsets"
+    others = is_of_offsets and nominal is not None and nominal.variable_names != robot.variable_names
+    no_nominal = "the format joint-offsets needs the nominal model, which the controller has"
+    refuse(
+        (is_of_offsets and nominal is None, no_nominal),
+        (others, "the model and the nominal model have different joints"),
+    )
     chosen: str | None = None
     losses: tuple[str, ...] = ()
     controller, complete, refitted, excluded = restricted(robot, nominal)
@@ -357,8 +359,8 @@ def export_model(
     elif form == "json":
         text = json.dumps(_document(controller), indent=2) + "\n"
     elif form == "ur-calibration":
-        if arm is not None and arm not in UR_ARMS:
-            raise UsageError(f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}")
+        unknown = f"no arm {arm!r} of Universal Robots; robacc knows {', '.join(UR_ARMS)}"
+        refuse((arm is not None and arm not in UR_ARMS, unknown))
         chosen = arm or _ur_arm_of(controller)
         rows = _ur_table(chosen)
         table = dh_table(joint_frames(controller), rows, last_is_axis=True)
@@ -425,7 +427,7 @@ def _document(robot: Robot) -> dict[str, Any]:
             "name": joint.name,
             "type": joint.type,
             "limits": None if joint.limits is None else list(joint.limits),
-            "origin": _plain(step),
+            "origin": dataclasses.asdict(step),
             "dh": {"theta": row.theta, "d": row.d, "a": row.a, "alpha": row.alpha},
             "modified_dh": {"alpha": other.alpha, "a": other.a, "theta": other.theta, "d": other.d},
         }
@@ -437,50 +439,59 @@ def _document(robot: Robot) -> dict[str, Any]:
         "name": robot.name,
         "units": {"length": "m", "angle": "rad"},
         "gravity": list(robot.gravity),
-        "base": _plain(robot.base),
+        "base": dataclasses.asdict(robot.base),
         "joints": joints,
-        "tool": _plain(Frame.of(frames[-2].inverse() @ frames[-1] @ robot.tool.pose)),
-        "dh_base": _plain(Frame.of(robot.base.pose @ table.base)),
-        "dh_tool": _plain(Frame.of(table.tool @ robot.tool.pose)),
-        "modified_dh_tool": _plain(Frame.of(flange @ robot.tool.pose)),
+        "tool": dataclasses.asdict(Frame.of(frames[-2].inverse() @ frames[-1] @ robot.tool.pose)),
+        "dh_base": dataclasses.asdict(Frame.of(robot.base.pose @ table.base)),
+        "dh_tool": dataclasses.asdict(Frame.of(table.tool @ robot.tool.pose)),
+        "modified_dh_tool": dataclasses.asdict(Frame.of(flange @ robot.tool.pose)),
     }
 
 
-def _plain(frame: Frame) -> dict[str, list[float]]:
-    return {"xyz": list(frame.xyz), "rpy": list(frame.rpy)}
+def _unread(source: Source, node: yaml.Node, path: str) -> None:
+    """Take a key for granted that is only for other programs."""
 
 
-def _frame(value: Any) -> Frame:
-    (x, y, z), (roll, pitch, yaw) = map(float, value["xyz"]), map(float, value["rpy"])
-    return Frame((x, y, z), (roll, pitch, yaw))
+_JSON_FRAME = partial(
+    read_section,
+    kinds=dict.fromkeys(("xyz", "rpy"), partial(Source.numbers, count=3)),
+    required=("xyz", "rpy"),
+    into=Frame,
+)
+_JSON_JOINT: dict[str, Kind] = {
+    "origin": _JSON_FRAME,
+    "name": Source.text,
+    "type": partial(Source.choice, options=("revolute", "prismatic")),
+    "limits": partial(Source.numbers, count=2),
+    **dict.fromkeys(("dh", "modified_dh"), _unread),
+}
+_JSON: dict[str, Kind] = {
+    "name": Source.text,
+    "gravity": partial(Source.numbers, count=3),
+    "base": _JSON_FRAME,
+    "tool": _JSON_FRAME,
+    "joints": partial(
+        read_list,
+        kind=partial(read_section, kinds=_JSON_JOINT, required=("origin", "name", "type")),
+        item_name="joints",
+    ),
+}
 
 
 def _parse_json(text: str, file: str) -> Robot:
-    def no_number(name: str) -> float:
-        raise ValueError(f"{name} is not a finite number")
-
     try:
-        document: Any = json.loads(text, parse_constant=no_number)
+        document = json.loads(text)
     except json.JSONDecodeError as error:
         raise InputError(Problem(f"is not JSON: {error.msg}", file, error.lineno)) from None
-    except ValueError as error:
-        raise InputError(Problem(str(error), file)) from None
-    if not isinstance(document, dict) or document.get("schema") != KINEMATICS_SCHEMA:
-        raise InputError(Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file))
-    try:
-        joints = []
-        for entry in document["joints"]:
-            limits = entry.get("limits")
-            if entry["type"] not in ("revolute", "prismatic"):
-                raise ValueError(f"type {entry['type']!r}")
-            limits = None if limits is None else (float(limits[0]), float(limits[1]))
-            joints.append(_joint_at(_frame(entry["origin"]), str(entry["name"]), entry["type"], limits))
-        x, y, z = map(float, document["gravity"])
-        base, tool = _frame(document["base"]), _frame(document["tool"])
-    except (KeyError, TypeError, ValueError, IndexError) as error:
-        message = f"a key is missing or has an unexpected value: {error}"
-        raise InputError(Problem(message, file, fix="export the model again")) from None
-    return Robot(str(document.get("name", "arm")), "urdf", tuple(joints), base=base, tool=tool, gravity=(x, y, z))
+    other = Problem(f"is not a kinematics file of robacc ({KINEMATICS_SCHEMA})", file)
+    refuse((document.get("schema") != KINEMATICS_SCHEMA, other))
+    top = top_section(text.replace("\t", " "), file, tuple(document))
+    values = read_fields(top, _JSON, ("gravity", "base", "tool", "joints"))
+    top.source.finish()
+    joints = tuple(
+        _joint_at(joint["origin"], joint["name"], joint["type"], joint.get("limits")) for joint in values.pop("joints")
+    )
+    return Robot(convention="urdf", joints=joints, **{"name": "arm", **values})
 
 
 # Kinematics files of ROS drivers: one origin (x, y, z, roll, pitch, yaw) for each joint.
@@ -512,9 +523,8 @@ def _parse_links(text: str, file: str) -> Robot:
     root = compose(text, file)
     pairs = root.value if isinstance(root, yaml.MappingNode) else []
     nodes = [value for key, value in pairs if key.value == "kinematics" and isinstance(value, yaml.MappingNode)]
-    if not nodes:
-        fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
-        raise InputError(Problem("has no key kinematics with an origin for each joint", file, fix=fix))
+    fix = "give default_kinematics.yaml, the file of ur_calibration, or a kinematics file of xarm_description"
+    refuse((not nodes, Problem("has no key kinematics with an origin for each joint", file, fix=fix)))
     origins: dict[str, dict[str, float]] = {}
     for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
@@ -524,10 +534,11 @@ def _parse_links(text: str, file: str) -> Robot:
     # The joint of each link, in the order of the arm.
     is_ur = set(origins) == set(UR_LINKS)
     names = dict(zip(UR_LINKS, UR_JOINTS, strict=True)) if is_ur else {name: name for name in numbered}
-    if not origins or set(names) != set(origins):
-        fix = f"expected {', '.join(UR_LINKS)}, or joint1, joint2 …"
-        message = f"the joints are {', '.join(origins) or 'missing'}"
-        raise InputError(Problem(message, file, column="kinematics", fix=fix))
+    message, fix = (
+        f"the joints are {', '.join(origins) or 'missing'}",
+        f"expected {', '.join(UR_LINKS)}, or joint1, joint2 …",
+    )
+    refuse((not origins or set(names) != set(origins), Problem(message, file, column="kinematics", fix=fix)))
     joints = [
         Joint(name, "revolute", {**origins[link], "offset": 0.0}, limits=FULL_TURN) for link, name in names.items()
     ]
@@ -544,11 +555,12 @@ def _links_text(robot: Robot, form: str, name: str, template: str) -> tuple[str,
         UsageError: The arm has a prismatic joint, or for ``ur-kinematics`` other than six joints.
     """
     *steps, flange = _steps(joint_frames(robot))
-    if any(joint.type != "revolute" for joint in robot.variables):
-        raise UsageError(f"the format {form} has revolute joints only")
     names = UR_LINKS if form != "xarm" else tuple(f"joint{i + 1}" for i in range(len(steps)))
-    if len(steps) != len(names):
-        raise UsageError(f"the format {form} is for arms with six joints; this one has {len(steps)}")
+    is_revolute = all(joint.type == "revolute" for joint in robot.variables)
+    refuse(
+        (not is_revolute, f"the format {form} has revolute joints only"),
+        (len(steps) != len(names), f"the format {form} is for arms with six joints; this one has {len(steps)}"),
+    )
     lines = [f"# written by robacc {__version__} from {name}", "kinematics:"]
     for link, step in zip(names, steps, strict=True):
         numbers = zip(_KEYS, (*step.xyz, *step.rpy), strict=True)
@@ -667,8 +679,8 @@ def _ur_arm_of(robot: Robot) -> str:
     """
     frames = joint_frames(robot)
     fix = "the format ur-calibration is for arms of Universal Robots"
-    if len(frames) != len(UR_JOINTS) + 1 or any(joint.type != "revolute" for joint in robot.variables):
-        raise UsageError(f"{fix}, which have six revolute joints")
+    is_revolute = all(joint.type == "revolute" for joint in robot.variables)
+    refuse((len(frames) != len(UR_JOINTS) + 1 or not is_revolute, f"{fix}, which have six revolute joints"))
     rows = dh_table(frames, last_is_axis=True).rows
     lengths = []
     for first, second in itertools.pairwise(frames[1:4]):
@@ -678,8 +690,8 @@ def _ur_arm_of(robot: Robot) -> str:
     known = np.abs(np.delete(list(_LENGTHS.values()), 3, axis=1))
     differences = np.abs(known - np.abs([rows[0].d, *lengths, rows[4].d, rows[5].d])).max(axis=1)
     arm, difference = UR_ARMS[int(differences.argmin())], differences.min()
-    if difference > _LARGEST_DIFFERENCE:
-        raise UsageError(f"{fix}; the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one")
+    nearest = f"the nearest, {arm}, differs by {difference * 1e3:.1f} mm: name the arm if it is one"
+    refuse((difference > _LARGEST_DIFFERENCE, f"{fix}; {nearest}"))
     return arm
 
 
@@ -704,11 +716,9 @@ def parse_controller_file(text: str, file: str, arm: str | None = None) -> Robot
         UsageError: ``arm`` is missing or unknown.
     """
     if _MARK.search(text):
-        if arm not in UR_ARMS:
-            reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
-            raise UsageError(f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}")
-        return _ur_robot(_parse_deltas(text, file), arm)
+        reason = "does not say which arm it belongs to" if arm is None else f"cannot belong to {arm!r}"
+        refuse((arm not in UR_ARMS, f"{file} {reason}; name the arm, one of {', '.join(UR_ARMS)}"))
+        return _ur_robot(_parse_deltas(text, file), arm or "")
     robot = _parse_json(text, file) if text.lstrip().startswith("{") else _parse_links(text, file)
-    if arm is not None:
-        raise UsageError(f"only a calibration.conf needs the name of its arm; {file} has all lengths")
+    refuse((arm is not None, f"only a calibration.conf needs the name of its arm; {file} has all lengths"))
     return robot

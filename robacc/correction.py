@@ -20,7 +20,7 @@ from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.drivers import is_outside
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
@@ -122,6 +122,10 @@ class CorrectionSetting:
         """Return poses of the target, measuring frame, that the controller computes for joints ``q`` ``(J, N)``."""
         return Model(self.nominal).bind(self.at(q)).poses(np.zeros(0))
 
+    def errors(self, wanted: Poses, q: Array, motion: Motion) -> Array:
+        """Return the errors ``(6, N)`` of the real arm's poses at ``q`` against the wanted ones: m and rad."""
+        return -pose_error(wanted, self.model.bind(self.at(q, motion)).poses(np.zeros(0)), True)
+
     def joint_space(self, q: Array, oriented: bool, weight: float | None = None) -> JointSpace:
         """Return limits, scales and weights near joints ``q`` ``(J, N)``.
 
@@ -166,14 +170,12 @@ def setting_of(
 
 def check_same_joints(model: Robot, nominal: Robot) -> None:
     """Raise InputError unless both robots have the same joint variables."""
-    pairs = [[(joint.name, joint.type) for joint in robot.variables] for robot in (model, nominal)]
-    if [kind for _, kind in pairs[0]] != [kind for _, kind in pairs[1]]:
-        texts = [", ".join(f"{name} ({kind})" for name, kind in pair) for pair in pairs]
-        message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
-        raise InputError(Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
+    types = [[joint.type for joint in robot.variables] for robot in (model, nominal)]
+    texts = [", ".join(f"{joint.name} ({joint.type})" for joint in robot.variables) for robot in (model, nominal)]
+    message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
+    fix = "give the robot file that the model was fitted from"
+    refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
 
-
-Given = Literal["joints", "poses", "poses and joints"]
 
 _REACHED = 1e-7
 """m and rad: error at which the nominal robot reaches a Cartesian target."""
@@ -185,7 +187,7 @@ _BLOCK = 256
 class WantedPoses:
     """Wanted poses, and nominal joints that keep the commanded configuration."""
 
-    given: Given
+    given: Literal["joints", "poses", "poses and joints"]
     poses: Poses
     """``(N)`` wanted poses of the target in the measuring frame; rotations are nominal if none were given."""
     oriented: bool
@@ -210,9 +212,9 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
         return WantedPoses("joints", setting.nominal_poses(data.q), True, data.q, np.ones(data.n, dtype=bool))
     if position is None:
         position, rotation = data.position, data.rotation
-    if data.n and data.q is None and not np.any(position):
-        fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
-        raise InputError(Problem("the targets have neither joints nor poses", data.source, fix=fix))
+    fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
+    nothing = Problem("the targets have neither joints nor poses", data.source, fix=fix)
+    refuse((data.n and data.q is None and not np.any(position), nothing))
     oriented = rotation is not None
     wanted = Poses(np.repeat(np.eye(3)[:, :, None], data.n, axis=2) if rotation is None else rotation, position)
     wanted = wanted if setting.frame == "measuring" else setting.nominal.robot.base.pose @ wanted
@@ -228,8 +230,8 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
 
 def _searched_joints(arm: Arm, wanted: Poses, oriented: bool) -> Array:
     """Return joints ``(J, N)`` for targets without joints: each the solution nearest to that of the target before."""
-    if arm.robot.targets:
-        raise InputError(Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …"))
+    several = Problem("targets without joints need a robot with one tool", fix="add joints q1, q2, …")
+    refuse((arm.robot.targets, several))
     low, high = joint_ranges(arm)
     # The first is nearest to the middle of the ranges.
     previous = np.where(np.isfinite(low) & np.isfinite(high), 0.5 * (low + high), 0.0)
@@ -262,9 +264,11 @@ def pose_evaluator(
         targets: ``(M,)`` numbers of the targets whose poses are wanted.
     """
     # A joint variable turns its joint with the joint's sign, and those that mimic it.
-    drives = [[drive for drive in model.arm.chain.drives if drive.joint == j] for j in range(len(model.arm.names))]
-    moved = [tuple(Part(drive.motion, drive.coefficient) for drive in own) for own in drives]
-    terms = tuple(Term(name, "", 1.0, parts) for name, parts in zip(model.arm.names, moved, strict=True))
+    drives = model.arm.chain.drives
+    terms = tuple(
+        Term(name, "", 1.0, tuple(Part(drive.motion, drive.coefficient) for drive in drives if drive.joint == j))
+        for j, name in enumerate(model.arm.names)
+    )
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
         data = setting.at(q, motion, targets[index])
@@ -420,97 +424,49 @@ def _sizes(position: float | None, angle: float | None) -> str:
     return " and ".join(parts)
 
 
-_SAME_APPROACH = 1e-6
-"""Change of a relative speed that changes no pose by as much as the tolerance."""
+_SAME_POSE = 1e-10
+"""m and rad: change of a pose with its approach that is not worth another solution."""
 _ROUNDS = 5
 """Rounds over all targets until directions and speeds of approach agree with the corrected commands."""
 
 
-@dataclass(frozen=True, slots=True)
-class CorrectedTargets:
-    """Commands of all targets; a refused target keeps its nominal command."""
-
-    setting: CorrectionSetting
-    wanted: WantedPoses
-    q: Array
-    """``(J, N)`` corrected joint commands, rad or m."""
-    command: Poses
-    """``(N)`` poses that the controller computes for ``q``, measuring frame."""
-    data: Measurements
-    """Targets at their corrected commands, with their circumstances."""
-    correction: Array
-    """``(6, N)`` command less wanted pose: m, and a rotation vector in rad, measuring frame."""
-    error_before: Array
-    """``(6, N)`` predicted pose at the nominal command less wanted pose."""
-    error_after: Array
-    """``(6, N)`` predicted pose at the corrected command less wanted pose; for a refused target as before."""
-    refusals: tuple[Refusal | None, ...]
-    """``(N)`` reason of each refused target; None for a corrected target."""
-
-    @property
-    def is_corrected(self) -> NDArray[np.bool_]:
-        """``(N,)`` targets with a correction."""
-        return np.array([refusal is None for refusal in self.refusals], dtype=bool)
-
-
 def _solved(
-    setting: CorrectionSetting,
-    wanted: WantedPoses,
-    joints: JointSpace,
-    matters: tuple[bool, bool],
-    beside: tuple[JointSolution, NDArray[np.bool_]] | None = None,
+    setting: CorrectionSetting, wanted: WantedPoses, joints: JointSpace, beside: tuple[JointSolution, list[bool]] | None
 ) -> JointSolution:
     """Return the solution of all targets, each near its nominal joints.
 
-    It is repeated for targets whose approach changes with the commands of others, in a way that ``matters`` to the
-    model: in direction, in speed. With a solution ``beside`` and the targets that were refused in it, return the one
-    where these stay at their nominal joints.
+    It is repeated for targets whose pose changes with the approach that the commands of others lead to. With a solution
+    ``beside`` and whether each target was refused in it, return the one where these stay at their nominal joints.
     """
     nominal, n = wanted.q, wanted.q.shape[1]
-
-    def changed(before: Motion, after: Motion) -> NDArray[np.int64]:
-        """Return the numbers of targets to solve again."""
-        result = np.zeros(n, dtype=bool)
-        for old, new, counts in zip(before, after, matters, strict=True):
-            if counts and old is not None and new is not None:
-                result |= np.any(np.abs(new - old) > _SAME_APPROACH, axis=0)
-        return np.flatnonzero(result & chosen)
-
-    chosen, index = np.ones(n, dtype=bool), np.arange(n)
+    chosen, index, motion = np.ones(n, dtype=bool), np.arange(n), setting.motion(nominal)
     q, error, settled = nominal.copy(), np.zeros((joints.weights.size, n)), np.zeros(n, dtype=bool)
-    if beside is not None:
-        before, chosen = beside[0], ~beside[1]
-        q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.converged.copy()
-        index = changed(setting.motion(before.q), setting.motion(q))
+
+    def follow() -> None:
+        """Take the approach to the present commands, and the targets that are to be solved again for it."""
+        nonlocal motion, index
+        previous, motion = motion, setting.motion(q)
+        now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
+        index = np.flatnonzero(np.any(np.abs(now - then) > _SAME_POSE, axis=0) & chosen)
 
     def evaluator() -> Evaluate:
         return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
 
-    motion = setting.motion(q)
+    if beside is not None:
+        before, chosen = beside[0], ~np.array(beside[1])
+        motion = setting.motion(before.q)
+        q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.converged.copy()
+        follow()
     for _ in range(_ROUNDS):
         if index.size == 0:
             break
         part = solve(evaluator(), nominal[:, index], joints, q[:, index])
         q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
-        previous, motion = motion, setting.motion(q)
-        index = changed(previous, motion)
+        follow()
     if index.size:
         # The approach does not agree with the commands: the error shows it, and the target is refused.
         error[:, index] = evaluator()(q[:, index], np.arange(index.size))[0]
     return JointSolution(q, error, settled)
-
-
-def _approach_matters(setting: CorrectionSetting, q: Array) -> tuple[bool, bool]:
-    """Return whether the model's poses depend on direction and on speed of approach, where the order gives them."""
-    if not setting.follows_order:
-        return False, False
-    index = np.arange(min(q.shape[1], 2))
-    results = []
-    for signs in ((1.0, 1.0), (-1.0, 1.0), (1.0, -1.0)):
-        direction, speed = (np.full(q.shape, sign) for sign in signs)
-        poses = setting.model.bind(setting.at(q[:, index], (direction, speed), index)).poses(np.zeros(0))
-        results.append(np.concatenate((poses.rotation.reshape(9, -1), poses.translation)))
-    return not np.array_equal(results[0], results[1]), not np.array_equal(results[0], results[2])
 
 
 # Expected errors of targets before and after the correction: their length, its 95 % bound, and the grade.
@@ -531,19 +487,14 @@ class ExpectedErrors:
     """``(N,)`` angle of the predicted error, rad."""
     position_rms: Array
     """``(N,)`` root mean square of the error's length: predicted error and uncertainty of the model, m."""
-    orientation_rms: Array
-    """``(N,)`` rad."""
+    orientation_rms: Array | None
+    """``(N,)`` rad; None where the model has an uncertainty, but not of orientation: a fit to positions alone."""
     position_bound: Array | None
     """``(N,)`` bound of 95 % of the errors, m; None where the model has no uncertainty."""
     orientation_bound: Array | None
     """``(N,)`` rad; None where the model has no uncertainty of orientation."""
     grades: tuple[str, ...] | None
     """``(N,)`` grade of each bound; None without bounds."""
-
-    @property
-    def orientation_is_known(self) -> bool:
-        """Return whether the model says how uncertain its orientation is; a fit to positions alone does not."""
-        return self.position_bound is None or self.orientation_bound is not None
 
 
 def expected_errors(
@@ -570,7 +521,8 @@ def expected_errors(
     if "position" in sizes:
         # The best grade whose limits the bounds meet.
         grades = tuple(map(scale.name_of, np.argmax(steps_met(scale, sizes), axis=0).tolist()))
-    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1], bounds[0], bounds[1], grades)
+    known = bounds[0] is None or bounds[1] is not None
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
@@ -599,9 +551,24 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Correction:
-    """Corrected targets with their expected errors."""
+    """Corrected targets with their expected errors; a refused target keeps its nominal command."""
 
-    targets: CorrectedTargets
+    setting: CorrectionSetting
+    wanted: WantedPoses
+    q: Array
+    """``(J, N)`` corrected joint commands, rad or m."""
+    commanded: Poses
+    """``(N)`` poses that the controller computes for ``q``, measuring frame."""
+    data: Measurements
+    """Targets at their corrected commands, with their circumstances."""
+    correction: Array
+    """``(6, N)`` command less wanted pose: m, and a rotation vector in rad, measuring frame."""
+    error_before: Array
+    """``(6, N)`` predicted pose at the nominal command less wanted pose."""
+    error_after: Array
+    """``(6, N)`` predicted pose at the corrected command less wanted pose; for a refused target as before."""
+    refusals: tuple[Refusal | None, ...]
+    """``(N)`` reason of each refused target; None for a corrected target."""
     limits: Limits
     limits_source: Literal["option", "model", "none"]
     before: ExpectedErrors
@@ -613,28 +580,33 @@ class Correction:
     """Assumptions and limitations."""
 
     @property
+    def is_corrected(self) -> NDArray[np.bool_]:
+        """``(N,)`` targets with a correction."""
+        return np.array([refusal is None for refusal in self.refusals], dtype=bool)
+
+    @property
     def n_targets(self) -> int:
         """Number of targets."""
-        return len(self.targets.refusals)
+        return len(self.refusals)
 
     @property
     def n_corrected(self) -> int:
         """Number of corrected targets."""
-        return int(np.count_nonzero(self.targets.is_corrected))
+        return int(np.count_nonzero(self.is_corrected))
 
     @property
     def correction_metrics(self) -> PoseMetrics:
         """Metrics of the corrected targets' corrections, m and rad."""
-        return pose_metrics(self.targets.correction[:, self.targets.is_corrected])
+        return pose_metrics(self.correction[:, self.is_corrected])
 
     def metrics(self, sizes: Array) -> ErrorMetrics:
         """Return the metrics over the corrected targets of sizes ``(N,)`` of all targets, m or rad."""
-        return length_metrics(sizes[self.targets.is_corrected])
+        return length_metrics(sizes[self.is_corrected])
 
     @property
     def causes(self) -> dict[Cause, int]:
         """Number of refused targets by cause, the causes in their order."""
-        causes = [refusal.cause for refusal in self.targets.refusals if refusal is not None]
+        causes = [refusal.cause for refusal in self.refusals if refusal is not None]
         return {cause: causes.count(cause) for cause in Cause if cause in causes}
 
 
@@ -660,26 +632,17 @@ def correction(
     """
     setting = setting_of(model, nominal, columns, data, frame, ordered)
     wanted = wanted_poses(data, setting)
-    joints, matters = (
-        setting.joint_space(wanted.q, wanted.oriented, limits.weight),
-        _approach_matters(setting, wanted.q),
-    )
-    solution = _solved(setting, wanted, joints, matters)
+    joints = setting.joint_space(wanted.q, wanted.oriented, limits.weight)
+    solution = _solved(setting, wanted, joints, None)
     refused = refusals(setting, wanted, solution, joints, limits)
-    if any(refused) and any(matters):
+    if any(refused):
         # Refused targets keep their nominal command, which changes the approach to the targets after them.
-        solution = _solved(setting, wanted, joints, matters, (solution, np.array(list(map(bool, refused)))))
+        solution = _solved(setting, wanted, joints, (solution, list(map(bool, refused))))
         again = refusals(setting, wanted, solution, joints, limits)
         refused = [first or second for first, second in zip(refused, again, strict=True)]
     q = np.where(np.array(list(map(bool, refused)), dtype=bool), wanted.q, solution.q)
-    uncorrected, corrected = (setting.at(each, setting.motion(each)) for each in (wanted.q, q))
-    errors = [
-        -pose_error(wanted.poses, setting.model.bind(poses).poses(np.zeros(0)), True)
-        for poses in (uncorrected, corrected)
-    ]
-    command = setting.nominal_poses(q)
-    to_command = -pose_error(wanted.poses, command, True)
-    targets = CorrectedTargets(setting, wanted, q, command, corrected, to_command, errors[0], errors[1], tuple(refused))
+    errors = [setting.errors(wanted.poses, each, setting.motion(each)) for each in (wanted.q, q)]
+    corrected, command = setting.at(q, setting.motion(q)), setting.nominal_poses(q)
     position, orientation = None, None
     if fit is not None:
         uncertainty = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)
@@ -700,4 +663,8 @@ def correction(
         ),
     )
     texts = tuple(text for applies, text in notes if applies)
-    return Correction(targets, limits, limits_source, before, after, scale, texts)
+    to_command = -pose_error(wanted.poses, command, True)
+    return Correction(
+        *(setting, wanted, q, command, corrected, to_command, errors[0], errors[1], tuple(refused)),
+        *(limits, limits_source, before, after, scale, texts),
+    )

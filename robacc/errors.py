@@ -63,11 +63,11 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
-def refuse(*cases: tuple[object, str]) -> None:
-    """Raise UsageError with the text of the first case that holds."""
-    for holds, text in cases:
+def refuse(*cases: tuple[object, str | Problem]) -> None:
+    """Raise the error of the first case that holds: UsageError with its text, or InputError with its problem."""
+    for holds, reason in cases:
         if holds:
-            raise UsageError(text)
+            raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
 
 
 class MissingColumnError(UsageError):

@@ -81,8 +81,7 @@ def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
         frames = chain.sweep(chain.scalars(positions), n, (), counts).frames
         first_moment = np.zeros((3, n))
         for body, frame in zip(chain.bodies, frames, strict=True):
-            com = np.array(body.com)
-            first_moment += body.mass * (np.einsum("ijn,j->in", frame.rotation, com) + frame.translation)
+            first_moment += body.mass * (np.einsum("ijn,j->in", frame.rotation, np.array(body.com)) + frame.translation)
         mass = sum(body.mass for body in chain.bodies)
         x, y, z = first_moment if n > 1 else first_moment[:, 0].tolist()
         yield Load(after, mass, (x, y, z))

@@ -19,10 +19,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import Chain
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array, Poses
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, Chain
 from robacc.robots.description import Robot
 from robacc.robots.library import low_discrepancy
 

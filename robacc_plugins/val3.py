@@ -12,19 +12,26 @@ from collections.abc import Collection, Mapping, Sequence
 from pathlib import Path, PureWindowsPath
 from typing import NamedTuple
 
+from robacc.errors import refuse
 from robacc.geometry import rotation_from_quaternion, rotation_from_rpy, transpose
-from robacc.programs.grammar import AXIS_UNITS, POSE_UNITS, RUN_TIME, Place, arguments, mask, numbers
 from robacc.programs.program import (
+    AXIS_UNITS,
+    POSE_UNITS,
+    RUN_TIME,
     Convention,
     Draft,
     MotionType,
+    Place,
     Program,
     ProgramFrame,
     ProgramNote,
     ProgramNumber,
     ProgramSource,
     ProgramTarget,
+    arguments,
+    mask,
     nearest_angles,
+    numbers,
 )
 from robacc.robots.description import Frame
 
@@ -84,12 +91,13 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         InputError: The text is no data file, is truncated, or belongs to a project in inches.
     """
     text = mask(source.text, _COMMENT)
-    if SIGN.search(text) is None:
-        raise source.error("is not a VAL3 data file: it has no Database of VAL3/Data", fix=_FIX)
-    if "</Database" not in text:
-        raise source.error("is truncated: it has no </Database>", len(text), _FIX)
-    if any(_INCH.search(other.text) for other in others if other.file.lower().endswith(".pjx")):
-        raise source.error("belongs to a project in inches (millimeterUnit is false)", fix="set it to millimetres")
+    in_inches = any(_INCH.search(other.text) for other in others if other.file.lower().endswith(".pjx"))
+    inches = "belongs to a project in inches (millimeterUnit is false)"
+    refuse(
+        (not SIGN.search(text), source.problem("is not a VAL3 data file: it has no Database of VAL3/Data", fix=_FIX)),
+        ("</Database" not in text, source.problem("is truncated: it has no </Database>", len(text), _FIX)),
+        (in_inches, source.problem(inches, fix="set it to millimetres")),
+    )
     values = _values(text)
     programs = [(other, _code(other.text)) for other in others if other.file.lower().endswith(".pgx")]
     changed: dict[str, str] = {}

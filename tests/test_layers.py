@@ -17,7 +17,7 @@ LAYERS = (
     ("robacc.errors", "robacc.threads", "robacc.version"),
     ("robacc.geometry", "robacc.plug_ins", "robacc.quantities"),
     ("robacc.io",),
-    ("robacc.chain", "robacc.measurements", "robacc.statistics"),
+    ("robacc.measurements", "robacc.statistics"),
     ("robacc.poses",),
     ("robacc.robots",),
     ("robacc.programs",),
@@ -51,7 +51,7 @@ OPENS_FILES = (
     "robacc.documents.accuracy",
     "robacc.documents.envelope",
     "robacc.modelling.robot_file",
-    "robacc.programs.reading",
+    "robacc.programs.program",
     "robacc.poses.cameras",
     "robacc.poses.reading",
     "robacc.api.",
@@ -127,7 +127,7 @@ def test_the_checks_see_a_wrong_import(tmp_path: Path) -> None:
     wrong = tmp_path / "wrong.py"
     wrong.write_text("def f():\n    from robacc.cli import main\n", encoding="utf-8")
     assert imports(wrong, modules()) == {"robacc.cli.main"}
-    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.chain")
+    assert layer("robacc.cli.main") > layer("robacc.render.text") > layer("robacc.geometry")
 
 
 def test_only_io_opens_files() -> None:

@@ -34,7 +34,7 @@ from robacc.correction import (
     circumstances,
     correction,
 )
-from robacc.documents.compare import CORRECT, CORRECTED, orientation_rms
+from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
@@ -44,8 +44,7 @@ from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_fit import ModelFit, model_fit
 from robacc.prediction.model_uncertainty import nominal_robot
-from robacc.programs.program import Dialect, Program
-from robacc.programs.reading import read_program
+from robacc.programs.program import Program, read_program
 from robacc.programs.targets import (
     allowed_by_status,
     allowed_by_window,
@@ -97,7 +96,7 @@ class Corrected(CsvResult, Correction):
         """Return the result's own keys; arrays stay arrays."""
         given, (wanted, command) = self.given, self._framed_poses()
         targets = CORRECTED.write(
-            self.targets,
+            self,
             line=[given.line(i) for i in range(given.n)],
             pose=texts(given.pose),
             target=texts(given.target),
@@ -112,8 +111,8 @@ class Corrected(CsvResult, Correction):
 
     def _framed_poses(self) -> tuple[Poses, Poses]:
         """Return wanted and commanded poses in the frame of the Cartesian targets."""
-        frame = self.targets.setting
-        return frame.from_measuring(self.targets.wanted.poses), frame.from_measuring(self.targets.command)
+        frame = self.setting
+        return frame.from_measuring(self.wanted.poses), frame.from_measuring(self.commanded)
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
@@ -121,36 +120,36 @@ class Corrected(CsvResult, Correction):
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
         for _, place, reason in self.unchanged:
             yield f"# {place} of the targets is not corrected: {reason}\n"
-        targets, (wanted, _) = self.targets, self._framed_poses()
+        wanted, _ = self._framed_poses()
         corrected = replace(
             self.given,
             position=np.zeros((3, self.given.n)),
             rotation=None,
-            q=targets.q,
+            q=self.q,
             commanded_position=wanted.translation,
-            commanded_rotation=wanted.rotation if targets.wanted.oriented else None,
+            commanded_rotation=wanted.rotation if self.wanted.oriented else None,
             sigma_position=None,
             sigma_rotation=None,
-            payload=targets.data.payload,
-            temperature=targets.data.temperature,
-            time=targets.data.time,
+            payload=self.data.payload,
+            temperature=self.data.temperature,
+            time=self.data.time,
         )
         yield from pose_pieces(corrected, attained=False)
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        given, targets, (_, command) = self.given, self.targets, self._framed_poses()
+        given, (_, command) = self.given, self._framed_poses()
         stages = {"before": self.before, "after": self.after}
         columns: dict[str, Iterable[Any] | None] = {
             "line": map(given.line, range(given.n)),
             "pose": given.pose,
             "target": given.target,
-            "corrected": ["yes" if refusal is None else "no" for refusal in targets.refusals],
+            "corrected": ["yes" if refusal is None else "no" for refusal in self.refusals],
         }
         for names, values in (
             ("command_x_m command_y_m command_z_m", command.translation),
             ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
-            ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", targets.correction),
+            ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", self.correction),
         ):
             columns |= dict(zip(names.split(), values, strict=True))
         for stage, errors in stages.items():
@@ -158,12 +157,12 @@ class Corrected(CsvResult, Correction):
                 f"{stage}_m": errors.position,
                 f"{stage}_rad": errors.orientation,
                 f"{stage}_rms_m": errors.position_rms,
-                f"{stage}_rms_rad": orientation_rms(errors),
+                f"{stage}_rms_rad": errors.orientation_rms,
                 f"{stage}_bound95_m": errors.position_bound,
                 f"{stage}_bound95_rad": errors.orientation_bound,
             }
         columns |= {f"{stage}_grade": errors.grades for stage, errors in stages.items()}
-        columns["reason"] = ["" if refusal is None else refusal.reason for refusal in targets.refusals]
+        columns["reason"] = ["" if refusal is None else refusal.reason for refusal in self.refusals]
         return csv_text(columns)
 
     @property
@@ -171,7 +170,7 @@ class Corrected(CsvResult, Correction):
         """Line, place and reason of each refused target."""
         return [
             (self.given.line(i), self.given.place(i), refusal.reason)
-            for i, refusal in enumerate(self.targets.refusals)
+            for i, refusal in enumerate(self.refusals)
             if refusal is not None
         ]
 
@@ -347,7 +346,7 @@ def correct(
         raise MissingColumnError(message) from error
     outside = [
         (i, refusal.reason)
-        for i, refusal in enumerate(body.targets.refusals)
+        for i, refusal in enumerate(body.refusals)
         if refusal is not None and refusal.cause is Cause.out_of_range
     ]
     if strict_range and outside:
@@ -436,7 +435,7 @@ class CorrectedProgram:
         lines = list(self.doubts)
         lines += [f"not corrected: {text}" for text in _by_reason(self.unchanged)]
         lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
-        count = self.corrections[0].targets.q.shape[0]
+        count = self.corrections[0].q.shape[0]
         if any(
             target.kind == "cartesian" and not is_read(self.program.dialect, target.configuration, count)
             for target in self.program.targets
@@ -462,7 +461,7 @@ def correct_program(
     a pose of the flange in the robot's base frame. Joint and Cartesian targets are corrected each in their own order.
 
     Args:
-        path: Program of a dialect of :func:`robacc.programs.reading.read_program`.
+        path: Program of a dialect of :func:`robacc.programs.program.read_program`.
         model: Robot file of the real arm.
         nominal: Robot file that the controller computes with; None for the robot that the model was fitted from.
         frames: Files with tools and bases that the program only names.
@@ -509,12 +508,12 @@ def correct_program(
             # Targets of the other kind may be correctable.
             result, advice = error.result, error.problems[0].fix
         if group == numbers:
-            new = [tuple(column) for column in result.targets.q.T.tolist()]
+            new = [tuple(column) for column in result.q.T.tolist()]
         else:
             result = _in_configuration(program, group, result)
-            new = values_at(program, group, result.targets.setting.from_measuring(result.targets.command))
+            new = values_at(program, group, result.setting.from_measuring(result.commanded))
         results.append(result)
-        for index, value, refusal in zip(group, new, result.targets.refusals, strict=True):
+        for index, value, refusal in zip(group, new, result.refusals, strict=True):
             if refusal is None:
                 values[index] = value
             else:
@@ -551,7 +550,7 @@ def _configured(
         if window is not None:
             q = turned_into(window, q, limits, revolute)
             usable = usable & allowed_by_window(window, q)
-            if program.dialect == Dialect.krl:
+            if program.dialect == "krl":
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
@@ -583,12 +582,12 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
 
 def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:
     """Return the correction without the targets whose corrected joints have another configuration than stated."""
-    targets, stated = result.targets, [program.targets[number] for number in numbers]
+    stated = [program.targets[number] for number in numbers]
     other = "the corrected joints have another configuration than that of the program"
     refusals = tuple(
         Refusal(Cause.configuration, f"{other}, {target.configuration}")
         if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
         else refusal
-        for target, refusal, nominal, q in zip(stated, targets.refusals, targets.wanted.q.T, targets.q.T, strict=True)
+        for target, refusal, nominal, q in zip(stated, result.refusals, result.wanted.q.T, result.q.T, strict=True)
     )
-    return replace(result, targets=replace(targets, refusals=refusals))
+    return replace(result, refusals=refusals)

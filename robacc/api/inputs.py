@@ -40,8 +40,8 @@ from robacc.documents.envelope import InputFile, StoredResult
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError
 from robacc.geometry import Array, rotation_from_quaternion
+from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
-from robacc.io.open_table import open_table
 from robacc.measurements import IMAGES, Measurements, commanded_groups
 from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.robot_file import read_robot, robot_path
@@ -217,7 +217,7 @@ class Inputs:
                     options: dict[str, Any] = {**limits, "attained": attained, "any_target": any_target}
                     data = read_robot_poses(path, robot, ordered=ordered, **options)
             except InputError:
-                from robacc.programs.reading import mistaken_for_poses
+                from robacc.programs.program import mistaken_for_poses
 
                 if attained and commands is None and (problem := mistaken_for_poses(path)) is not None:
                     raise InputError(problem) from None
@@ -568,7 +568,7 @@ def _read_with_commands(
     path: str, commands: str, robot: Robot | None, reading: Reading, ordered: bool, ignore_limits: bool
 ) -> tuple[Measurements, dict[str, Any]]:
     """Return measured poses with commands, whose open units and angles are as stated, and the record of these."""
-    from robacc.programs.reading import is_program
+    from robacc.programs.program import is_program
 
     if commands.lower().endswith(".jbi") and (job := _job(commands)) is not None:
         planned = _table(PoseFile(job), reading, robot, ignore_limits)
@@ -647,7 +647,7 @@ def _job(path: str) -> dict[str, list[Any]] | None:
 
 def _program(path: str) -> Measurements:
     """Return the targets of a robot program in the order of its motions."""
-    from robacc.programs.reading import companions, read_program
+    from robacc.programs.program import companions, read_program
 
     # A KUKA program has its points in the file of the same name.
     program = max((read_program(name) for name in (path, *companions(path))), key=lambda item: len(item.targets))

@@ -282,7 +282,7 @@ def compare_paired(
         >>> import dataclasses, robacc
         >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
         >>> targets = robacc.simulate(robot, poses=20, seed=1).data
-        >>> planned = robacc.correct(targets, model=model, nominal=robot).targets
+        >>> planned = robacc.correct(targets, model=model, nominal=robot)
         >>> old = replace(targets, commanded_position=planned.wanted.poses.translation)
         >>> new = replace(old, q=planned.q)
         >>> before = robacc.simulate(model, at=old, noise="0.02mm", seed=2).data

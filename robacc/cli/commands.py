@@ -204,7 +204,7 @@ def correct(
     from robacc.api.correct import correct_program
     from robacc.io.files import write_pieces
     from robacc.poses.reading import AS_NAMED, reading_of
-    from robacc.programs.reading import is_program
+    from robacc.programs.program import is_program
     from robacc.render.views.expected import correction_text
 
     given, output = call.keywords, outlets.output
@@ -708,7 +708,7 @@ def init(
     from robacc.io.files import make_folder, read_text
     from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.robots.yaml_robot import parse_robot
-    from robacc.simulation.templates import poses_template, robot_template, urdf_template
+    from robacc.simulation.simulate import poses_template, robot_template, urdf_template
 
     refuse(((source is None) == (joints is None), "give either a file or --joints, the number of joints"))
     files = [os.path.normpath(os.path.join(folder, name)) for name in (robot, poses, columns)]

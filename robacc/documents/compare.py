@@ -36,7 +36,6 @@ if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
     from robacc.comparison.comparing import ResultComparison
     from robacc.correction import Correction, ExpectedErrors
-    from robacc.geometry import Array
 
 _NAME = {"name": Key(text, "Name of the result.")}
 _DIFFERENCE = {
@@ -346,11 +345,6 @@ COMPARE_PAIRED = part(
 # A correction.
 
 
-def orientation_rms(errors: ExpectedErrors) -> Array | None:
-    """Return the rms orientation error of each target, rad; None where the model does not know it."""
-    return errors.orientation_rms if errors.orientation_is_known else None
-
-
 _EXPECTED = part(
     {
         "position": Key(
@@ -405,7 +399,7 @@ _BOUNDS = part(
         "rms_rad": Key(
             array(number) | None,
             "Rms orientation error to expect, rad; null if the model was fitted to positions alone.",
-            orientation_rms,
+            "orientation_rms",
         ),
         "bound95_m": Key(
             array(number) | None, "Bound of 95 % of the position errors, m; null without uncertainty.", "position_bound"
@@ -494,8 +488,8 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
     document: Document = {"position": None, "orientation": None, "grades": None}
     for name, unit, length, rms, bound in (
         ("position", "m", errors.position, errors.position_rms, errors.position_bound),
-        ("orientation", "rad", errors.orientation, orientation_rms(errors), errors.orientation_bound),
-    )[: 2 if result.targets.wanted.oriented else 1]:
+        ("orientation", "rad", errors.orientation, errors.orientation_rms, errors.orientation_bound),
+    )[: 2 if result.wanted.oriented else 1]:
         if (extent := _extent(result.metrics(length), unit)) is not None:
             document[name] = {
                 **extent,
@@ -503,7 +497,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
                 f"largest_bound95_{unit}": None if bound is None else result.metrics(bound).max,
             }
     if errors.grades is not None:
-        counts = Counter(np.array(errors.grades)[result.targets.is_corrected].tolist())
+        counts = Counter(np.array(errors.grades)[result.is_corrected].tolist())
         # The best grade first.
         names = [*(step.grade for step in result.scale.steps), result.scale.otherwise]
         document["grades"] = {name: counts[name] for name in names}
@@ -512,7 +506,7 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
 
 def _correction(result: Correction) -> Document:
     """Return the sizes of the correction."""
-    metrics, oriented = result.correction_metrics, result.targets.wanted.oriented
+    metrics, oriented = result.correction_metrics, result.wanted.oriented
     return {
         "position": _extent(metrics.position, "m"),
         "orientation": _extent(metrics.orientation, "rad") if oriented else None,
@@ -536,9 +530,9 @@ CORRECT = part(
         "frame": Key(
             choice("measuring", "base"),
             "Frame of wanted and command poses: the measuring frame, or the robot's base.",
-            "targets.setting.frame",
+            "setting.frame",
         ),
-        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "targets.wanted.given"),
+        "given": Key(choice("joints", "poses", "poses and joints"), "Form of the targets.", "wanted.given"),
         "model": Key(text, "Name of the model.", "model.name"),
         "joints": Key(
             array(part({"name": Key(text, "Name of the joint."), "type": Key(text, "revolute or prismatic.")})),
@@ -559,9 +553,7 @@ CORRECT = part(
         "weight_m_per_rad": Key(
             number | None,
             "Weight of orientation against position, m per rad; null for arms with six axes or more.",
-            lambda result: (
-                result.limits.weight if len(result.model.variables) < 6 and result.targets.wanted.oriented else None
-            ),
+            lambda result: result.limits.weight if len(result.model.variables) < 6 and result.wanted.oriented else None,
         ),
         "correction": Key(
             part(

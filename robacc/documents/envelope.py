@@ -20,7 +20,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.documents.keys import (
     INPUT,
     Document,
@@ -40,6 +39,7 @@ from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
+from robacc.robots.arm import BLOCK
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
 

@@ -18,7 +18,6 @@ from typing import Any, Literal, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BASE, TOOL
 from robacc.effects.base import (
     SCALE_OF_INSTRUMENT,
     About,
@@ -41,7 +40,7 @@ from robacc.effects.frames import frame_terms
 from robacc.geometry import Array
 from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BASE, TOOL, Arm
 
 Place = tuple[float, float, float]
 FARTHEST = 12.0

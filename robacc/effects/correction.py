@@ -9,7 +9,6 @@ from typing import Any, Literal
 
 import numpy as np
 
-from robacc.chain import BASE
 from robacc.effects.base import (
     About,
     Effect,
@@ -27,7 +26,7 @@ from robacc.effects.base import (
 from robacc.effects.drivers import Validity
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BASE, Arm
 
 ABOUT = About(
     summary="empirical correction of one joint as a smooth function of a driver, or of joints or the position as one "

@@ -10,7 +10,6 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.chain import BASE
 from robacc.effects.base import (
     MASSES,
     About,
@@ -33,7 +32,7 @@ from robacc.errors import UsageError
 from robacc.geometry import Array, Poses
 from robacc.gravity import UNIT_LOADS, Load, bears_weight, moments, payload, unit_loads, weight_torques
 from robacc.measurements import Measurements
-from robacc.robots.arm import FLEXURES, Arm
+from robacc.robots.arm import BASE, FLEXURES, Arm
 
 Deflection = Literal["equilibrium", "rigid"]
 

@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.chain import BASE, TOOL, Scalar
 from robacc.effects.base import (
     LEAST_OF_CONSTANT,
     TIME,
@@ -33,7 +32,7 @@ from robacc.effects.base import (
 )
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, Arm, Scalar
 from robacc.robots.description import DH_PARAMETERS
 
 FRAME_LABELS = {"x": "x", "y": "y", "z": "z", **TURN_OF_ANGLE}

@@ -10,7 +10,6 @@ from typing import Any
 
 import numpy as np
 
-from robacc.chain import BASE, TOOL
 from robacc.effects.base import Effect, Part, Term, effect_class
 from robacc.effects.drivers import (
     Validity,
@@ -23,7 +22,7 @@ from robacc.effects.drivers import (
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
-from robacc.robots.arm import TURN_OF_ANGLE, TURNS, Arm
+from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
 
 _COMMON_KEYS = ("effect", "joints", "values", "validity")

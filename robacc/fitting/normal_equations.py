@@ -22,11 +22,11 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.effects.frames import JointOffset
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
+from robacc.robots.arm import BLOCK
 
 # Positive semidefinite systems that rounding or absent data can make singular, solved with a diagonal of one.
 

@@ -7,10 +7,10 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BLOCK
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
+from robacc.robots.arm import BLOCK
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 

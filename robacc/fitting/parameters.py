@@ -9,12 +9,12 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.chain import BLOCK
 from robacc.effects.drivers import united
 from robacc.effects.specification import Known, absorbed, entry_of, known_effects
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
+from robacc.robots.arm import BLOCK
 from robacc.robots.description import Frame, Robot
 
 # Write a fit into a robot: constants into its own numbers, other effects into its list of effects.

@@ -1,25 +1,29 @@
-"""Columns as a table: those of a data frame, of a Parquet file, of a recording, or of the records of a document."""
+"""Open a table; and columns as one: of a data frame, a Parquet file, a recording, or the records of a document."""
 
 from __future__ import annotations
 
 import datetime as dt
 import hashlib
 import io
+import itertools
 import json
+import os
 import re
+import sys
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from typing import Any, BinaryIO
+from pathlib import PurePath
+from typing import Any, BinaryIO, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
-from robacc.io.dialect import GAPS
-from robacc.io.files import clip, decode
-from robacc.io.table import MAX_TEXT, Table, TableBody
+from robacc.io.dialect import GAPS, number_of
+from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
+from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -169,17 +173,17 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
         pairs = [(key, get(key)) for key in names]
     columns = []
     for key, values in pairs:
-        if not isinstance(key, str):
-            message = f"expected a text as the name of each column, found {key!r}"
-            raise InputError(Problem(message, name, fix="name the columns, for example q1, x_mm"))
         column = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
-        if column.ndim != 1:
-            message = f"expected one value per row, found an array of shape {column.shape}"
-            raise InputError(Problem(message, name, column=key))
+        no_text = f"expected a text as the name of each column, found {key!r}"
+        shape = f"expected one value per row, found an array of shape {column.shape}"
+        refuse(
+            (not isinstance(key, str), Problem(no_text, name, fix="name the columns, for example q1, x_mm")),
+            (column.ndim != 1, Problem(shape, name, column=key)),
+        )
         columns.append((key, column))
     lengths = {column.size for _, column in columns}
-    if len(lengths) > 1:
-        raise InputError(Problem(f"the columns have {min(lengths)} to {max(lengths)} rows", name))
+    counts = f"{min(lengths, default=0)} to {max(lengths, default=0)} rows"
+    refuse((len(lengths) > 1, Problem(f"the columns have {counts}", name)))
     return columns
 
 
@@ -215,14 +219,9 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
     longest = max(lists, key=len, default=[])
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
-    if not rows or len(rows) < len(longest):
-        raise InputError(
-            Problem(
-                "has no list of records, expected a table of poses",
-                file,
-                fix="give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV",
-            )
-        )
+    fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
+    no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
+    refuse((not rows or len(rows) < len(longest), no_list))
     names = dict.fromkeys(name for row in rows for name in row)
     columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
     return ColumnTable(columns, file, skip_gaps, hashlib.sha256(data).hexdigest())
@@ -265,8 +264,8 @@ class ParquetTable(ColumnTable):
         self.file = file
         if not stream.seekable():
             data = stream.read(_PIPE_LIMIT + 1)
-            if len(data) > _PIPE_LIMIT:
-                raise self._error(f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB", "name a file instead")
+            pipe = f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB"
+            refuse((len(data) > _PIPE_LIMIT, Problem(pipe, file, fix="name a file instead")))
             stream = io.BytesIO(data)
         digest = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
         stream.seek(0)
@@ -278,8 +277,8 @@ class ParquetTable(ColumnTable):
         names = [field.name if part is None else f"{field.name}_{part + 1}" for field, part in self._parts]
         super().__init__([(name, np.empty(0)) for name in names], file, skip_gaps, digest)
         self.n = self._opened.metadata.num_rows
-        if not 0 <= self.n <= _MOST_ROWS:
-            raise self._error(f"found {self.n} rows", f"expected at most {_MOST_ROWS}")
+        many = Problem(f"found {self.n} rows", file, fix=f"expected at most {_MOST_ROWS}")
+        refuse((not 0 <= self.n <= _MOST_ROWS, many))
 
     def _places(self, field: Any) -> Sequence[int | None]:
         """Return the places in the lists of a column, as long as its first one; None for a column without lists."""
@@ -311,8 +310,8 @@ class ParquetTable(ColumnTable):
                 )
         # Arrow cannot select one of two columns with the same name; the log has that problem already.
         self.log.raise_if_any()
-        if self.n * len(numbers) > _MOST_NUMBERS:
-            raise self._error(f"found {self.n} rows of {len(numbers)} columns", "split the file")
+        many = Problem(f"found {self.n} rows of {len(numbers)} columns", self.file, fix="split the file")
+        refuse((self.n * len(numbers) > _MOST_NUMBERS, many))
         return super().body(numbers, texts)
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
@@ -330,12 +329,10 @@ class ParquetTable(ColumnTable):
             if is_text or not types.is_integer(inner) or stored.null_count:
                 stored = stored.cast(string() if is_text else float64(), safe=False)
             values = stored.to_numpy()
-        if values.size != self.n:
-            raise self._damaged(f"its header announces {self.n} rows, the data has another number")
+        refuse(
+            (values.size != self.n, self._damaged(f"its header announces {self.n} rows, the data has another number"))
+        )
         return values, missing
-
-    def _error(self, message: str, fix: str | None = None) -> InputError:
-        return InputError(Problem(message, self.file, fix=fix))
 
     @contextmanager
     def _arrow_errors(self) -> Iterator[None]:
@@ -345,7 +342,184 @@ class ParquetTable(ColumnTable):
         try:
             yield
         except (ArrowException, OSError, UnicodeDecodeError) as error:
-            raise self._damaged(str(error).strip().partition("\n")[0][:200]) from error
+            raise InputError(self._damaged(str(error).strip().partition("\n")[0][:200])) from error
 
-    def _damaged(self, why: str) -> InputError:
-        return self._error(f"cannot be read as Parquet ({why})", "it is damaged or cut short")
+    def _damaged(self, why: str) -> Problem:
+        return Problem(f"cannot be read as Parquet ({why})", self.file, fix="it is damaged or cut short")
+
+
+# Open a table: a Parquet file or a workbook, known by its first bytes, a data frame, or else text.
+#
+# Other packages add readers of further kinds of files, see :class:`Reader`.
+
+_PARQUET = b"PAR1"
+"""First and last bytes of every Parquet file."""
+_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
+"""First bytes of zipped and of old workbooks."""
+_EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
+_OTHER_FILES = {
+    b"%PDF": ("a PDF document", _EXPORT),
+    b"\x1f\x8b": ("compressed by gzip", _UNPACK),
+    b"BZh": ("compressed by bzip2", _UNPACK),
+    b"7z\xbc\xaf": ("an archive of 7-Zip", _UNPACK),
+    b"\x89PNG": ("a PNG image", _EXPORT),
+    b"\xff\xd8\xff": ("a JPEG image", _EXPORT),
+    b"<!doctype": ("an HTML page", _EXPORT),
+    b"<html": ("an HTML page", _EXPORT),
+    b"<?xml": ("an XML document", _EXPORT),
+}
+"""What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
+_LONGEST = 16
+"""Bytes that tell one kind of file from another."""
+_SUFFIXES = frozenset({".parquet", ".pq"})
+_OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
+"""Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
+
+
+class Reader(Protocol):
+    """Reader of a further kind of files: an entry point of the group ``robacc.readers`` names an object or a module.
+
+    Readers are asked about a folder, and about a file that no reader of this package takes by its first bytes and whose
+    name or bytes are not those of a text file.
+    """
+
+    def takes(self, path: str, first: bytes) -> bool:
+        """Return whether a file is of this kind, by its name or its first 16 bytes; of a folder there are none."""
+
+    def read(self, path: str, options: TableOptions) -> Table:
+        """Return the file as a table; ``-`` is standard input, of which the first bytes are not consumed yet.
+
+        Raises:
+            InputError: The file cannot be read; with its name, and the line where there is one.
+            UsageError: A statement of ``options`` is wrong, or a package is missing.
+        """
+
+
+def _by_plug_in(path: str, first: bytes, options: TableOptions) -> Table | None:
+    """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
+    from importlib.metadata import entry_points
+
+    for entry in entry_points(group="robacc.readers"):
+        try:
+            reader: Reader = entry.load()
+        except (ImportError, AttributeError) as error:
+            raise UsageError(f"the reader {entry.name} ({entry.value}) cannot be loaded: {error}") from error
+        if reader.takes(path, first):
+            return reader.read(path, options)
+    return None
+
+
+@contextmanager
+def open_table(path: str, options: TableOptions) -> Iterator[Table]:
+    """Open the file, or standard input for ``-``, as a table.
+
+    Raises:
+        InputError: The file cannot be opened or read.
+        UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
+    """
+    if options.frame is not None:
+        yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
+    elif os.path.isdir(path):
+        if (table := _by_plug_in(path, b"", options)) is None:
+            raise InputError(
+                Problem(
+                    "is a folder, expected a file",
+                    path,
+                    fix="name a file, or the folder of a ROS 2 bag with its metadata.yaml",
+                )
+            )
+        yield table
+    else:
+        with opened(path) as stream:
+            yield _table(stream, "<stdin>" if path == STANDARD_STREAM else path, options)
+
+
+def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
+    if hasattr(stream, "peek"):
+        first = bytes(stream.peek(_LONGEST)[:_LONGEST])
+    else:
+        first = stream.read(_LONGEST)
+        stream.seek(0)
+    text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
+    if first.startswith(_PARQUET):
+        return ParquetTable(stream, file, options.skip_gaps)
+    if first.startswith(_WORKBOOKS):
+        return _workbook_table(stream, file, options)
+    if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
+        return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)
+    suffix = PurePath(file).suffix.lower()
+    kind, fix = next(
+        (kind for start, kind in _OTHER_FILES.items() if start in (first[: len(start)], text.lower()[: len(start)])),
+        ("", ""),
+    )
+    is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
+    if kind or not is_text or suffix not in _OF_TEXT:
+        path = STANDARD_STREAM if stream is sys.stdin.buffer else file
+        if (table := _by_plug_in(path, first, options)) is not None:
+            return table
+    again = "export it again, or rename it to .csv if it is text"
+    refuse(
+        (kind, Problem(f"is {kind}, expected a table of poses", file, fix=fix)),
+        (suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
+    )
+    return TextTable(stream, file, options)
+
+
+# Sheets of workbooks (xlsx, xls, ods): their cells become lines of text, counted as rows.
+
+_WORKBOOK_LIMIT = 1 << 28
+"""Largest workbook, bytes."""
+_MOST_CELLS = 50_000_000
+_EXAMINED_ROWS = 100
+"""Rows of a sheet in which a table is looked for."""
+_FEWEST_NUMBERS = 3
+
+
+def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextTable:
+    """Return the table in the chosen sheet of a workbook, or in its only one with numbers."""
+    data = stream.read(_WORKBOOK_LIMIT + 1)
+    refuse((len(data) > _WORKBOOK_LIMIT, Problem("the workbook is too large", file, fix="export the sheet as CSV")))
+    try:
+        from python_calamine import CalamineError, CalamineWorkbook
+    except ImportError as error:
+        raise UsageError(
+            f"{file} is a workbook, which needs an optional package: pip install 'robacc[excel]'"
+        ) from error
+    try:
+        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
+        names = book.sheet_names
+        unknown = f"`sheet`: {file} has no sheet {options.sheet!r}; it has {', '.join(names)}"
+        refuse((options.sheet is not None and options.sheet not in names, unknown))
+        if options.sheet is None and len(names) > 1:
+            names = [name for name in names if book.get_sheet_by_name(name).height > 1]
+            names = [name for name in names if _has_numbers(book.get_sheet_by_name(name))] or names
+            refuse((len(names) > 1, f"{file} has several sheets; choose one with `sheet`: {', '.join(names)}"))
+        refuse((not names, Problem("the workbook has no sheet with rows", file)))
+        sheet = book.get_sheet_by_name(options.sheet or names[0])
+        large = Problem("the sheet is too large", file, fix="export it as CSV")
+        refuse((sheet.height * max(sheet.width, 1) > _MOST_CELLS, large))
+        rows = sheet.to_python(skip_empty_area=False)
+    except (CalamineError, OSError, ValueError) as error:
+        reason = str(error).strip().partition("\n")[0][:200]
+        raise InputError(Problem(f"cannot be read as a workbook ({reason})", file, fix="export it as CSV")) from error
+    text = "".join("\t".join(map(_cell_text, row)) + "\n" for row in rows)
+    table = TextTable(io.BytesIO(text.encode(errors="replace")), file, options, "row")
+    table.log.remarks = [text.replace("separated by tabs", f"sheet {sheet.name!r}") for text in table.log.remarks]
+    table.sha256 = hashlib.sha256(data).hexdigest()
+    return table
+
+
+def _has_numbers(sheet: Any) -> bool:
+    """Return whether a sheet has a row with three numbers among its first ones, as poses have."""
+    rows = itertools.islice(sheet.iter_rows(), _EXAMINED_ROWS)
+    texts = ([_cell_text(cell) for cell in row if not isinstance(cell, bool)] for row in rows)
+    counts = (sum(number_of(text, decimal_comma="," in text) is not None for text in row) for row in texts)
+    return any(count >= _FEWEST_NUMBERS for count in counts)
+
+
+def _cell_text(value: Any) -> str:
+    if isinstance(value, float | dt.timedelta):
+        return repr(value if isinstance(value, float) else value.total_seconds())
+    if isinstance(value, dt.datetime):
+        return value.isoformat(" ")
+    return " ".join(str(value).replace('"', "''").split())

@@ -14,7 +14,7 @@ from typing import BinaryIO
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem
+from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, refuse
 
 # Problems of one file, collected so that one error reports them all.
 
@@ -138,14 +138,10 @@ def decode(data: bytes, name: str) -> str:
     Raises:
         InputError: The bytes are not text, or are in another encoding.
     """
-    if data[:2] in (b"\xff\xfe", b"\xfe\xff"):
-        encoding = "utf-16"
-    else:
-        encoding = "utf-8-sig"
-        position = data.find(b"\0")
-        if position >= 0:
-            line = data.count(b"\n", 0, position) + 1
-            raise InputError(Problem("is not a text file: it contains a NUL byte", name, line))
+    encoding = "utf-16" if data[:2] in (b"\xff\xfe", b"\xfe\xff") else "utf-8-sig"
+    before, nul, _ = data.partition(b"\0")
+    no_text = Problem("is not a text file: it contains a NUL byte", name, before.count(b"\n") + 1)
+    refuse((nul and encoding != "utf-16", no_text))
     try:
         return data.decode(encoding)
     except UnicodeDecodeError as error:
@@ -168,9 +164,8 @@ def read_bytes(name: str, limit: int) -> bytes:
     """
     with opened(name) as stream:
         data = stream.read(limit + 1)
-    if len(data) > limit:
-        label = "<stdin>" if name == STANDARD_STREAM else name
-        raise InputError(Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label))
+    label = "<stdin>" if name == STANDARD_STREAM else name
+    refuse((len(data) > limit, Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label)))
     _READ[name] = hashlib.sha256(data).hexdigest()
     return data
 
@@ -182,8 +177,7 @@ def opened(name: str) -> Iterator[BinaryIO]:
     Raises:
         InputError: The file is missing, a folder, or cannot be read.
     """
-    if os.path.isdir(name):
-        raise InputError(Problem("is a folder, not a file", name))
+    refuse((os.path.isdir(name), Problem("is a folder, not a file", name)))
     try:
         if "\0" in name:
             raise OSError(errno.EINVAL, "embedded null byte")
@@ -239,12 +233,12 @@ def target_of(path: str | os.PathLike[str]) -> Path:
     if os.path.exists(name) and not os.path.isfile(name) and not os.path.isdir(name):
         return Path(name)
     target = Path(os.path.realpath(name))
-    if target.is_symlink():
-        raise InputError(Problem("cannot be written: it is a link to itself", name, fix="name another file"))
-    if target.is_dir():
-        raise InputError(Problem("is a folder, not a file", name, fix="name a file in it"))
-    if not target.parent.is_dir():
-        raise InputError(Problem("cannot be written: its folder does not exist", name, fix="create the folder first"))
+    no_folder = Problem("cannot be written: its folder does not exist", name, fix="create the folder first")
+    refuse(
+        (target.is_symlink(), Problem("cannot be written: it is a link to itself", name, fix="name another file")),
+        (target.is_dir(), Problem("is a folder, not a file", name, fix="name a file in it")),
+        (not target.parent.is_dir(), no_folder),
+    )
     return target
 
 

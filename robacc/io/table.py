@@ -20,7 +20,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted, InputError, Problem
+from robacc.errors import Counted, InputError, Problem, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import (
     GAPS,
@@ -115,8 +115,8 @@ class Table:
         """Columns of texts with empty cells, in a table with several rows a pose, of which some have no numbers."""
         self.times: Set[int] = frozenset()
         """Columns of times, which may be texts or numbers."""
-        if len(names) > MAX_COLUMNS:
-            raise InputError(Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}"))
+        many = Problem(f"found {len(names)} columns", file, line, fix=f"expected at most {MAX_COLUMNS}")
+        refuse((len(names) > MAX_COLUMNS, many))
 
     def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
@@ -183,10 +183,8 @@ class TextTable(Table):
         """Line and number of fields of each row that does not fit the header."""
         self._blocks = self._read_blocks()
         start, lines = next((block for block in self._blocks if any(map(PLAIN.is_row, block[1]))), (0, []))
-        if not lines:
-            raise InputError(
-                Problem("the file is empty", file, fix="expected a header row of column names and one row per pose")
-            )
+        names_and_rows = "expected a header row of column names and one row per pose"
+        refuse((not lines, Problem("the file is empty", file, fix=names_and_rows)))
         self.dialect = dialect = find_dialect(lines, options.is_known)
         row = dialect.first_row
         number = start + (row if dialect.header_line is None else dialect.header_line)
@@ -225,23 +223,20 @@ class TextTable(Table):
             too_long = [i for i, line in enumerate(lines, number) if len(line) > MAX_LINE] if len(tail) > _BLOCK else []
             if len(tail) == _TAIL and not tail.endswith(b"\n"):
                 too_long.append(number + len(lines) - 1)
-            if too_long:
-                message = f"the line is longer than {MAX_LINE / (1 << 20):g} MB"
-                raise InputError(Problem(message, self.file, too_long[0], fix="expected one line per pose"))
+            message, place = f"the line is longer than {MAX_LINE / (1 << 20):g} MB", next(iter(too_long), None)
+            refuse((too_long, Problem(message, self.file, place, fix="expected one line per pose")))
             yield number, lines
             number += len(lines)
 
     def _lines(self, data: bytes, number: int) -> list[str]:
         """Return the lines of bytes, the first of which has this number."""
         if self._encoding == "UTF-16":
-            if len(data) > _UTF16_LIMIT:
-                raise InputError(Problem("the UTF-16 file is too large", self.file, fix="save it as UTF-8"))
+            large = Problem("the UTF-16 file is too large", self.file, fix="save it as UTF-8")
+            refuse((len(data) > _UTF16_LIMIT, large))
             with contextlib.suppress(UnicodeDecodeError):
                 data = data.decode("utf-16").encode(errors="replace")
-        if b"\0" in data or (number == 1 and data.startswith(_UTF16)):
-            raise InputError(
-                Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
-            )
+        other = Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
+        refuse((b"\0" in data or (number == 1 and data.startswith(_UTF16)), other))
         data = data.removeprefix(_BOM) if number == 1 else data
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
         try:
@@ -445,17 +440,17 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
     Raises:
         InputError: The line is not a header row.
     """
-    names, message, fix = [], "", "export the file with commas, and with a point in decimals"
     try:
         names = PLAIN.split(line)
     except csv.Error as error:
         message, fix = f"the header row cannot be read ({error})", "close every quote on its line"
+        raise InputError(Problem(message, file, number, fix=fix)) from None
     signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
-    for sign, word in signs.items():
-        if not message and line.strip().count(sign) >= len(names):
-            message = f"the columns are separated by {word}, expected commas"
-    if not message and all(number_of(name, decimal_comma=False) is not None for name in names):
-        message, fix = "found numbers, expected a header row", "begin the file with the columns' names"
-    if message:
-        raise InputError(Problem(message, file, number, fix=fix))
+    word = next((word for sign, word in signs.items() if line.strip().count(sign) >= len(names)), "")
+    separated, fix = f"the columns are separated by {word}", "export the file with commas, and with a point in decimals"
+    rows = Problem("found numbers, expected a header row", file, number, fix="begin the file with the columns' names")
+    refuse(
+        (word, Problem(f"{separated}, expected commas", file, number, fix=fix)),
+        (all(number_of(name, decimal_comma=False) is not None for name in names), rows),
+    )
     return names

@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import yaml
 
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
@@ -58,8 +58,9 @@ def compose(text: str, file: str) -> yaml.Node:
     Raises:
         InputError: The text is not YAML, is empty, has several documents or anchors, or is too long or nested too deep.
     """
-    if len(text) > MAX_LENGTH:
-        raise InputError(Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
+    refuse(
+        (len(text) > MAX_LENGTH, Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
+    )
     try:
         loader: Any = yaml.SafeLoader
         if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):
@@ -172,12 +173,18 @@ class Source(ProblemLog):
             self.report(node, path, f"expected a number, found {describe(node)}", fix)
         return None
 
-    def numbers(self, node: yaml.Node, path: str, count: int) -> tuple[float, ...] | None:
-        """Return ``count`` finite numbers; report a problem and return None where the node is not such a list."""
+    def numbers(
+        self,
+        node: yaml.Node,
+        path: str,
+        count: int,
+        kind: Callable[[Source, yaml.Node, str], float | None] | None = None,
+    ) -> tuple[float, ...] | None:
+        """Return ``count`` numbers of a kind (default: finite); report other values and return None."""
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
             self.report(node, path, f"expected a list of {count} numbers, found {describe(node)}")
             return None
-        values = [self.number(item, f"{path}[{i}]") for i, item in enumerate(node.value)]
+        values = [(kind or Source.number)(self, item, f"{path}[{i}]") for i, item in enumerate(node.value)]
         finite = tuple(value for value in values if value is not None)
         return finite if len(finite) == count else None
 

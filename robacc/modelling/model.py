@@ -15,7 +15,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.chain import BASE, TOOL, Scalar, Sweep
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
@@ -34,7 +33,7 @@ from robacc.geometry import (
 from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
 from robacc.measurements import IMAGES, Measurements
 from robacc.poses.cameras import projection
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BASE, TOOL, Arm, Scalar, Sweep
 from robacc.robots.description import Frame, Robot
 
 # Deflections of the arm under its loads, and their derivatives by every coefficient.

@@ -5,7 +5,7 @@ from __future__ import annotations
 import os
 from dataclasses import dataclass, replace
 
-from robacc.io.open_table import open_table
+from robacc.io.column_table import open_table
 from robacc.io.table import TableOptions
 from robacc.poses.columns import JOINT_COLUMN, Column, is_documented
 from robacc.poses.layout import Layout, Names, documented_columns, find_columns

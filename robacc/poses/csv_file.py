@@ -13,8 +13,8 @@ import numpy as np
 
 from robacc.errors import Note
 from robacc.geometry import Array, quaternion_from_rotation
+from robacc.io.column_table import open_table
 from robacc.io.dialect import for_spreadsheet, from_spreadsheet
-from robacc.io.open_table import open_table
 from robacc.io.table import Table
 from robacc.measurements import Measurements
 from robacc.poses.columns import (

@@ -25,7 +25,6 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robacc.accuracy.grade import Scale
-from robacc.chain import BLOCK
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
@@ -49,6 +48,7 @@ from robacc.prediction.predicting import (
     outer_sums,
     predicted,
 )
+from robacc.robots.arm import BLOCK
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import normal_quantile
 from robacc.statistics.lengths import length_quantiles, principal_variances

@@ -18,15 +18,14 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.chain import BASE, TOOL, Chain, Scalar
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, compose, transpose
 from robacc.io.yaml_nodes import Source, compose as parsed, describe, nearest
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.robots.arm import TURN_OF_ANGLE, Arm
+from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, Arm, Chain, Scalar
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yaml_robot import read_units
+from robacc.robots.yaml_robot import read_size, read_units
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 
@@ -153,7 +152,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         result = {}
         for name, item in (section.values if section else {}).items():
             is_length = name in LENGTH_PARAMETERS or (is_slide and name == "offset")
-            value = units.parameter(source, item, f"{path}.{name}", is_length=is_length)
+            value = read_size(source, item, f"{path}.{name}", is_length=is_length)
             if value is not None and value < 0:
                 source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
             elif value is not None:

@@ -8,17 +8,20 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from robacc.programs.grammar import AXIS_UNITS, MM, POSE_UNITS, numbers
+from robacc.errors import refuse
 from robacc.programs.program import (
+    AXIS_UNITS,
     FIXED_XYZ,
+    MM,
     NUMBER,
-    Dialect,
+    POSE_UNITS,
     Draft,
     MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
     ProgramTarget,
+    numbers,
 )
 from robacc.robots.description import Frame
 
@@ -46,11 +49,11 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     """
     text = source.text
     sections = {match[1]: match for match in _SECTION.finditer(text)}
-    if "PROG" not in sections:
-        raise source.error("has no /PROG, so it is not a TP program in ASCII", fix=_FIX)
-    if "END" not in sections:
-        raise source.error("is truncated: it has no /END", len(text), _FIX)
-    draft = Draft(source, Dialect.fanuc)
+    refuse(
+        ("PROG" not in sections, source.problem("has no /PROG, so it is not a TP program in ASCII", fix=_FIX)),
+        ("END" not in sections, source.problem("is truncated: it has no /END", len(text), _FIX)),
+    )
+    draft = Draft(source, "fanuc")
     end = sections["END"].start()
     first = sections["POS"].end() if "POS" in sections else end
     positions = list(_POSITION.finditer(text, first, end))
@@ -58,8 +61,8 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     gaps = zip((first, *(stop for _, stop in spans)), (*(start for start, _ in spans), end), strict=True)
     for gap in (gap for gap in gaps if text[slice(*gap)].strip()):
         opened = text.find("{", *gap)
-        if gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0:
-            raise source.error("is truncated: this position has no }", opened, _FIX)
+        is_cut = gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0
+        refuse((is_cut, source.problem("is truncated: this position has no }", opened, _FIX)))
         draft.note(gap, _UNKNOWN)
     indices = {match[1]: _add_position(draft, match) for match in positions}
     targets = {number: index for number, index in indices.items() if index is not None}

@@ -8,19 +8,28 @@ from __future__ import annotations
 
 import itertools
 import re
+from bisect import bisect_right
 from collections.abc import Iterator, Sequence
 from pathlib import PurePath
-from typing import NamedTuple
 
-from robacc.programs.grammar import (
+from robacc.errors import refuse
+from robacc.programs.program import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
+    NUMBER,
     POSE_UNITS,
     RUN_TIME,
+    ZYX,
+    Draft,
     EventKind,
     FrameEvent,
+    MotionType,
     Place,
+    Program,
+    ProgramFrame,
+    ProgramSource,
+    ProgramTarget,
     arguments,
     items,
     mask,
@@ -28,17 +37,6 @@ from robacc.programs.grammar import (
     stripped,
     timeline,
     unclosed,
-)
-from robacc.programs.program import (
-    NUMBER,
-    ZYX,
-    Dialect,
-    Draft,
-    MotionType,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -83,7 +81,19 @@ _SPLINE_DATA = re.compile(r"S(?:TOOL2?|BASE)\s*\(\s*(\w+)(?:\s*\.\s*\w+)?\s*\)",
 _TAIL = re.compile(r"\bWITH\b|\bC_(?:PTP|DIS|VEL|ORI|SPL)\b|,\s*CA\s", _ANY)
 _REFERENCE = re.compile(rf"{_NAME}\Z")
 _KINDS: dict[str, MotionType] = {"PTP": "joint", "LIN": "linear", "CIR": "circular", "SPL": "other", "ASY": "joint"}
-_ORIGIN = Frame()
+
+
+def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
+    """Return the program of a ``.src`` or ``.dat`` file.
+
+    Args:
+        source: File whose targets are wanted.
+        others: Files that belong to it: the ``.dat`` or ``.src`` of the same name, ``$config.dat``.
+
+    Raises:
+        InputError: The text is no KRL, or is truncated.
+    """
+    return _Reader(source, others).program()
 
 
 def _key(name: str) -> str:
@@ -114,117 +124,102 @@ def _written(text: str, place: Place) -> ProgramTarget | None:
     return ProgramTarget(None, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
 
 
-class _KrlValue(NamedTuple):
-    """Aggregate that a declaration or an assignment gives a variable."""
+class _Reader:
+    """Statements, variables and frames of a program and of the files behind it; names are in capitals."""
 
-    name: str
-    """Name as written."""
-    type: str
-    """Declared type; empty for an assignment."""
-    place: Place
-    written: ProgramTarget | None
+    def __init__(self, source: ProgramSource, others: Sequence[ProgramSource]) -> None:
+        """Find the statements and the variables.
 
-
-class _File:
-    """Findings in one file; names are in capitals."""
-
-    def __init__(self, source: ProgramSource) -> None:
-        """Find the statements and the variables."""
-        self.source, self.text = source, mask(source.text, _HIDDEN)
-        self.statements: list[tuple[str, re.Match[str]]] = []
-        """Kind and match of each statement, whose match begins and ends with its line."""
-        self.values: dict[str, list[_KrlValue]] = {}
+        Raises:
+            InputError: The text is no KRL, or is truncated.
+        """
+        self.sources, self.draft = (source, *others), Draft(source, "krl")
+        self.text, self.end = mask("\n".join(part.text for part in self.sources), _HIDDEN), len(source.text)
+        """Text of all files, and where the program's own ends."""
+        self.starts = list(itertools.accumulate((len(part.text) + 1 for part in self.sources), initial=0))
+        """Where each file begins in the text."""
+        self.values: dict[str, list[tuple[str, str, Place]]] = {}
+        """Name as written, declared type (empty for an assignment) and place of each aggregate of a variable."""
         self.changes: dict[str, list[int]] = {}
         """Places of assignments that are no aggregate of numbers, by name."""
-        self.declared: dict[str, str] = {}
+        self.types: dict[str, str] = {}
+        """Declared types."""
+        self.data: dict[str, dict[str, str]] = {}
+        """Numbers of tool and base of each FDAT."""
+        self.fixed: set[str] = set()
+        """FDAT whose tool stands in the cell (IPO_FRAME #TCP)."""
+        self.statements: list[tuple[str, re.Match[str]]] = []
+        """Kind and match of each statement, whose match begins and ends with its line."""
         for line in re.finditer(r"[^\r\n]+", self.text):
             tried = ((kind, pattern.match(self.text, *line.span())) for kind, pattern in _STATEMENTS.items())
-            self.statements += itertools.islice(((kind, match) for kind, match in tried if match), 1)
-        for kind, match in self.statements:
-            self.read_variable(kind, match)
+            kind, match = next(((kind, match) for kind, match in tried if match), ("", None))
+            if match is not None:
+                self.statements.append((kind, match))
+                self.read_variable(kind, match)
+        own = [(kind, match) for kind, match in self.statements if match.start() < self.end]
+        blocks = [(match[1], match.start(), kind == "block") for kind, match in own if kind in ("block", "end")]
+        is_whole = any(opens for *_, opens in blocks) or any(map(self.own, self.values))
+        word, place = next(iter(unclosed(blocks)), ("", 0))
+        no_end, fix = "is truncated: the routine that begins here has no END", "copy it from the controller again"
+        refuse(
+            (not is_whole, source.problem("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")),
+            (word, source.problem(no_end, place, fix)),
+        )
+        self.frames: dict[str, Frame] = {}
+        """Frames of variables, such as ``TOOL_DATA[1]``."""
+        for name, ((_, kind, at), *more) in self.values.items():
+            written = _written(self.text, at)
+            if more or name in self.changes or written is None or written.convention is None:
+                continue
+            if _TABLE.match(name) or (kind in ("FRAME", "") and not written.configuration):
+                self.frames[name] = written.frame
 
     def read_variable(self, kind: str, match: re.Match[str]) -> None:
         """Take in a statement that declares or changes a variable: its value, or the place where it is computed."""
         word, is_new = match[1].upper(), kind == "declaration"
         if kind == "indexed":
             self.changes.setdefault(f"{word}[", []).append(match.start())
+        elif is_new and word == "FDAT" and match[3]:
+            numbers_of = dict(re.findall(r"(TOOL|BASE)_NO\s+(\d+)", match[4].upper()))
+            if len(numbers_of) == 2:
+                self.data[_key(match[2])] = numbers_of
+                self.fixed |= {_key(match[2])} if re.search(r"IPO_FRAME\s+#TCP", match[4], _ANY) else set()
         elif is_new and not match[3]:
             for other in (match[2], *match[4].split(",")):
-                self.declared[_key(other).partition("[")[0]] = word
-        elif kind == "assignment" or (is_new and word != "FDAT"):
+                self.types.setdefault(_key(other).partition("[")[0], word)
+        elif kind == "assignment" or is_new:
             name, start = (match[2], match.start(4)) if is_new else (match[1], match.end())
             place = stripped(self.text, (start, match.endpos))
-            written = None if not is_new and match[2] else _written(self.text, place)
             if is_new:
-                self.declared[_key(name)] = word
-            if self.text.startswith("{", place[0]) if is_new else written is not None:
-                value = _KrlValue(name.strip(), word if is_new else "", place, written)
-                self.values.setdefault(_key(name), []).append(value)
+                self.types.setdefault(_key(name), word)
+            if self.text.startswith("{", place[0]) if is_new else not match[2] and _written(self.text, place):
+                self.values.setdefault(_key(name), []).append((name.strip(), word if is_new else "", place))
             else:
                 self.changes.setdefault(_key(name), []).append(place[0])
 
-
-def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
-    """Return the program of a ``.src`` or ``.dat`` file.
-
-    Args:
-        source: File whose targets are wanted.
-        others: Files that belong to it: the ``.dat`` or ``.src`` of the same name, ``$config.dat``.
-
-    Raises:
-        InputError: The text is no KRL, or is truncated.
-    """
-    file = _File(source)
-    blocks = [(kind, match) for kind, match in file.statements if kind in ("block", "end")]
-    if not file.values and not any(kind == "block" for kind, _ in blocks):
-        raise source.error("has no DEF, DEFFCT or DEFDAT, so it is not a complete KRL file")
-    if opened := unclosed((match[1], match.start(), kind == "block") for kind, match in blocks):
-        fix = "copy it from the controller again"
-        raise source.error("is truncated: the routine that begins here has no END", opened[0][1], fix)
-    return _Reader([file, *map(_File, others)], Draft(source, Dialect.krl)).program()
-
-
-class _Reader:
-    """Files of a program, which is the first of them, and the frames that they define."""
-
-    def __init__(self, files: Sequence[_File], draft: Draft) -> None:
-        """Take the frames that the files define with numbers."""
-        self.files, self.draft = files, draft
-        self.frames: dict[str, Frame] = {}
-        """Frames of variables, such as ``TOOL_DATA[1]``."""
-        self.data: dict[str, dict[str, str]] = {}
-        """Numbers of tool and base of each FDAT."""
-        self.fixed: set[str] = set()
-        """FDAT whose tool stands in the cell (IPO_FRAME #TCP)."""
-        statements = (match for file in files for kind, match in file.statements if kind == "declaration")
-        for match in statements:
-            numbers_of = dict(re.findall(r"(TOOL|BASE)_NO\s+(\d+)", match[4].upper()))
-            if match[1].upper() == "FDAT" and match[3] and len(numbers_of) == 2:
-                self.data[_key(match[2])] = numbers_of
-                if re.search(r"IPO_FRAME\s+#TCP", match[4], _ANY):
-                    self.fixed.add(_key(match[2]))
-        values = ((name, value, file) for file in files for name, (value, *more) in file.values.items() if not more)
-        for name, value, file in values:
-            if name in file.changes or value.written is None or value.written.convention is None:
-                continue
-            if _TABLE.match(name) or (value.type in ("FRAME", "") and not value.written.configuration):
-                self.frames[name] = value.written.frame
+    def own(self, name: str) -> bool:
+        """Return whether a variable has a value in the program's own file."""
+        return name in self.values and self.values[name][0][2][0] < self.end
 
     def program(self) -> Program:
         """Return the program."""
         targets: dict[str, int] = {}
-        for name, (value, *_) in self.files[0].values.items():
+        for name in filter(self.own, self.values):
+            label, _, place = self.values[name][0]
             if self.type_of(name) in _TYPES and not _TABLE.match(name):
                 reason = f"{name} lacks some of the numbers of a target"
-                if (index := self.draft.declare(value.name, value.written, value.place, reason)) is not None:
+                if (index := self.draft.add(label, _written(self.text, place), place, reason)) is not None:
                     targets[name] = index
-        for file in self.files:
-            self.read_motions(file, targets)
-        bases = {_key(_rest(match)) for file in self.files for kind, match in file.statements if _frame_of(kind, match)}
+        self.read_motions(targets)
+        bases = {_key(_rest(match)) for kind, match in self.statements if _frame_of(kind, match)}
         moved = {index for index, *_ in self.draft.moves}
         for name, index in targets.items():
-            if (change := self.change_of(name)) is not None:
-                self.draft.dropped[index] = CHANGED.format(change)
+            array = f"{name.partition('[')[0]}["
+            changes = self.changes.get(name, self.changes.get(array, [])) or [
+                place[0] for *_, place in self.values[name][:0:-1]
+            ]
+            if changes:
+                self.draft.dropped[index] = CHANGED.format(self.line_of(changes[0]))
             elif self.type_of(name) == "FRAME" and index not in moved:
                 reason = "is a frame" if name in bases else "is a FRAME that no motion of the files read goes to"
                 self.draft.dropped[index] = reason
@@ -232,23 +227,17 @@ class _Reader:
 
     def type_of(self, name: str) -> str:
         """Return the declared type of a variable or of its array."""
-        kinds = (file.declared.get(name) or file.declared.get(name.partition("[")[0]) for file in self.files)
-        return next(filter(None, kinds), "")
+        return self.types.get(name) or self.types.get(name.partition("[")[0], "")
 
-    def change_of(self, name: str) -> str | None:
-        """Return the line that changes a variable at run time, or None."""
-        array = f"{name.partition('[')[0]}["
-        changes = [(file, at) for file in self.files for at in file.changes.get(name, file.changes.get(array, ()))]
-        values = [(file, value.place[0]) for file in self.files for value in file.values.get(name, ())]
-        if not changes and len(values) < 2:
-            return None
-        file, position = changes[0] if changes else values[-1]
-        line = str(file.source.line(position))
-        return line if file is self.files[0] else f"{line} of {PurePath(file.source.file).name}"
+    def line_of(self, position: int) -> str:
+        """Return the line of a place, and its file if it is not the program's own."""
+        number = bisect_right(self.starts, position) - 1
+        line = str(self.sources[number].line(position - self.starts[number]))
+        return f"{line} of {PurePath(self.sources[number].file).name}" if number else line
 
     def numbered(self, number: str, kind: str) -> ProgramFrame:
         """Return the tool or base of a number."""
-        return ProgramFrame(number, _ORIGIN if number == "0" else self.frames.get(f"{kind}_DATA[{number}]"))
+        return ProgramFrame(number, Frame() if number == "0" else self.frames.get(f"{kind}_DATA[{number}]"))
 
     def resolve(self, text: str) -> ProgramFrame | None:
         """Return the frame of the right-hand side of an assignment; None where it is computed."""
@@ -256,14 +245,14 @@ class _Reader:
             return ProgramFrame("", written.frame)
         key = _key(text)
         if key in ("$NULLFRAME", "$WORLD"):
-            return ProgramFrame(key, _ORIGIN)
+            return ProgramFrame(key, Frame())
         if (match := _TABLE.match(key)) is not None:
             return self.numbered(match[2], match[1])
         return ProgramFrame(key, self.frames[key]) if key in self.frames else None
 
-    def events(self, file: _File, frame: str) -> Iterator[FrameEvent]:
-        """Yield the statements of a file that decide $TOOL or $BASE."""
-        for kind, match in file.statements:
+    def events(self, frame: str) -> Iterator[FrameEvent]:
+        """Yield the statements that decide $TOOL or $BASE."""
+        for kind, match in self.statements:
             place, word = match.start(), match[1].upper()
             if kind in ("block", "end", "inner"):
                 yield FrameEvent(place, _BLOCKS.get(word, "close"), name=match[2].upper())
@@ -293,41 +282,42 @@ class _Reader:
             return ProgramFrame(number, None) if name in self.fixed else self.numbered(number, kind)
         return self.resolve(value) or ProgramFrame(value, None)
 
-    def read_motions(self, file: _File, targets: dict[str, int]) -> None:
-        """Add the motions of a file to targets of the program, and notes on those computed at run time."""
-        tools, bases = (timeline(list(self.events(file, kind))) for kind in ("TOOL", "BASE"))
-        is_program, text = file is self.files[0], file.text
+    def read_motions(self, targets: dict[str, int]) -> None:
+        """Add the motions to targets of the program, and notes on those that it computes at run time."""
+        tools, bases = (timeline(list(self.events(kind))) for kind in ("TOOL", "BASE"))
         elsewhere: dict[str, int] = {}
-        for match in (match for kind, match in file.statements if kind == "motion"):
-            line = (match.start(), match.endpos)
-            tail = _TAIL.search(text, match.end(), match.endpos)
+        for match in (match for kind, match in self.statements if kind == "motion"):
+            line, is_own = (match.start(), match.endpos), match.start() < self.end
+            tail = _TAIL.search(self.text, match.end(), match.endpos)
             stop = tail.start() if tail else match.endpos
-            tool = self.of_spline(text[stop : match.endpos], "TOOL") or tools(line[0])
-            base = self.of_spline(text[stop : match.endpos], "BASE") or bases(line[0])
+            tool = self.of_spline(self.text[stop : match.endpos], "TOOL") or tools(line[0])
+            base = self.of_spline(self.text[stop : match.endpos], "BASE") or bases(line[0])
             word = match[1].upper()
             motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
-            for place in arguments(text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:
-                name = _key(text[slice(*place)])
+            for place in arguments(self.text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:
+                name = _key(self.text[slice(*place)])
                 found: list[int | None] | str = [targets[name]] if name in targets else ""
                 if match[2]:
                     found = "a relative motion has no target of its own"
-                if found and (is_program or not match[2]):
+                if found and (is_own or not match[2]):
                     self.draft.move(line, found, motion, tool, base)
-                elif is_program and self.type_of(name) and any(name in other.values for other in self.files):
+                elif is_own and self.type_of(name) and name in self.values:
                     elsewhere.setdefault(name, place[0])
-                elif is_program:
-                    self.draft.move(line, self.inline(text, place), motion, tool, base)
+                elif is_own:
+                    self.draft.move(line, self.inline(place), motion, tool, base)
         if elsewhere:
-            files = {PurePath(f.source.file).name for f in self.files[1:] if not elsewhere.keys().isdisjoint(f.values)}
+            places = (place[0] for name in elsewhere for *_, place in self.values[name])
+            files = {self.line_of(place).partition(" of ")[2] for place in places if place > self.end}
             first = min(elsewhere.values())
             reason = f"{len(elsewhere)} targets are declared in {', '.join(sorted(files))}: correct that file as well"
             self.draft.note((first, first + 1), reason)
 
-    def inline(self, text: str, place: Place) -> list[int | None] | str:
+    def inline(self, place: Place) -> list[int | None] | str:
         """Add the target of a motion whose numbers are in the instruction; return a reason where they are not."""
-        if not items(text, place):
-            return ELSEWHERE if _REFERENCE.match(text, *place) and text[place[0]] != "$" else RUN_TIME
-        written = _written(text, place)
+        if not items(self.text, place):
+            is_name = _REFERENCE.match(self.text, *place) and self.text[place[0]] != "$"
+            return ELSEWHERE if is_name else RUN_TIME
+        written = _written(self.text, place)
         if written is None or len(written.numbers) < len(_AXIS_KEYS):
             return "the instruction leaves numbers of the target out or computes them"
         return [self.draft.add("", written)]

@@ -1,17 +1,25 @@
-"""Robot program: its text, written back byte for byte, its targets, motions, and conventions of orientations."""
+"""Robot program: its text, written back byte for byte, its targets, motions, and conventions of orientations.
+
+The reader of a dialect is a table of patterns for its statements, and functions that say what a statement means. It
+works on the text with blanks in place of comments and strings (:func:`mask`), so that a place in one is a place in the
+other, and collects what it finds in a :class:`Draft`.
+"""
 
 from __future__ import annotations
 
+import math
+import os
 import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from enum import StrEnum
+from importlib import import_module
+from pathlib import Path, PurePath
 from typing import Any, Literal, cast
 
 import numpy as np
 
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.geometry import (
     Array,
     Poses,
@@ -24,8 +32,11 @@ from robacc.geometry import (
     rotation_from_rpy,
     rpy_from_rotation,
 )
-from robacc.io.files import spliced
+from robacc.io.files import read_bytes, read_text
+from robacc.io.yaml_nodes import top_section
+from robacc.plug_ins import plug_in, plug_in_names
 from robacc.robots.description import Frame
+from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
 # Text of a program that is written back byte for byte, and masks that hide its comments and strings.
 
@@ -70,35 +81,34 @@ class ProgramSource:
         text = " ".join(text.split())
         return text if len(text) <= 60 else text[:59] + "…"
 
-    def replaced(self, edits: Iterable[tuple[int, int, str]]) -> bytes:
-        """Return the file's bytes with ``(start, end, text)`` replaced; the edits do not overlap."""
-        return spliced(self.text, edits).encode(self.encoding)
-
-    def error(self, message: str, position: int | None = None, fix: str | None = None) -> InputError:
-        """Return the error of a program that cannot be read."""
-        return InputError(Problem(message, self.file, None if position is None else self.line(position), fix=fix))
+    def problem(self, message: str, position: int | None = None, fix: str | None = None) -> Problem:
+        """Return the problem of a program that cannot be read."""
+        return Problem(message, self.file, None if position is None else self.line(position), fix=fix)
 
 
 def _decode(data: bytes, file: str) -> tuple[str, str]:
     """Return text and encoding; a UTF-16 text keeps its mark."""
     if wide := {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}.get(data[:2]):
-        if _not_decoded(data, wide) is not None:
-            fix = "export it from the controller again"
-            raise InputError(Problem("is not UTF-16 text though it begins with its mark", file, fix=fix))
+        no_text = "is not UTF-16 text though it begins with its mark"
+        refuse(
+            (_not_decoded(data, wide) is not None, Problem(no_text, file, fix="export it from the controller again"))
+        )
         return data.decode(wide), wide
     before, nul, _ = data.partition(b"\0")
-    if nul:
-        fix = "export it from the controller as text"
-        raise InputError(Problem("is not a text file: it contains a NUL byte", file, before.count(b"\n") + 1, fix=fix))
+    no_text, line = "is not a text file: it contains a NUL byte", before.count(b"\n") + 1
+    refuse((nul, Problem(no_text, file, line, fix="export it from the controller as text")))
     wrong = _not_decoded(data, "utf-8")
     if wrong is None:
         return data.decode("utf-8"), "utf-8"
     # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
-    if has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN):
-        line = data.count(b"\n", 0, wrong) + 1
-        message = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
-        raise InputError(Problem(message, file, line, fix="save it in one encoding"))
+    mixes = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
+    refuse(
+        (
+            has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN),
+            Problem(mixes, file, data.count(b"\n", 0, wrong) + 1, fix="save it in one encoding"),
+        )
+    )
     return data.decode("latin-1"), "latin-1"
 
 
@@ -186,15 +196,6 @@ ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
 
 
 MotionType = Literal["joint", "linear", "circular", "other"]
-
-
-class Dialect(StrEnum):
-    """Languages that the package reads and writes; plug-ins read others."""
-
-    krl = "krl"
-    rapid = "rapid"
-    fanuc = "fanuc"
-    urscript = "urscript"
 
 
 @dataclass(frozen=True, slots=True)
@@ -286,6 +287,152 @@ class Program:
     """Everything that the program computes at run time or that the reader does not know, by line."""
 
 
+# Grammar that all dialects share: places of arguments and numbers in the text, and the frames in force.
+
+MM = 1e-3
+DEGREE = math.pi / 180
+POSE_UNITS = (MM, MM, MM, DEGREE, DEGREE, DEGREE)
+"""Units of x, y, z and three angles, in the dialects that write mm and degrees."""
+AXIS_UNITS = (DEGREE,) * 6
+RUN_TIME = "the target is computed at run time"
+ELSEWHERE = "the target's numbers are in none of the files read"
+CHANGED = "the program assigns it at run time in line {}"
+
+Place = tuple[int, int]
+"""First character of a part of the text, and the one behind its last."""
+
+_PUNCTUATION = re.compile(r"[\[\](){},\\]")
+_NUMBER = re.compile(NUMBER)
+
+
+def mask(text: str, hidden: re.Pattern[str]) -> str:
+    """Return the text with spaces in place of every match of ``hidden`` (comments and strings), line ends kept."""
+    return hidden.sub(lambda match: re.sub(r"[^\r\n]", " ", match[0]), text)
+
+
+def stripped(text: str, place: Place) -> Place:
+    """Return a place without the blanks at its ends."""
+    part = text[slice(*place)]
+    return place[1] - len(part.lstrip()), place[0] + len(part.rstrip())
+
+
+def arguments(text: str, start: int, end: int | None = None) -> tuple[list[Place], int]:
+    """Return the places between commas outside of brackets, and where they end.
+
+    They end at ``end``, or before at a bracket that closes none of theirs. A switch of RAPID is a part of its own, with
+    its backslash.
+    """
+    end = len(text) if end is None else end
+    places, first, depth = [], start, 0
+    for match in _PUNCTUATION.finditer(text, start, end):
+        if match[0] in "[({":
+            depth += 1
+        elif match[0] in ",\\":
+            if depth == 0:
+                places.append((first, match.start()))
+                first = match.start() + (match[0] == ",")
+        elif depth:
+            depth -= 1
+        else:
+            end = match.start()
+            break
+    return [stripped(text, place) for place in (*places, (first, end))], end
+
+
+def items(text: str, place: Place) -> list[Place]:
+    """Return the places of the parts of an aggregate ``[…]`` or ``{…}``; none for anything else."""
+    start, end = stripped(text, place)
+    parts, closed = arguments(text, start + 1, end)
+    return parts if text[start:end][:1] in ("[", "{") and closed == end - 1 else []
+
+
+def numbers(text: str, places: Sequence[Place], units: Sequence[float]) -> tuple[ProgramNumber, ...] | None:
+    """Return the numbers at places, one for each unit; None where a part is no number, or one lacks or is too many."""
+    if len(places) != len(units) or not all(_NUMBER.fullmatch(text, *place) for place in places):
+        return None
+    return tuple(
+        ProgramNumber(*place, float(text[slice(*place)]), unit) for place, unit in zip(places, units, strict=True)
+    )
+
+
+def unclosed(blocks: Iterable[tuple[str, int, bool]]) -> list[tuple[str, int]]:
+    """Return the word and place of each block that has no end; blocks are word, place and whether it opens one."""
+    opened: list[tuple[str, int]] = []
+    for word, position, opens in blocks:
+        if opens:
+            opened.append((word, position))
+        elif opened:
+            opened.pop()
+    return opened
+
+
+# Tool or base frame in force at each place of a program, where the text alone decides it.
+
+EventKind = Literal["routine", "open", "loop", "next", "close", "set", "may set", "call"]
+
+
+@dataclass(frozen=True, slots=True)
+class FrameEvent:
+    """Statement that matters for the frame in force: start of a routine, a block's ends, a call, or an assignment."""
+
+    position: int
+    kind: EventKind
+    frame: ProgramFrame | None = None
+    """Frame of an assignment; None where the program computes it."""
+    name: str = ""
+    """Name of a routine that starts or is called."""
+
+
+def timeline(events: Sequence[FrameEvent]) -> Callable[[int], ProgramFrame | None]:
+    """Return a function of a place that returns the frame in force there; None where the text leaves it open.
+
+    A frame that is set inside a branch is unknown after the branch. One that is set inside a loop is unknown from the
+    loop's head to the assignment, since the second turn begins with it, and after the loop. A routine that sets one,
+    itself or by a call, leaves it unknown after its call.
+    """
+    setting: set[int | str] = set()
+    before = -1
+    while before < len(setting):
+        before = len(setting)
+        frames = _frames(events, setting)
+
+    def at(position: int) -> ProgramFrame | None:
+        k = bisect_right(events, position, key=lambda event: event.position) - 1
+        return frames[k] if k >= 0 else None
+
+    return at
+
+
+def _frames(events: Sequence[FrameEvent], setting: set[int | str]) -> list[ProgramFrame | None]:
+    """Return the frames after each event, and add the blocks (by place) and routines (by name) that set one."""
+    result: list[ProgramFrame | None] = []
+    current: ProgramFrame | None = None
+    opened: list[tuple[FrameEvent, ProgramFrame | None]] = []
+    for event in events:
+        if event.kind in ("set", "may set") or (event.kind == "call" and event.name in setting):
+            if event.kind != "may set":
+                current = event.frame
+            around = [block for block, _ in opened]
+            routine = max((i for i, block in enumerate(around) if block.kind == "routine"), default=-1)
+            setting |= {around[routine].name if routine >= 0 else "", *(b.position for b in around[routine + 1 :])}
+        elif event.kind == "routine":
+            opened.append((event, current))
+            current = None
+        elif event.kind in ("open", "loop"):
+            current = None if event.kind == "loop" and event.position in setting else current
+            opened.append((event, current))
+        elif opened and event.kind == "next":
+            current = opened[-1][1]
+        elif opened and event.kind == "close":
+            block, outer = opened.pop()
+            if block.kind == "routine":
+                current = outer  # a definition runs nothing
+            elif block.position in setting:
+                current = None
+        result.append(current)
+    return result
+
+
 # Program put together from what a dialect's reader found: values in SI units, and each target's motions.
 
 _LARGEST = 1e6
@@ -305,31 +452,37 @@ class Draft:
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
 
-    def note(self, place: tuple[int, int], reason: str) -> None:
+    def note(self, place: Place, reason: str) -> None:
         """Add a part of the text that is left as it is."""
         self.notes.append(ProgramNote(self.source.line(place[0]), self.source.excerpt(*place), reason))
 
     def add(
-        self, name: str, target: ProgramTarget, tool: ProgramFrame | None = None, base: ProgramFrame | None = None
+        self,
+        name: str,
+        target: ProgramTarget | None,
+        place: Place = (0, 0),
+        reason: str = "",
+        *,
+        tool: ProgramFrame | None = None,
+        base: ProgramFrame | None = None,
     ) -> int | None:
-        """Add a target, its values still missing; return its index, or None for numbers that are no target."""
-        if any(not abs(number.value) < _LARGEST for number in target.numbers):
-            self.note(target.place, "a number of this target is a placeholder")
-            return None
-        line = self.source.line(target.place[0])
-        self.targets.append(replace(target, name=name or f"line {line}", line=line, tool=tool, base=base))
-        return len(self.targets) - 1
+        """Add the target that stands at a place; return its index, or None for numbers that are no target.
 
-    def declare(self, name: str, target: ProgramTarget | None, place: tuple[int, int], reason: str) -> int | None:
-        """Add the target that stands at a place; or, where its numbers are no target, a note with the reason."""
-        index = None if target is None else self.add(name, target)
-        if index is None:
+        These give a note with the ``reason``, if there is one.
+        """
+        if target is not None and all(abs(number.value) < _LARGEST for number in target.numbers):
+            line = self.source.line(target.place[0])
+            self.targets.append(replace(target, name=name or f"line {line}", line=line, tool=tool, base=base))
+            return len(self.targets) - 1
+        if target is not None:
+            self.note(target.place, "a number of this target is a placeholder")
+        if reason:
             self.note(place, reason)
-        return index
+        return None
 
     def move(
         self,
-        place: tuple[int, int],
+        place: Place,
         found: Iterable[int | None] | str,
         motion: MotionType,
         tool: ProgramFrame | None = None,
@@ -343,10 +496,8 @@ class Draft:
 
     def program(self) -> Program:
         """Return the program, its targets with their values and what all motions to each have in common."""
-        for index, reason in self.dropped.items():
-            target = self.targets[index]
-            text = f"{target.name}: {self.source.excerpt(*target.place)}"
-            self.notes.append(ProgramNote(target.line, text, reason))
+        left = ((self.targets[index], reason) for index, reason in self.dropped.items())
+        self.notes += [ProgramNote(it.line, f"{it.name}: {self.source.excerpt(*it.place)}", why) for it, why in left]
         kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
         places = {index: place for place, index in enumerate(kept)}
         moves = tuple(places[index] for index, *_ in self.moves if index in places)
@@ -383,3 +534,155 @@ def native_of(targets: Sequence[ProgramTarget]) -> Array:
     """Return the programs' numbers ``(components, N)`` of targets of one convention, m and rad."""
     rows = [[number.value * number.unit for number in target.numbers] for target in targets]
     return np.array(rows, dtype=float).T
+
+
+# Reader of robot programs: recognises the dialect and reads the files that belong to a program.
+#
+# Other packages add dialects, see :data:`PLUG_INS`.
+
+PLUG_INS = "robacc.programs"
+"""Group of entry points that add dialects.
+
+The name of an entry point is the suffix of the files, without its point; its object, such as a module, has ``SIGN``, a
+pattern of text that only such programs have, ``companions(path)``, the paths of files that a program is read with, and
+``parse(source, others)``, the :class:`Program`.
+"""
+SUFFIXES = {
+    ".src": "krl",
+    ".dat": "krl",
+    ".sub": "krl",
+    ".mod": "rapid",
+    ".modx": "rapid",
+    ".sys": "rapid",
+    ".sysx": "rapid",
+    ".prg": "rapid",
+    ".ls": "fanuc",
+    ".script": "urscript",
+    ".urscript": "urscript",
+}
+"""Suffixes of program files."""
+_TABLES = frozenset({"", ".csv", ".tsv", ".txt", ".xlsx", ".parquet"})
+"""Suffixes of tables of poses, about which no plug-in is asked."""
+_BINARY = {
+    ".tp": ("is a binary TP program", "write it as text first: kconvars/PrintTP, or Save As ASCII on the pendant"),
+    ".urp": ("is a PolyScope program, whose script is not in it as text", "give the .script file beside it"),
+    ".jbi": (
+        "is a job of Yaskawa, whose positions count pulses of the motors",
+        "list the joint angles in degrees, or the poses, in a CSV",
+    ),
+    ".va": ("is a listing of FANUC variables", "save the positions as a TP program (.ls), or list them in a CSV"),
+    ".pgx": ("is a VAL3 program, whose points are in the data file of its application", "give the .dtx file beside it"),
+    ".pjx": ("is a VAL3 project, whose points are in its data files", "give the .dtx file beside it"),
+    ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
+}
+_SIGNS = (
+    ("fanuc", re.compile(r"^/PROG\b", re.M)),
+    ("urscript", re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
+    ("rapid", re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
+    ("krl", re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$])", re.I | re.M)),
+    ("urscript", re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
+)
+"""Texts that only programs of a dialect have, in the order in which they are looked for."""
+
+
+def is_program(path: str | os.PathLike[str]) -> bool:
+    """Return whether the name of a file is that of a robot program."""
+    suffix = PurePath(os.fspath(path)).suffix.lower()
+    return suffix in SUFFIXES or suffix in _BINARY or (suffix not in _TABLES and suffix[1:] in plug_in_names(PLUG_INS))
+
+
+def mistaken_for_poses(path: str | os.PathLike[str]) -> Problem | None:
+    """Return the problem of a file that was given as measured poses and is a robot program; None for another file."""
+    name = os.fspath(path)
+    suffix = PurePath(name).suffix.lower()
+    if suffix in _BINARY:
+        return Problem(_BINARY[suffix][0], name, fix="give the file of measured poses, such as a CSV")
+    if is_program(name) and _reader_by_text(_source(name).text) is not None:
+        fix = "give the file of measured poses, and the program with `commanded`"
+        return Problem("is a robot program, which has commands but no measured poses", name, fix=fix)
+    return None
+
+
+def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLike[str]] = ()) -> Program:
+    """Read a robot program and the targets in it.
+
+    Args:
+        path: Program: KUKA ``.src``, ``.dat``; ABB ``.mod``, ``.modx``, ``.sys``, ``.prg``; FANUC ``.ls``; URScript
+            ``.script``; Staubli ``.dtx``. A KUKA file is read together with the file of the same name and the other
+            suffix, a Staubli file with the programs and the project in its folder.
+        frames: Files that define tools and bases: files of the same dialect, such as ``$config.dat`` or a module with
+            tooldata, and YAML files of frames by name.
+
+    Raises:
+        InputError: A file cannot be read, is no robot program, is truncated, or mixes encodings.
+    """
+    name = os.fspath(path)
+    suffix = PurePath(name).suffix.lower()
+    message, fix = _BINARY.get(suffix, ("", ""))
+    refuse((message, Problem(message, name, fix=fix)))
+    source = _source(name)
+    # The dialect is that of the text, or of the suffix where the text is no proof.
+    reader = _reader_by_text(source.text)
+    if reader is None and suffix in SUFFIXES:
+        reader = import_module(f"robacc.programs.{SUFFIXES[suffix]}")
+    elif reader is None and suffix[1:] in plug_in_names(PLUG_INS):
+        reader = plug_in(PLUG_INS, suffix[1:])
+    fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
+    refuse((reader is None, source.problem("is not a robot program that robacc reads", fix=fix)))
+    paths = [os.fspath(frame) for frame in frames]
+    tables = [path for path in paths if PurePath(path).suffix.lower() in (".yaml", ".yml")]
+    others = [*getattr(reader, "companions", companions)(name), *(path for path in paths if path not in tables)]
+    program: Program = reader.parse(source, [_source(other) for other in others])
+    for table in tables:
+        program = with_frames(program, table)
+    return program
+
+
+def _reader_by_text(text: str) -> Any:
+    """Return the module of the dialect that alone has such a text; None where there is none."""
+    for dialect, sign in _SIGNS:
+        if sign.search(text):
+            return import_module(f"robacc.programs.{dialect}")
+    readers = (plug_in(PLUG_INS, name) for name in plug_in_names(PLUG_INS))
+    return next((reader for reader in readers if reader.SIGN.search(text)), None)
+
+
+def _source(name: str) -> ProgramSource:
+    return ProgramSource.of(read_bytes(name, PROGRAM_LIMIT), name)
+
+
+def companions(name: str) -> list[str]:
+    """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
+    path = Path(name)
+    wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
+    names = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
+    return [os.fspath(other) for other in names if other.is_file()][:1]
+
+
+# Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
+
+DEFAULT = "default"
+"""Name of the frame of targets for which the program names none."""
+
+
+def with_frames(program: Program, path: str) -> Program:
+    """Return the program with the frames of a YAML file where it names a frame but does not define it.
+
+    The file has ``tools`` in the flange's frame and ``bases`` in the robot's base frame, by name. Names are compared
+    without regard to case. The frame :data:`DEFAULT` stands for one that the program does not name.
+
+    Raises:
+        InputError: The file has problems; the error carries all of them, with line and key.
+    """
+    top = top_section(read_text(path), path, ("units", "tools", "bases"))
+    table = read_fields(top, {"tools": FRAMES, "bases": FRAMES}) if read_units(top) else {}
+    top.source.finish()
+    tools, bases = ({name.lower(): at for name, at in table.get(key, {}).items()} for key in ("tools", "bases"))
+
+    def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:
+        if frame is None:
+            return ProgramFrame(DEFAULT, names[DEFAULT]) if DEFAULT in names else None
+        return ProgramFrame(frame.name, names.get(frame.name.lower())) if frame.frame is None else frame
+
+    targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
+    return replace(program, targets=tuple(targets))

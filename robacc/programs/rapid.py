@@ -10,27 +10,25 @@ import re
 from bisect import bisect_right
 from collections.abc import Sequence
 
-from robacc.programs.grammar import (
+from robacc.errors import InputError, refuse
+from robacc.programs.program import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
     MM,
-    RUN_TIME,
-    Place,
-    arguments,
-    items,
-    mask,
-    numbers,
-)
-from robacc.programs.program import (
     QUATERNION,
-    Dialect,
+    RUN_TIME,
     Draft,
     MotionType,
+    Place,
     Program,
     ProgramFrame,
     ProgramSource,
     ProgramTarget,
+    arguments,
+    items,
+    mask,
+    numbers,
 )
 from robacc.robots.description import Frame
 
@@ -54,51 +52,6 @@ _NOT_UNIT = 0.02
 """Difference of a quaternion's squared length from 1 above which its numbers are no orientation."""
 
 
-class _Module:
-    """Masked text of a file, its routines and what it assigns."""
-
-    def __init__(self, source: ProgramSource) -> None:
-        """Find the routines and the assignments.
-
-        Raises:
-            InputError: The module or a routine lacks its end.
-        """
-        self.source, self.text = source, mask(source.text, _HIDDEN)
-        copy, opened = "copy it from the controller again", [("", 0)]
-        blocks = [(match[1].upper(), match.start(), match.start(1)) for match in _BLOCK.finditer(self.text)]
-        for word, _, place in blocks:
-            if not word.startswith("END"):
-                opened.append((word, place))
-            elif opened.pop()[0] != word[3:]:
-                raise source.error(f"{word} ends no {word[3:]}", place, copy)
-        if not blocks:
-            raise source.error("has no MODULE and no PROC, so it is not a RAPID module")
-        word, place = opened[-1]
-        if word:
-            raise source.error(f"is truncated: this {word} has no END{word}", place, copy)
-        self.starts = [start for word, start, _ in blocks if not word.endswith("MODULE")]
-        """Places where routines begin and end."""
-        changed = [(match.start(), match[1]) for match in _ASSIGNMENT.finditer(mask(self.text, _DECLARATION))]
-        for match in _INSTRUCTION.finditer(self.text):
-            if match[1].lower().startswith("search"):  # it stores a point in its second argument
-                point = [*_arguments(self.text, match), (0, 0), (0, 0)][1]
-                changed.append((match.start(), self.text[slice(*point)]))
-        self.changes: dict[tuple[int, str], int] = {}
-        """First assignment outside of declarations, by routine and name in small letters."""
-        for start, name in changed:
-            self.changes.setdefault((self.routine(start), name.lower()), start)
-
-    def routine(self, position: int) -> int:
-        """Return the number of the routine around a place, or :data:`_GLOBAL` for the module's own data."""
-        k = bisect_right(self.starts, position) - 1
-        return k if k % 2 == 0 else _GLOBAL
-
-    def change_of(self, routine: int, name: str) -> int | None:
-        """Return the place where a variable is assigned at run time, or None."""
-        changes = ((of, place) for (of, changed), place in self.changes.items() if changed == name)
-        return min((place for of, place in changes if routine in (of, _GLOBAL)), default=None)
-
-
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
     """Return the program of a RAPID module.
 
@@ -109,30 +62,49 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no RAPID module, or is truncated.
     """
-    module, draft = _Module(source), Draft(source, Dialect.rapid)
-    text = module.text
+    modules, draft = (source, *others), Draft(source, "rapid")
+    for module in modules:
+        _check_blocks(module)
+    text, end = mask("\n".join(module.text for module in modules), _HIDDEN), len(source.text)
+    borders = [match.start() for match in _BLOCK.finditer(text) if not match[1].upper().endswith("MODULE")]
+    """Places where routines begin and end."""
+
+    def routine(position: int) -> int:
+        """Return the number of the routine around a place, or :data:`_GLOBAL` for the module's own data."""
+        k = bisect_right(borders, position) - 1
+        return k if k % 2 == 0 else _GLOBAL
+
+    changed = [(match.start(), match[1]) for match in _ASSIGNMENT.finditer(mask(text, _DECLARATION))]
+    for match in _INSTRUCTION.finditer(text):
+        if match[1].lower().startswith("search"):  # it stores a point in its second argument
+            point = [*_arguments(text, match), (0, 0), (0, 0)][1]
+            changed.append((match.start(), text[slice(*point)]))
+    changes: dict[str, list[int]] = {}
+    """Places of assignments outside of declarations, by name in small letters."""
+    for start, name in sorted(changed):
+        changes.setdefault(name.lower(), []).append(start)
     frames = {name: ProgramFrame(name, Frame()) for name in ("tool0", "wobj0")}
     targets: dict[tuple[int, str], list[int | None]] = {}
     # An array has an index for each element; it is None for an element that is no target.
-    for other in (*map(_Module, others), module):
-        changed = {name for _, name in other.changes}
-        for match in (match for match in _DECLARATION.finditer(other.text) if match[5] is not None):
-            kind, name = match[2].lower(), match[3]
-            if kind in ("tooldata", "wobjdata"):
-                # A frame that the module changes is unknown.
-                frame = None if name.lower() in changed else _frame(other.text, match.span(5), kind)
-                frames[name.lower()] = ProgramFrame(name, frame)
-            elif other is module:
-                elements = (items(text, match.span(5)) if match[4] else []) or [match.span(5)]
-                indices = targets[module.routine(match.start()), name.lower()] = []
-                for i, place in enumerate(elements):
-                    written, reason = _written(text, place, kind), f"{name} lacks some of the numbers of a {kind}"
-                    indices.append(draft.declare(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
-    for (routine, name), indices in targets.items():
-        if (position := module.change_of(routine, name)) is not None:
-            reason = CHANGED.format(source.line(position))
-            draft.dropped.update({index: reason for index in indices if index is not None})
-    for match in _INSTRUCTION.finditer(text):
+    declared = [match for match in _DECLARATION.finditer(text) if match[5] is not None]
+    # The module's own tools and work objects have precedence.
+    for match in sorted(declared, key=lambda match: match.start() < end):
+        kind, name, scope = match[2].lower(), match[3], routine(match.start())
+        if kind in ("tooldata", "wobjdata"):
+            # A frame that the program changes is unknown.
+            frame = None if name.lower() in changes else _frame(text, match.span(5), kind)
+            frames[name.lower()] = ProgramFrame(name, frame)
+        elif match.start() < end:
+            elements = (items(text, match.span(5)) if match[4] else []) or [match.span(5)]
+            indices = targets[scope, name.lower()] = []
+            for i, place in enumerate(elements):
+                written, reason = _written(text, place, kind), f"{name} lacks some of the numbers of a {kind}"
+                indices.append(draft.add(f"{name}{{{i + 1}}}" if match[4] else name, written, place, reason))
+            own = (position for position in changes.get(name.lower(), ()) if position < end)
+            if at := next((position for position in own if scope in (routine(position), _GLOBAL)), 0):
+                reason = CHANGED.format(source.line(at))
+                draft.dropped.update({index: reason for index in indices if index is not None})
+    for match in _INSTRUCTION.finditer(text, 0, end):
         motion = _KINDS[match[2].upper()]
         places = _arguments(text, match)
         work = _WORK_OBJECT.search(match[3])
@@ -147,14 +119,31 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 found: Sequence[int | None] | str = RUN_TIME if written is None else [draft.add("", written)]
             else:
                 key = variable[1].lower()
-                found = targets.get((module.routine(match.start()), key)) or targets.get((_GLOBAL, key)) or ELSEWHERE
+                found = targets.get((routine(match.start()), key)) or targets.get((_GLOBAL, key)) or ELSEWHERE
                 if variable[2] and variable[2].isdecimal() and found is not ELSEWHERE:
                     found = found[int(variable[2]) - 1 : int(variable[2])]
             draft.move(match.span(), found, motion, tool, base)
-    for match in _DISPLACEMENT.finditer(text):
+    for match in _DISPLACEMENT.finditer(text, 0, end):
         reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
         draft.note(match.span(), reason)
     return draft.program()
+
+
+def _check_blocks(module: ProgramSource) -> None:
+    """Raise an error of a module or a routine without its end."""
+    copy, opened = "copy it from the controller again", [("", 0)]
+    for match in _BLOCK.finditer(mask(module.text, _HIDDEN)):
+        word, place = match[1].upper(), match.start(1)
+        if not word.startswith("END"):
+            opened.append((word, place))
+        elif opened.pop()[0] != word[3:]:
+            raise InputError(module.problem(f"{word} ends no {word[3:]}", place, copy))
+    word, place = opened[-1]
+    no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
+    refuse(
+        (not _BLOCK.search(mask(module.text, _HIDDEN)), no_module),
+        (word, module.problem(f"is truncated: this {word} has no END{word}", place, copy)),
+    )
 
 
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:

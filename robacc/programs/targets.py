@@ -21,10 +21,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.io.files import spliced
 from robacc.programs.program import (
-    Dialect,
     Program,
     ProgramFrame,
     ProgramNumber,
@@ -179,7 +179,7 @@ def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
 
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _NUMBERS = re.compile(r"-?\d+")
-_READ_WHOLE = (Dialect.krl, Dialect.rapid)
+_READ_WHOLE = ("krl", "rapid")
 """Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
@@ -194,17 +194,17 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
     numbers = [int(number) for number in _NUMBERS.findall(configuration)]
     if n_joints != _N_AXES:
         return None
-    if dialect == Dialect.krl and (turn := _bits(_TURN, configuration)) is not None:
+    if dialect == "krl" and (turn := _bits(_TURN, configuration)) is not None:
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         low[~is_negative] = high[is_negative] = 0.0
-    elif dialect == Dialect.fanuc and len(numbers) == 3:
+    elif dialect == "fanuc" and len(numbers) == 3:
         window[:, 5] = _turn_range(numbers[2])
         if numbers[0] == numbers[1]:
             window[:, 3] = _turn_range(numbers[0])
-    elif dialect == Dialect.rapid and len(numbers) >= 3:
+    elif dialect == "rapid" and len(numbers) >= 3:
         # Quarter turns of the axes 1, 4 and 6.
         window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
-    elif dialect != Dialect.krl or _bits(_STATUS, configuration) is None:
+    elif dialect != "krl" or _bits(_STATUS, configuration) is None:
         return None
     return window
 
@@ -346,11 +346,11 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             number = targets[k].numbers[c]
             resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
             decimals = max(0, round(-float(np.log10(resolution / number.unit))))
-            if program.dialect == Dialect.rapid and number.unit == 1.0:
+            if program.dialect == "rapid" and number.unit == 1.0:
                 decimals = _QUATERNION_DECIMALS
-            decimals = _FANUC_DECIMALS if program.dialect == Dialect.fanuc else decimals
+            decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
-    return program.source.replaced(edits)
+    return spliced(text, edits).encode(program.source.encoding)
 
 
 # New programs that go to given joints: one motion to each, slow, with a stop for the measurement.
@@ -391,7 +391,7 @@ _LAYOUT = {
     numbers of joints that a target may have, the text that says so (``has``), and the number to which zeros fill it up
 """
 _LAYOUTS: dict[str, dict[str, Any]] = {
-    Dialect.krl: {
+    "krl": {
         **_LAYOUT,
         "has": f"a krl program's targets have 1 to {_JOINTS}",
         "suffix": ".src",
@@ -403,7 +403,7 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
         "wait": "WAIT SEC 2",
         "number": "A{key} {value}",
     },
-    Dialect.rapid: {
+    "rapid": {
         **_LAYOUT,
         "has": f"a rapid program's targets have 1 to {_JOINTS}",
         "padded": _JOINTS,
@@ -415,7 +415,7 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
         "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
         "wait": "    WaitTime \\InPos,2;",
     },
-    Dialect.fanuc: {
+    "fanuc": {
         **_LAYOUT,
         "has": f"a fanuc program's targets have 1 to {_JOINTS}",
         "suffix": ".ls",
@@ -430,7 +430,7 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
         "comma": ",\t",
         "half": ",\n\t",
     },
-    Dialect.urscript: {
+    "urscript": {
         **_LAYOUT,
         "joints": [_JOINTS],
         "has": f"a URScript target has {_JOINTS}",
@@ -468,17 +468,15 @@ def write_program(
     Raises:
         UsageError: The dialect is not in :data:`SUFFIX`, or a target has more joints, or fewer, than its targets have.
     """
-    if dialect not in SUFFIX:
-        raise UsageError(f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}")
+    refuse((dialect not in SUFFIX, f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}"))
     layout = _LAYOUTS[dialect]
     data: list[str] = []
     moves: list[str] = []
     for k, (target, q) in enumerate(targets, start=1):
-        if len(q) not in layout["joints"]:
-            raise UsageError(f"target {target} has {len(q)} joints; {layout['has']}")
+        refuse((len(q) not in layout["joints"], f"target {target} has {len(q)} joints; {layout['has']}"))
         values = [value * layout["units"][i not in linear] for i, value in enumerate(q)]
         values += [0.0] * (layout["padded"] - len(q))
-        texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == Dialect.fanuc) for value in values]
+        texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == "fanuc") for value in values]
         entries = [layout["number"].format(key=key, value=text) for key, text in enumerate(texts, start=1)]
         halves = (layout["comma"].join(half) for half in (entries[:3], entries[3:]) if half)
         comment = re.sub(r"[^\x20-\x7e]", "?", target)[:60]

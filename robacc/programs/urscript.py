@@ -8,11 +8,19 @@ from __future__ import annotations
 import re
 from collections.abc import Sequence
 
-from robacc.programs.grammar import (
+from robacc.errors import refuse
+from robacc.programs.program import (
+    ROTATION_VECTOR,
     RUN_TIME,
+    Draft,
     EventKind,
     FrameEvent,
+    MotionType,
     Place,
+    Program,
+    ProgramFrame,
+    ProgramSource,
+    ProgramTarget,
     arguments,
     items,
     mask,
@@ -20,16 +28,6 @@ from robacc.programs.grammar import (
     stripped,
     timeline,
     unclosed,
-)
-from robacc.programs.program import (
-    ROTATION_VECTOR,
-    Dialect,
-    Draft,
-    MotionType,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
 )
 from robacc.robots.description import Frame
 
@@ -75,92 +73,81 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is truncated.
     """
-    script = _Script(source)
-    draft, text, fix = script.draft, script.text, "save the script again"
-    blocks = unclosed(
+    draft, text, fix = Draft(source, "urscript"), mask(source.text, _HIDDEN), "save the script again"
+    words = list(_BLOCK.finditer(text))
+    opened = unclosed(
         (match[1], match.start(1), match[1] != "end")
-        for match in _BLOCK.finditer(text)
+        for match in words
         if _EVENTS.get(match[1]) not in (None, "next") and (match[1] == "end" or not _ONE_LINE.match(text, match.end()))
     )
-    if blocks:
-        raise source.error(f"is truncated: this {blocks[0][0]} has no end", blocks[0][1], fix)
+    word, start = next(iter(opened), ("", 0))
     brackets = unclosed((m[0], m.start(), m[0] in "[(") for m in re.finditer(r"[\[\]()]", text))
-    if brackets:
-        raise source.error("is truncated: this bracket is not closed", brackets[-1][1], fix)
+    bracket, at = next(reversed(brackets), ("", 0))
+    refuse(
+        (word, source.problem(f"is truncated: this {word} has no end", start, fix)),
+        (bracket, source.problem("is truncated: this bracket is not closed", at, fix)),
+    )
+    literals: dict[str, Place] = {}
+    """Variables that are assigned once, as numbers."""
+    changed: dict[str, int] = {}
+    """Variables that the program computes, and where."""
+    for match in _ASSIGNMENT.finditer(text):
+        name, place = match[1], match.span(3)
+        if match[2] or not match[3] or not _written(text, place) or name in {**literals, **changed}:
+            changed.setdefault(name, match.start(1))
+        else:
+            literals[name] = place
+    literals = {name: place for name, place in literals.items() if name not in changed}
+    used: dict[int, int | None] = {}
+    """Index of the target of each literal by its place; None for one that is a TCP."""
+
+    def argument(place: Place) -> tuple[str, Place]:
+        """Return the variable of an argument, empty for none, and the place of its numbers, without its keyword."""
+        if keyword := _KEYWORD.match(text, *place):
+            place = stripped(text, (keyword.end(), place[1]))
+        name = _NAME.match(text, *place)
+        return (name[0], literals.get(name[0], place)) if name else ("", place)
+
+    def target(place: Place) -> list[int | None] | str:
+        """Return the target of an argument, which is added at its first use, or the reason why it has none."""
+        name, place = argument(place)
+        inverse = _INVERSE.match(text, *place)
+        if inverse is not None:
+            inner, end = arguments(text, inverse.end())
+            if end + 1 != place[1]:
+                return RUN_TIME
+            name, place = argument(inner[0])
+        if name in changed:
+            return f"the program assigns {name} at run time in line {source.line(changed[name])}"
+        written = _written(text, place)
+        if written is None or (inverse is not None and written.convention is None):
+            return RUN_TIME
+        if used.get(place[0]) is None:
+            used[place[0]] = draft.add(name, written)
+        return [used[place[0]]]
+
     calls = [match for match in _MOTION.finditer(text) if match[1]]
-    tools = timeline(script.events([match for match in calls if match[1] == "set_tcp"]))
+    events = [FrameEvent(m.start(), _EVENTS.get(m[1], "call"), name=m[2] or m[3] or "") for m in words]
+    for match in (match for match in calls if match[1] == "set_tcp"):
+        # The TCP is unknown before the first of these calls.
+        _, place = argument(arguments(text, match.end())[0][0])
+        written = _written(text, place)
+        is_known = written is not None and written.convention is not None
+        if is_known:
+            used.setdefault(place[0])
+        events.append(
+            FrameEvent(match.start(), "set", ProgramFrame("", written.frame) if written and is_known else None)
+        )
+    tools = timeline(sorted(events, key=lambda event: event.position))
     for match in (match for match in calls if match[1] != "set_tcp"):
         places, end = arguments(text, match.end())
         motion = _KINDS[match[1]]
         for place in places[: 2 if motion == "circular" else 1]:
-            draft.move((match.start(), end + 1), script.target(place), motion, tools(match.start()), _BASE)
-    for place in script.literals.values():
-        if place[0] not in script.used and text[place[0]] == "p":
+            draft.move((match.start(), end + 1), target(place), motion, tools(match.start()), _BASE)
+    for place in literals.values():
+        if place[0] not in used and text[place[0]] == "p":
             draft.note(place, "is a pose that no motion goes to directly")
     return draft.program()
-
-
-class _Script:
-    """Masked text, its variables, and the targets found in it."""
-
-    def __init__(self, source: ProgramSource) -> None:
-        """Sort the variables into those that are assigned once, as numbers, and those that the program computes."""
-        self.draft = Draft(source, Dialect.urscript)
-        self.text = text = mask(source.text, _HIDDEN)
-        self.literals: dict[str, Place] = {}
-        self.changed: dict[str, int] = {}
-        self.used: dict[int, int | None] = {}
-        """Index of the target of each literal by its place; None for one that is a TCP."""
-        for match in _ASSIGNMENT.finditer(text):
-            name, place = match[1], match.span(3)
-            if match[2] or not match[3] or not _written(text, place) or name in {**self.literals, **self.changed}:
-                self.changed.setdefault(name, match.start(1))
-            else:
-                self.literals[name] = place
-        self.literals = {name: place for name, place in self.literals.items() if name not in self.changed}
-
-    def argument(self, place: Place) -> tuple[str, Place]:
-        """Return the variable of an argument, empty for none, and the place of its numbers, without its keyword."""
-        if keyword := _KEYWORD.match(self.text, *place):
-            place = stripped(self.text, (keyword.end(), place[1]))
-        name = _NAME.match(self.text, *place)
-        return (name[0], self.literals.get(name[0], place)) if name else ("", place)
-
-    def target(self, place: Place) -> list[int | None] | str:
-        """Return the target of an argument, which is added at its first use, or the reason why it has none."""
-        name, place = self.argument(place)
-        inverse = _INVERSE.match(self.text, *place)
-        if inverse is not None:
-            inner, end = arguments(self.text, inverse.end())
-            if end + 1 != place[1]:
-                return RUN_TIME
-            name, place = self.argument(inner[0])
-        if name in self.changed:
-            line = self.draft.source.line(self.changed[name])
-            return f"the program assigns {name} at run time in line {line}"
-        written = _written(self.text, place)
-        if written is None or (inverse is not None and written.convention is None):
-            return RUN_TIME
-        if self.used.get(place[0]) is None:
-            self.used[place[0]] = self.draft.add(name, written)
-        return [self.used[place[0]]]
-
-    def events(self, calls: Sequence[re.Match[str]]) -> list[FrameEvent]:
-        """Return what decides the TCP; it is unknown before the first of ``calls`` of set_tcp."""
-        events = []
-        for match in calls:
-            _, place = self.argument(arguments(self.text, match.end())[0][0])
-            written = _written(self.text, place)
-            frame = None
-            if written is not None and written.convention is not None:
-                frame = ProgramFrame("", written.frame)
-                self.used.setdefault(place[0])
-            events.append(FrameEvent(match.start(), "set", frame))
-        events += [
-            FrameEvent(match.start(), _EVENTS.get(match[1], "call"), name=match[2] or match[3] or "")
-            for match in _BLOCK.finditer(self.text)
-        ]
-        return sorted(events, key=lambda event: event.position)
 
 
 def _written(text: str, place: Place) -> ProgramTarget | None:

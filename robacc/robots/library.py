@@ -12,9 +12,8 @@ from pathlib import Path
 
 import numpy as np
 
-from robacc.chain import Chain
 from robacc.geometry import Array
-from robacc.robots.arm import build_chain
+from robacc.robots.arm import Chain, build_chain
 from robacc.robots.description import Frame, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"

@@ -7,13 +7,13 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import NamedTuple, cast
+from typing import cast
 from xml.etree.ElementTree import Element, SubElement, TreeBuilder, indent, tostring
 from xml.parsers import expat
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, exp_so3, rotate, rpy_from_rotation
 from robacc.io.files import ProblemLog
 from robacc.robots.description import (
@@ -65,41 +65,16 @@ _NUMBERS: Mapping[str, Mapping[str, int]] = {
 """Count of numbers in each numeric attribute."""
 _OTHER_MODELS = {"sdf": "an SDF model", "mujoco": "a MuJoCo model", "COLLADA": "a mesh", "robot_model": "not a URDF"}
 
+_Link = str | None
+"""Name of a link, as a :class:`Joint` has it; the links of a URDF all have one."""
 
-def numbers(element: Element | None, attribute: str, default: str = "0 0 0") -> list[float]:
+
+def _numbers(element: Element | None, attribute: str, default: str = "0 0 0") -> list[float]:
     """Return the numbers of an attribute that was checked, or of its default."""
     return [float(part) for part in (default if element is None else element.get(attribute, default)).split()]
 
 
-class UrdfJoint(NamedTuple):
-    """Joint of the file, between its two links."""
-
-    element: Element
-    name: str
-    type: str
-    parent: str
-    child: str
-    mimic: Mimic | None
-    """Joint that it follows; None for a fixed joint, which reduced URDFs let follow others."""
-
-    @property
-    def moves(self) -> bool:
-        """Whether the joint moves by itself."""
-        return self.type != "fixed" and self.mimic is None
-
-    @classmethod
-    def of(cls, element: Element) -> UrdfJoint:
-        """Return the joint of an element that was checked."""
-        links = (element.find(tag) for tag in ("parent", "child"))
-        parent, child = (str(link.get("link")) for link in links if link is not None)
-        kind, rule = str(element.get("type")), element.find("mimic")
-        mimic = None
-        if rule is not None and kind != "fixed":
-            mimic = Mimic(str(rule.get("joint")), *numbers(rule, "multiplier", "1"), *numbers(rule, "offset", "0"))
-        return cls(element, str(element.get("name")), kind, parent, child, mimic)
-
-
-class UrdfTree:
+class _Tree:
     """Tree of links and joints, with every name and number checked."""
 
     def __init__(self, text: str, file: str) -> None:
@@ -112,35 +87,43 @@ class UrdfTree:
         self.log, (self.root, self.lines) = ProblemLog(file), _parsed(text, file)
         _check(self)
         self.log.raise_if_any()
-        self.links = {element.get("name", ""): element for element in self.root.iter("link")}
-        self.joints = tuple(map(UrdfJoint.of, self.root.iter("joint")))
-        self.below: dict[str, list[UrdfJoint]] = {name: [] for name in self.links}
-        """Joints on each link, by its name."""
-        movers: dict[str, str] = {}
-        for joint in self.joints:
-            self.below.setdefault(joint.parent, []).append(joint)
-            for role, link in (("parent", joint.parent), ("child", joint.child)):
-                if link not in self.links:
-                    self.report(joint.element, joint.name, f"its {role} link {link!r} does not exist")
-            if movers.setdefault(joint.child, joint.name) != joint.name:
-                message = f"moves the link {joint.child!r}, as {movers[joint.child]!r} does: not a serial chain"
-                self.report(joint.element, joint.name, message)
+        self.links: dict[_Link, Element] = {element.get("name", ""): element for element in self.root.iter("link")}
+        self.elements = {element.get("name", ""): element for element in self.root.iter("joint")}
+        movers: dict[_Link, str] = {}
+        for name, element in self.elements.items():
+            for role in ("parent", "child"):
+                if (link := _link_of(element, role)) not in self.links:
+                    self.report(element, name, f"its {role} link {link!r} does not exist")
+            if movers.setdefault(link, name) != name:
+                self.report(element, name, f"moves the link {link!r}, as {movers[link]!r} does: not a serial chain")
         self.log.raise_if_any()
+        self.joints = {name: _read_joint(self, element) for name, element in self.elements.items()}
+        """Joints by name; the type of one that no chain can have is as written, see :func:`_check_joints`."""
+        self.below: dict[_Link, list[Joint]] = {name: [] for name in self.links}
+        """Joints on each link, by its name."""
+        for name, joint in self.joints.items():
+            self.below[_link_of(self.elements[name], "parent")].append(joint)
 
     def report(self, element: Element | None, name: str, message: str, fix: str | None = None) -> None:
         """Add a problem of the joint or link ``name``."""
         self.log.add(message, None if element is None else self.lines[element], name or None, fix)
 
-    def paths(self, base: str) -> dict[str, list[UrdfJoint]]:
+    def paths(self, base: _Link) -> dict[_Link, list[Joint]]:
         """Return the joints from ``base`` to each link behind it, by the link's name."""
-        paths: dict[str, list[UrdfJoint]] = {base: []}
+        paths: dict[_Link, list[Joint]] = {base: []}
         open_ = [base]
         for link in open_:
             # A circle of joints comes back to the base.
-            new = {joint.child: [*paths[link], joint] for joint in self.below[link] if joint.child not in paths}
+            new = {joint.link: [*paths[link], joint] for joint in self.below[link] if joint.link not in paths}
             paths |= new
             open_ += new
         return paths
+
+
+def _link_of(element: Element, role: str) -> str:
+    """Return the name of the parent or the child link of a joint."""
+    link = element.find(role)
+    return "" if link is None else link.get("link", "")
 
 
 def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
@@ -154,20 +137,20 @@ def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
     selected: list[tuple[str, ...] | None] = [_ELEMENTS[""]]
     # Elements read below each open element; None below one that is not read itself.
 
-    def refuse(message: str, fix: str | None = None) -> None:
+    def fail(message: str, fix: str | None = None) -> None:
         raise InputError(Problem(message, file, parser.CurrentLineNumber, fix=fix))
 
     def doctype(name: str, *_: object) -> None:
-        refuse(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
+        fail(f"a document type (<!DOCTYPE {name}>) is not allowed in a URDF", "remove it and its entities")
 
     def start(tag: str, attributes: dict[str, str]) -> None:
         is_read = tag in (selected[-1] or ())
         has_formula = is_read and any("${" in value or "$(" in value for value in attributes.values())
         if tag.startswith("xacro:") or has_formula:
-            refuse("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
+            fail("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
         if len(selected) == 1 and not is_read:
             model = _OTHER_MODELS.get(tag, "not a URDF")
-            refuse(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
+            fail(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
         selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
         if is_read:
             lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
@@ -185,43 +168,42 @@ def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
     return builder.close(), lines
 
 
-def _check(tree: UrdfTree) -> None:
+def _check(tree: _Tree) -> None:
     """Report wrong names and numbers, and names that stand twice."""
     if not (robot_name := tree.root.get("name", "robot")).isprintable():
         tree.report(tree.root, "", f"<robot name>: expected a name, found {robot_name!r}")
     first_lines: dict[tuple[str, str], int] = {}
     for owner in tree.root:
         name = owner.get("name", "")
-        if name and (owner.tag, name) in first_lines:
-            message = f"there is already a {owner.tag} {name!r} in line {first_lines[owner.tag, name]}"
-            tree.report(owner, name, message)
-        first_lines.setdefault((owner.tag, name), tree.lines[owner])
+        line = first_lines.setdefault((owner.tag, name), tree.lines[owner])
+        if name and line != tree.lines[owner]:
+            tree.report(owner, name, f"there is already a {owner.tag} {name!r} in line {line}")
         for element in owner.iter():
-            _check_element(tree, name, element)
+            for attribute in _NAMES.get(element.tag, ()):
+                value = element.get(attribute, "")
+                if not value.strip():
+                    tree.report(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
+                elif not value.isprintable():
+                    tree.report(element, name, f"<{element.tag} {attribute}>: expected a name, found {value!r}")
+            for attribute, count in _NUMBERS.get(element.tag, {}).items():
+                text = element.get(attribute, " ".join("0" * count))
+                if not _are_numbers(text, count, infinite=element.tag == "limit"):
+                    expected = "a number" if count == 1 else f"{count} numbers"
+                    found = f"expected {expected}, found {text[:60]!r}"
+                    tree.report(element, name, f"<{element.tag} {attribute}>: {found}")
         for tag in ("parent", "child") if owner.tag == "joint" else ():
             if owner.find(tag) is None:
                 tree.report(owner, name, f"the joint has no <{tag}>")
 
 
-def _check_element(tree: UrdfTree, name: str, element: Element) -> None:
-    for attribute in _NAMES.get(element.tag, ()):
-        value = element.get(attribute, "")
-        if not value.strip():
-            tree.report(element, name, f"<{element.tag}> needs the attribute {attribute!r}")
-        elif not value.isprintable():
-            tree.report(element, name, f"<{element.tag} {attribute}>: expected a name, found {value!r}")
-    for attribute, count in _NUMBERS.get(element.tag, {}).items():
-        text = element.get(attribute, " ".join("0" * count))
-        try:
-            # float() also accepts 1_000 and digits of other scripts, which no other reader of URDF does.
-            values = [float(part) for part in text.split()] if text.isascii() and "_" not in text else []
-        except ValueError:
-            values = []
-        # An infinite limit means no limit.
-        finite = all(math.isfinite(value) or (element.tag == "limit" and math.isinf(value)) for value in values)
-        if len(values) != count or not finite:
-            expected = "a number" if count == 1 else f"{count} numbers"
-            tree.report(element, name, f"<{element.tag} {attribute}>: expected {expected}, found {text[:60]!r}")
+def _are_numbers(text: str, count: int, *, infinite: bool) -> bool:
+    """Return whether a text is so many finite numbers; an ``infinite`` limit means no limit."""
+    try:
+        # float() also accepts 1_000 and digits of other scripts, which no other reader of URDF does.
+        values = [float(part) for part in text.split()] if text.isascii() and "_" not in text else []
+    except ValueError:
+        return False
+    return len(values) == count and all(math.isfinite(value) or (infinite and math.isinf(value)) for value in values)
 
 
 # Choose one serial chain in the tree of links.
@@ -234,9 +216,14 @@ _FLANGES = ("tool0", "flange")
 """Links that stand for the flange (ROS REP 199), the preferred first."""
 
 
+def _moving(path: Sequence[Joint]) -> list[Joint]:
+    """Return the joints that move by themselves."""
+    return [joint for joint in path if joint.type != "fixed" and joint.mimic is None]
+
+
 def _choose_chain(
-    tree: UrdfTree, base_link: str | None, tip_link: str | None, joint_columns: Callable[[], Sequence[str]] | None
-) -> tuple[str, str]:
+    tree: _Tree, base_link: str | None, tip_link: str | None, joint_columns: Callable[[], Sequence[str]] | None
+) -> tuple[_Link, _Link]:
     """Return the first and the last link of the chain.
 
     A chain's tip that the caller does not name follows from the columns of the pose file. Where they name joints, the
@@ -244,35 +231,55 @@ def _choose_chain(
     N-th joint. Fixed joints behind it belong to the chain up to the flange, but a gripper does not.
     """
     columns = [_UNIT.sub("", name.strip()) for name in joint_columns()] if joint_columns and tip_link is None else []
-    base = _choose_base(tree, base_link)
+    moved = {joint.link for joint in tree.joints.values()}
+    roots = (
+        [_known_link(tree, base_link, "`base_link`")]
+        if base_link
+        else [link for link in tree.links if link not in moved]
+    )
+    several, loop = f"{len(roots)} links could be the base", "the joints form a loop: there is no link to start from"
+    refuse(
+        (roots[1:], Problem(f"{several}: {_listing(roots)}", tree.log.file, fix="choose one with `base_link`")),
+        (not roots, Problem(loop if moved else "the file has no links", tree.log.file)),
+    )
+    base = roots[0]
     paths = tree.paths(base)
-    named = {joint for joint in tree.joints if joint.moves and joint.name in columns}
-    # The joint with all others before it; there is none where they are on several branches.
-    last = next((joint for joint in tree.joints if joint in named and named <= {*paths.get(joint.child, ())}), None)
-    if last is not None:
-        moving = [joint for joint in paths[last.child] if joint.moves]
-        first = next(joint for joint in moving if joint in named)
-        # Joints in front that the file does not have, such as wheels, only place the base.
-        return first.parent if moving[0] is not first and base_link is None else base, _flange(tree, last.child)
+    named = {joint.name for joint in _moving([*tree.joints.values()]) if joint.name in columns}
+    for name in named:
+        # The joint with all others before it; there is none where they are on several branches.
+        path = _moving(paths.get(tree.joints[name].link, []))
+        if named <= {joint.name for joint in path}:
+            first = next(joint for joint in path if joint.name in named)
+            # Joints in front that the file does not have, such as wheels, only place the base.
+            start = base if base_link or path[0] is first else _link_of(tree.elements[first.name], "parent")
+            return start, _flange(tree, tree.joints[name].link)
     leaves = {link: paths[link] for link in tree.links if link in paths and link != base and not tree.below[link]}
+    moving_paths = list(map(_moving, leaves.values()))
     count = len({match[1] for name in columns if (match := _NUMBERED.fullmatch(name))})
     if count and not named:
-        moving_paths = [[joint for joint in path if joint.moves] for path in leaves.values()]
         longest = max(map(len, moving_paths), default=0)
-        links = {path[count - 1].child for path in moving_paths if len(path) == longest > count}
+        links = {path[count - 1].link for path in moving_paths if len(path) == longest > count}
         if len(links) == 1:
             return base, _flange(tree, links.pop())
-    return base, _choose_tip(tree, base, tip_link, leaves)
+    if tip_link is not None:
+        return base, _known_link(tree, tip_link, "`tip_link`")
+    refuse((not leaves, Problem(f"no joint follows the link {base!r}", tree.log.file)))
+    ranks = {leaf: (len(_moving(path)), len(path)) for leaf, path in leaves.items()}
+    names = sorted(ranks, key=ranks.__getitem__, reverse=True)
+    n_best = sum(rank == ranks[names[0]] for rank in ranks.values())
+    several = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
+    refuse((n_best > 1, Problem(several, tree.log.file, fix="choose one with `tip_link`")))
+    return base, names[0]
 
 
-def _flange(tree: UrdfTree, link: str) -> str:
+def _flange(tree: _Tree, link: _Link) -> _Link:
     """Return the link behind the fixed joints that follow ``link``, in front of a gripper and of a fork."""
     while True:
         joints = tree.below[link]
         fixed = [
-            joint.child
+            joint.link
             for joint in joints
-            if joint.type == "fixed" and all(behind.type == "fixed" for behind in tree.below[joint.child])
+            if joint.type == "fixed" and all(behind.type == "fixed" for behind in tree.below[joint.link])
         ]
         named = [name for name in _FLANGES if name in fixed]
         if named:
@@ -282,134 +289,103 @@ def _flange(tree: UrdfTree, link: str) -> str:
         link = fixed[0]
 
 
-def _choose_base(tree: UrdfTree, base_link: str | None) -> str:
-    if base_link is not None:
-        return _known_link(tree, base_link, "`base_link`")
-    moved = {joint.child for joint in tree.joints}
-    roots = [link for link in tree.links if link not in moved]
-    if len(roots) == 1:
-        return roots[0]
-    message = "the joints form a loop: there is no link to start from" if moved else "the file has no links"
-    if roots:
-        message = f"{len(roots)} links could be the base: {_listing(roots)}"
-    raise InputError(Problem(message, tree.log.file, fix="choose one with `base_link`" if roots else None))
-
-
-def _choose_tip(tree: UrdfTree, base: str, tip_link: str | None, leaves: Mapping[str, Sequence[UrdfJoint]]) -> str:
-    if tip_link is not None:
-        return _known_link(tree, tip_link, "`tip_link`")
-    if not leaves:
-        raise InputError(Problem(f"no joint follows the link {base!r}", tree.log.file))
-    ranks = {leaf: (sum(joint.moves for joint in path), len(path)) for leaf, path in leaves.items()}
-    names = sorted(ranks, key=ranks.__getitem__, reverse=True)
-    n_best = sum(rank == ranks[names[0]] for rank in ranks.values())
-    if n_best == 1:
-        return names[0]
-    message = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
-    raise InputError(Problem(message, tree.log.file, fix="choose one with `tip_link`"))
-
-
-def _known_link(tree: UrdfTree, name: str, parameter: str) -> str:
+def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:
     if name in tree.links:
         return name
-    names = difflib.get_close_matches(name, tree.links, 3, 0.5) or list(tree.links)
+    known = [str(link) for link in tree.links]
+    names = difflib.get_close_matches(name, known, 3, 0.5) or known
     raise UsageError(f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}")
 
 
-def _listing(names: Sequence[str]) -> str:
-    return ", ".join(names[:12]) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
+def _listing(names: Sequence[_Link]) -> str:
+    return ", ".join(map(str, names[:12])) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
-# Joints of the chain, and their sizes: a URDF is in m and rad.
+# Joints, and their sizes: a URDF is in m and rad.
 
-_TYPES: dict[str, JointType] = {
-    "revolute": "revolute",
-    "continuous": "revolute",
-    "prismatic": "prismatic",
-    "fixed": "fixed",
-}
+_TYPES = ("revolute", "prismatic", "fixed")
 _LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in rad"
 
 
-def _read_joint(tree: UrdfTree, joint: UrdfJoint) -> Joint:
-    element, kind = joint.element, _TYPES.get(joint.type)
-    axis = unit_axis(numbers(element.find("axis"), "xyz", "1 0 0"))
-    if kind is None:
-        message = f"unknown joint type {joint.type!r}"
-        if joint.type in ("floating", "planar"):
-            message = f"a {joint.type} joint cannot be part of a serial chain"
-        tree.report(element, joint.name, message, "choose a chain without it with `base_link` and `tip_link`")
-    if axis is None and joint.type != "fixed":
-        tree.report(element, joint.name, "the joint's axis is zero and has no direction")
-    mass, com = _inertial(tree, joint.child)
-    if mass is not None and mass < 0:
-        tree.report(tree.links[joint.child], joint.child, f"the link's mass is negative ({mass:g} kg)")
-    # Not through a rotation: near a pitch of 90 degrees the roll and yaw computed from it lose most of their digits.
-    origin = [value for key in ("xyz", "rpy") for value in numbers(element.find("origin"), key)]
-    return Joint(
-        name=joint.name,
-        type=kind or "fixed",
-        parameters=dict(zip(ORIGIN_PARAMETERS, (*origin, 0.0), strict=True)),
-        axis=axis if axis and joint.type != "fixed" else (0.0, 0.0, 1.0),
-        limits=_read_limits(tree, joint) if joint.type in ("revolute", "prismatic") else None,
-        is_continuous=joint.type == "continuous",
-        mass=mass,
-        com=None if mass is None else com,
-        mimic=joint.mimic,
-        link=joint.child,
-    )
-
-
-def _read_limits(tree: UrdfTree, joint: UrdfJoint) -> tuple[float, float] | None:
-    limit = joint.element.find("limit")
-    # Where one limit is missing, the format's default for it is zero.
-    lower, upper = numbers(limit, "lower", "0") + numbers(limit, "upper", "0")
-    is_unlimited = math.isinf(lower) and math.isinf(upper)
-    if limit is None or limit.attrib.keys().isdisjoint(("lower", "upper")) or is_unlimited:
-        return None
-    limits, too_large = finite_limits(joint.type, (lower, upper))
-    checks = (
-        (
-            math.isinf(lower) or math.isinf(upper),
-            f"one limit is infinite, the other is not ({lower:g}, {upper:g})",
-            None,
-        ),
-        (lower > upper, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),
-        (too_large is not None, str(too_large), "make them infinite for a joint without limits"),
-    )
-    for _, message, fix in [check for check in checks if check[0]][:1]:
-        tree.report(joint.element, joint.name, message, fix)
-    return limits
-
-
-def _inertial(tree: UrdfTree, link: str) -> tuple[float | None, Vector]:
-    """Return mass, None where it has none, and centre of mass of a link, in its own frame."""
+def _read_joint(tree: _Tree, element: Element) -> Joint:
+    """Return the joint of an element; reduced URDFs let fixed joints follow others, which says nothing."""
+    link, rule, kind = _link_of(element, "child"), element.find("mimic"), str(element.get("type"))
+    mimic = None
+    if rule is not None and kind != "fixed":
+        mimic = Mimic(str(rule.get("joint")), *_numbers(rule, "multiplier", "1"), *_numbers(rule, "offset", "0"))
+    axis = None if kind == "fixed" else unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0"))
     mass = tree.links[link].find("inertial/mass")
-    if mass is None:
-        return None, ZERO
-    return numbers(mass, "value", "0")[0], cast(Vector, tuple(numbers(tree.links[link].find("inertial/origin"), "xyz")))
+    limits = _stated_limits(element)
+    # Not through a rotation: near a pitch of 90 degrees the roll and yaw computed from it lose most of their digits.
+    origin = [value for key in ("xyz", "rpy") for value in _numbers(element.find("origin"), key)]
+    return Joint(
+        name=str(element.get("name")),
+        type=cast(JointType, "revolute" if kind == "continuous" else kind),
+        parameters=dict(zip(ORIGIN_PARAMETERS, (*origin, 0.0), strict=True)),
+        axis=axis or (0.0, 0.0, 1.0),
+        limits=finite_limits(kind, limits)[0] if limits and kind in ("revolute", "prismatic") else None,
+        is_continuous=kind == "continuous",
+        mass=None if mass is None else _numbers(mass, "value", "0")[0],
+        com=None if mass is None else cast(Vector, tuple(_numbers(tree.links[link].find("inertial/origin"), "xyz"))),
+        mimic=mimic,
+        link=link,
+    )
 
 
-def _check_sizes(tree: UrdfTree, joints: Sequence[Joint]) -> None:
-    """Report lengths and angles that are too large for an arm."""
-    elements = {joint.name: joint.element for joint in tree.joints}
+def _stated_limits(element: Element) -> tuple[float, float] | None:
+    """Return the limits of a joint as written; None where it has none, or says with infinite ones that it has none."""
+    limit = element.find("limit")
+    # Where one limit is missing, the format's default for it is zero.
+    lower, upper = _numbers(limit, "lower", "0") + _numbers(limit, "upper", "0")
+    is_missing = limit is None or limit.attrib.keys().isdisjoint(("lower", "upper"))
+    return None if is_missing or (math.isinf(lower) and math.isinf(upper)) else (lower, upper)
+
+
+def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
+    """Report joints that no chain can have, and sizes that no arm has."""
     for joint in joints:
+        element, limits = tree.elements[joint.name], None
+        if joint.type in ("revolute", "prismatic") and not joint.is_continuous:
+            limits = _stated_limits(element)
+        lower, upper = limits or (0.0, 0.0)
+        too_large = finite_limits(joint.type, limits)[1] if limits else None
+        unknown = f"unknown joint type {joint.type!r}"
+        if joint.type in ("floating", "planar"):
+            unknown = f"a {joint.type} joint cannot be part of a serial chain"
+        no_axis = joint.type != "fixed" and unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0")) is None
+        infinite = math.isinf(lower) or math.isinf(upper)
+        one_infinite = f"one limit is infinite, the other is not ({lower:g}, {upper:g})"
         far = max(map(abs, joint.com or ZERO))
-        longest = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
-        is_travel_in_mm = TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]
+        travel = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
+        other_chain = "choose a chain without it with `base_link` and `tip_link`"
         problems = [
-            (abs(value) > MAX_LENGTH, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
-            if name in LENGTH_PARAMETERS
-            else (abs(value) > TURN, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
-            for name, value in joint.parameters.items()
-        ]
-        problems += [
+            (joint.type not in _TYPES, unknown, other_chain),
+            (no_axis, "the joint's axis is zero and has no direction", None),
+            (infinite, one_infinite, None),
+            (lower > upper and not infinite, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),
+            (
+                too_large is not None and not infinite and lower <= upper,
+                str(too_large),
+                "make them infinite for a joint without limits",
+            ),
+            *(
+                (abs(value) > MAX_LENGTH, f"{name} of {value:g} m is too long for an arm", _LENGTH_FIX)
+                if name in LENGTH_PARAMETERS
+                else (abs(value) > TURN, f"{name} of {value:g} rad is more than a turn", _ANGLE_FIX)
+                for name, value in joint.parameters.items()
+            ),
             (far > MAX_LENGTH, f"the centre of mass of its link is {far:g} m away, too far for an arm", _LENGTH_FIX),
-            (is_travel_in_mm, f"a travel of {longest:g} m is too long for an arm", _LENGTH_FIX),
+            (
+                TRAVEL_IN_MM[0] < travel < TRAVEL_IN_MM[1],
+                f"a travel of {travel:g} m is too long for an arm",
+                _LENGTH_FIX,
+            ),
         ]
         for is_wrong, message, fix in problems:
             if is_wrong:
-                tree.report(elements[joint.name], joint.name, message, fix)
+                tree.report(element, joint.name, message, fix)
+        if (own := tree.joints[joint.name].mass or 0.0) < 0:
+            tree.report(tree.links[joint.link], str(joint.link), f"the link's mass is negative ({own:g} kg)")
     if limits_likely_degrees(joints):
         tree.report(None, "", "the limits of every joint are more than two turns", _ANGLE_FIX)
 
@@ -419,72 +395,69 @@ def _check_sizes(tree: UrdfTree, joints: Sequence[Joint]) -> None:
 _LEAST_MOMENT = 0.05
 """kg m: a joint that moves mass by less, such as a gripper's finger, counts as fixed; a gear of 1e-5 rad/(N m) yields
 by 5 um at 1 m to it."""
-_MOVING = ("revolute", "continuous", "prismatic")
 
-
-_AT_LINK = Poses.identity()
-_Carried = tuple[Poses, UrdfJoint, bool]
+_Carried = tuple[Poses, Joint, bool]
 """Frame of a link in that of the link which carries it; its joint; and whether the joint moves it.
 
 A joint that does not move its link counts as fixed, at zero.
 """
 
 
-def _with_branches(tree: UrdfTree, path: Sequence[UrdfJoint]) -> tuple[list[Joint], list[BranchJoint]]:
+def _with_branches(tree: _Tree, path: Sequence[Joint], base: _Link) -> tuple[list[Joint], list[BranchJoint]]:
     """Return the joints of a chain, each link with the mass that it carries rigidly, and the joints of branches.
 
     A joint outside the chain that moves little mass stands at zero, as if it were fixed. Joints that follow others are
     not resolved yet. A chain without any mass stays without.
     """
-    joints = [_read_joint(tree, joint) for joint in path]
-    if not any(joint.mass for joint in joints):
-        return joints, []
-    on_chain = {joint.child for joint in path}
-    branches = list(_branches(tree, list(_carried(tree, path[0].parent, on_chain)), None))
-    for i, joint in enumerate(joints):
-        carried = list(_carried(tree, path[i].child, on_chain))
-        joints[i] = _loaded(tree, joint, carried)
+    if not any(joint.mass for joint in path):
+        return list(path), []
+    on_chain = {joint.link for joint in path}
+    branches = list(_branches(tree, list(_carried(tree, base, Poses.identity(), on_chain)), None))
+    joints = []
+    for joint in path:
+        carried = list(_carried(tree, joint.link, Poses.identity(), on_chain))
+        joints.append(_loaded(joint, carried))
         branches += _branches(tree, carried, joint.name)
     return joints, branches
 
 
-def _origin(joint: UrdfJoint) -> Poses:
-    origin = joint.element.find("origin")
-    return Poses.from_xyz_rpy(*(np.array(numbers(origin, key)) for key in ("xyz", "rpy")))
+def _origin(joint: Joint) -> Poses:
+    """Return the origin of a joint in the convention of a URDF."""
+    coordinates = np.array([joint.parameters[label] for label in ORIGIN_PARAMETERS[:6]])
+    return Poses.from_xyz_rpy(coordinates[:3], coordinates[3:])
 
 
-def _carried(tree: UrdfTree, link: str, on_chain: Collection[str] = (), frame: Poses = _AT_LINK) -> Iterator[_Carried]:
+def _carried(tree: _Tree, link: _Link, frame: Poses, on_chain: Collection[_Link] = ()) -> Iterator[_Carried]:
     """Yield the links that ``link`` carries rigidly, and those that a joint moves against it."""
     for joint in tree.below[link]:
-        if joint.child not in on_chain:
+        if joint.link not in on_chain:
             child = frame @ _origin(joint)
-            moves = joint.type in _MOVING and _movable_moment(tree, joint) > _LEAST_MOMENT
+            moves = joint.type in ("revolute", "prismatic") and _movable_moment(tree, joint) > _LEAST_MOMENT
             yield child, joint, moves
             if not moves:
-                yield from _carried(tree, joint.child, (), child)
+                yield from _carried(tree, joint.link, child)
 
 
-def _movable_moment(tree: UrdfTree, joint: UrdfJoint) -> float:
+def _movable_moment(tree: _Tree, joint: Joint) -> float:
     """Return the most by which a joint can move the first moment of the mass behind it, kg m."""
-    behind = list(_behind(tree, joint.child, 0.0))
+    behind = list(_behind(tree, joint, 0.0))
     if joint.type != "prismatic":
         return sum(mass * distance for mass, distance in behind)
-    limit = joint.element.find("limit")
-    travel = abs(numbers(limit, "upper", "0")[0] - numbers(limit, "lower", "0")[0])
+    limit = tree.elements[joint.name].find("limit")
+    travel = abs(_numbers(limit, "upper", "0")[0] - _numbers(limit, "lower", "0")[0])
     return travel * sum(mass for mass, _ in behind)
 
 
-def _behind(tree: UrdfTree, link: str, distance: float) -> Iterator[tuple[float, float]]:
-    """Yield mass, and greatest distance from a joint at ``distance`` from ``link``, of the links from it on."""
-    mass, com = _inertial(tree, link)
-    yield mass or 0.0, distance + math.hypot(*com)
-    for joint in tree.below[link]:
-        yield from _behind(tree, joint.child, distance + math.hypot(*numbers(joint.element.find("origin"), "xyz")))
+def _behind(tree: _Tree, joint: Joint, distance: float) -> Iterator[tuple[float, float]]:
+    """Yield mass, and greatest distance from an axis ``distance`` in front of a joint, of the links from its own on."""
+    yield joint.mass or 0.0, distance + math.hypot(*(joint.com or ZERO))
+    for other in tree.below[joint.link]:
+        yield from _behind(tree, other, distance + math.hypot(*(other.parameters[label] for label in "xyz")))
 
 
-def _loaded(tree: UrdfTree, joint: Joint, carried: Sequence[_Carried]) -> Joint:
+def _loaded(joint: Joint, carried: Sequence[_Carried]) -> Joint:
     """Return the joint with the masses of its link and of the links on it as a single mass."""
-    rigid = [(frame, *_inertial(tree, link.child)) for frame, link, moves in carried if not moves]
+    rigid = [(frame, link.mass, link.com or ZERO) for frame, link, moves in carried if not moves]
     masses = [(mass, frame.rotation @ com + frame.translation) for frame, mass, com in rigid if mass and mass > 0]
     if not masses:
         return joint
@@ -494,16 +467,16 @@ def _loaded(tree: UrdfTree, joint: Joint, carried: Sequence[_Carried]) -> Joint:
     return replace(joint, mass=total, com=cast(Vector, tuple((moment / total).tolist())))
 
 
-def _branches(tree: UrdfTree, carried: Sequence[_Carried], parent: str | None) -> Iterator[BranchJoint]:
+def _branches(tree: _Tree, carried: Sequence[_Carried], parent: str | None) -> Iterator[BranchJoint]:
     """Yield the moving joints among links that ``parent`` carries, and those behind them."""
     for frame, moving in ((frame, joint) for frame, joint, moves in carried if moves):
-        joint = replace(_read_joint(tree, moving), limits=None)
+        joint = replace(moving, limits=None)
         if (frame.matrices() != _origin(moving).matrices()).any():
             origin = Frame.of(frame)
             values = (*origin.xyz, *origin.rpy, 0.0)
             joint = replace(joint, parameters=dict(zip(ORIGIN_PARAMETERS, values, strict=True)))
-        behind = list(_carried(tree, moving.child))
-        yield BranchJoint(_loaded(tree, joint, behind), parent)
+        behind = list(_carried(tree, moving.link, Poses.identity()))
+        yield BranchJoint(_loaded(joint, behind), parent)
         yield from _branches(tree, behind, joint.name)
 
 
@@ -511,7 +484,7 @@ def _branches(tree: UrdfTree, carried: Sequence[_Carried], parent: str | None) -
 
 
 def _resolve_mimics(
-    tree: UrdfTree, joints: Sequence[Joint], branches: Sequence[BranchJoint]
+    tree: _Tree, joints: Sequence[Joint], branches: Sequence[BranchJoint]
 ) -> tuple[list[Joint], list[BranchJoint]]:
     """Return the joints with every mimic made to follow, directly, a joint variable of the chain or of a branch.
 
@@ -519,46 +492,38 @@ def _resolve_mimics(
     chain or outside, follows it: ``q_b = m_b / m_a (q_a - o_a) + o_b``. A joint that follows one which stands at zero
     keeps a variable.
     """
-    by_name = {joint.name: joint for joint in tree.joints}
     inside = {joint.name for joint in joints}
-    chain = [_direct_mimic(tree, by_name, joint) for joint in joints]
-    beside = [_direct_mimic(tree, by_name, branch.joint) for branch in branches]
-    leaders: dict[str, Joint] = {}
+    known = inside | {branch.joint.name for branch in branches}
+    chain = [_direct_mimic(tree, joint) for joint in joints]
+    leaders: dict[str, tuple[str, Mimic]] = {}
     for joint in chain:
         if joint.mimic is not None and joint.mimic.master not in inside and joint.mimic.multiplier != 0.0:
-            leaders.setdefault(joint.mimic.master, joint)
+            leaders.setdefault(joint.mimic.master, (joint.name, joint.mimic))
 
     def resolved(joint: Joint, known: Collection[str]) -> Joint:
         rule = joint.mimic or Mimic(joint.name)
-        leader = leaders.get(rule.master) if rule.multiplier or joint.name not in inside else None
-        if leader is None or leader.mimic is None:
+        if rule.master not in leaders or not (rule.multiplier or joint.name not in inside):
             return joint if rule.master in known else replace(joint, mimic=None)
-        if leader is joint:
+        name, leader = leaders[rule.master]
+        if name == joint.name:
             return replace(joint, mimic=None, outside=rule)
-        ratio = rule.multiplier / leader.mimic.multiplier
-        return replace(joint, mimic=Mimic(leader.name, ratio, rule.offset - ratio * leader.mimic.offset))
+        ratio = rule.multiplier / leader.multiplier
+        return replace(joint, mimic=Mimic(name, ratio, rule.offset - ratio * leader.offset))
 
-    known = inside | {joint.name for joint in beside}
-    return (
-        [resolved(joint, inside) for joint in chain],
-        [replace(branch, joint=resolved(joint, known)) for branch, joint in zip(branches, beside, strict=True)],
-    )
+    beside = [replace(branch, joint=resolved(_direct_mimic(tree, branch.joint), known)) for branch in branches]
+    return [resolved(joint, inside) for joint in chain], beside
 
 
-def _direct_mimic(tree: UrdfTree, by_name: Mapping[str, UrdfJoint], joint: Joint) -> Joint:
+def _direct_mimic(tree: _Tree, joint: Joint) -> Joint:
     """Return the joint with its mimic made to follow, directly, a joint that moves by itself, in the chain or not."""
     mimic, visited = joint.mimic, {joint.name}
     while mimic is not None:
-        master = by_name.get(mimic.master)
+        master = tree.joints.get(mimic.master)
         if master is None or master.type == "fixed" or master.name in visited:
-            problem = "which is not a joint of this file"
-            if master is not None:
-                is_fixed, circle = (
-                    master.type == "fixed",
-                    "which follows it in turn: none of these joints moves by itself",
-                )
-                problem = "which is fixed" if is_fixed else circle
-            tree.report(by_name[joint.name].element, joint.name, f"follows {mimic.master!r}, {problem}")
+            problem = "which follows it in turn: none of these joints moves by itself"
+            if master is None or master.type == "fixed":
+                problem = "which is fixed" if master else "which is not a joint of this file"
+            tree.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
             break
         if master.mimic is None:
             return replace(joint, mimic=mimic)
@@ -594,24 +559,23 @@ def parse_urdf(
         InputError: The URDF has a problem, its chain is not serial, or the choice of a chain is ambiguous.
         UsageError: ``base_link`` or ``tip_link`` is not a link of the URDF, or the tip is not behind the base.
     """
-    tree = UrdfTree(text, file)
+    tree = _Tree(text, file)
     base, tip = _choose_chain(tree, base_link, tip_link, joint_columns)
-    path = tree.paths(base).get(tip)
-    if not path:
-        raise UsageError(f"{file}: link {tip!r} is not behind link {base!r}")
-    if len(path) > MAX_JOINTS:
-        message = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
-        raise InputError(Problem(message, file, fix="choose a shorter chain with `base_link` and `tip_link`"))
-    joints, branches = _with_branches(tree, path)
-    _check_sizes(tree, [*joints, *(branch.joint for branch in branches)])
+    path = tree.paths(base).get(tip, [])
+    many = f"there are {len(path)} joints from {base!r} to {tip!r}, expected at most {MAX_JOINTS}"
+    refuse(
+        (not path, f"{file}: link {tip!r} is not behind link {base!r}"),
+        (len(path) > MAX_JOINTS, Problem(many, file, fix="choose a shorter chain with `base_link` and `tip_link`")),
+    )
+    joints, branches = _with_branches(tree, path, base)
+    _check_joints(tree, [*joints, *(branch.joint for branch in branches)])
     tree.log.raise_if_any()
     joints, branches = _resolve_mimics(tree, joints, branches)
     if not any(joint.is_variable for joint in joints):
         tree.report(None, "", f"no joint between {base!r} and {tip!r} moves", "choose a longer chain")
     tree.log.raise_if_any()
-    return Robot(
-        tree.root.get("name", "robot"), "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches)
-    )
+    name = tree.root.get("name", "robot")
+    return Robot(name, "urdf", tuple(joints), base_link=base, tip_link=tip, branches=tuple(branches))
 
 
 # Robots written as URDF, with a list of the information that a URDF cannot carry.
@@ -648,7 +612,27 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
         writer.connect(writer.unused_name(f"to_{name}"), "fixed", tail @ frame.pose, writer.unused_name(name))
     indent(writer.root)
     text = tostring(writer.root, encoding="unicode")
-    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n', _losses(robot)
+    joints = robot.joints
+    losses: list[tuple[str, bool | list[str]]] = [
+        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
+        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
+        ("tolerances of the base", bool(robot.base_tolerance)),
+        ("tolerances of the tool", bool(robot.tool_tolerance)),
+        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
+        ("targets: each becomes a link", bool(robot.targets)),
+        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
+        ("the payload's centre of mass", robot.payload_com is not None),
+        (
+            "missing limits (one turn either way is written)",
+            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
+        ),
+        (
+            "an unlimited range (a URDF requires limits)",
+            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
+        ),
+    ]
+    lost = (f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)
+    return f'<?xml version="1.0" encoding="utf-8"?>\n{text}\n', tuple(lost)
 
 
 class _Writer:
@@ -693,25 +677,20 @@ class _Writer:
         """Add a joint of the robot, and its link with its mass."""
         origin, tail = _parts(joint, convention)
         origin = self.tail @ origin
-        *first, last = self.uncoupled(joint)
-        for piece in first:
-            self.place_axis(piece, origin, Poses.identity())
-            origin = Poses.identity()
-        self.place_axis(last, origin, tail)
-        self.tail = tail
-        self.carriers[joint.name] = (self.link, tail)
-
-    def uncoupled(self, joint: Joint) -> list[Joint]:
-        """Return joints about one axis that together move as a coupled joint does; the last has its name and link."""
-        if not joint.coupling:
-            return [joint]
+        # Joints about one axis that together move as a coupled joint does; the last has its name and link.
         plain = replace(joint, coupling={}, is_passive=False)
         bare = replace(plain, limits=None, mass=None, com=None, link=None)
         pieces = [
             replace(bare, name=self.unused_name(f"{joint.name}_by_{master}"), mimic=Mimic(master, ratio))
             for master, ratio in joint.coupling.items()
         ]
-        return [*pieces[:-1], replace(plain, mimic=pieces[-1].mimic)] if joint.is_passive else [*pieces, plain]
+        last = replace(plain, mimic=pieces.pop().mimic) if joint.is_passive else plain
+        for piece in pieces:
+            self.place_axis(piece, origin, Poses.identity())
+            origin = Poses.identity()
+        self.place_axis(last, origin, tail)
+        self.tail = tail
+        self.carriers[joint.name] = (self.link, tail)
 
     def place_axis(self, joint: Joint, origin: Poses, tail: Poses) -> None:
         """Add one joint of the URDF, and its link with its mass."""
@@ -740,8 +719,7 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
     """Return the transforms before the joint's variable, including its zero, and after it."""
     values = joint.parameters
     if convention == "urdf":
-        coordinates = np.array([values[label] for label in ("x", "y", "z", "roll", "pitch", "yaw")])
-        origin = Poses.from_xyz_rpy(coordinates[:3], coordinates[3:])
+        origin = _origin(joint)
         offset = np.multiply(joint.axis, values.get("offset", 0.0))
         zero = {"revolute": Poses(exp_so3(offset), np.zeros(3)), "prismatic": Poses(np.eye(3), offset)}.get(joint.type)
         return origin if zero is None else origin @ zero, Poses.identity()
@@ -754,27 +732,3 @@ def _parts(joint: Joint, convention: str) -> tuple[Poses, Poses]:
 def _texts(values: Array) -> str:
     # Adding zero turns -0.0 into 0.0.
     return " ".join(repr(float(value) + 0.0) for value in values)
-
-
-def _losses(robot: Robot) -> tuple[str, ...]:
-    """Return a line for each piece of information that a URDF cannot carry, with the joints that have it."""
-    joints = robot.joints
-    losses: list[tuple[str, bool | list[str]]] = [
-        *((f"effect {effect.get('effect', effect.get('name', '?'))}", True) for effect in robot.effects),
-        ("tolerances", [joint.name for joint in joints if joint.tolerance]),
-        ("tolerances of the base", bool(robot.base_tolerance)),
-        ("tolerances of the tool", bool(robot.tool_tolerance)),
-        ("gear ratio", [joint.name for joint in joints if joint.gear_ratio is not None]),
-        ("targets: each becomes a link", bool(robot.targets)),
-        ("gravity other than 9.81 m/s^2 downwards", robot.gravity != STANDARD_GRAVITY),
-        ("the payload's centre of mass", robot.payload_com is not None),
-        (
-            "missing limits (one turn either way is written)",
-            [it.name for it in joints if it.type == "revolute" and it.limits is None and not it.is_continuous],
-        ),
-        (
-            "an unlimited range (a URDF requires limits)",
-            [joint.name for joint in joints if joint.type == "prismatic" and joint.limits is None],
-        ),
-    ]
-    return tuple(f"{loss} of {', '.join(of)}" if isinstance(of, list) else loss for loss, of in losses if of)

@@ -63,20 +63,6 @@ class Units:
         """Return the unit of a joint's variable."""
         return self.length if joint_type == "prismatic" else self.angle
 
-    def parameter(self, source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
-        """Return a length in m or an angle in rad; report a value that is too large, with the likely cause."""
-        value = source.number(node, path)
-        unit, most = (self.length, MAX_LENGTH) if is_length else (self.angle, TURN)
-        if value is None or abs(value) * unit <= most:
-            return None if value is None else value * unit
-        message = f"is {abs(value) * unit:g} m, too long for an arm"
-        fix = "it looks like mm: write length: mm under units"
-        if not is_length:
-            message = f"{'rad' if unit == 1.0 else 'deg'} is more than a turn"
-            fix = "it looks like degrees: write angle: deg under units"
-        source.report(node, path, f"{value:g} {message}", fix if unit == 1.0 else None)
-        return None
-
 
 # Kinds of values: each reads a node, and reports what is wrong with it at its dotted key.
 
@@ -93,7 +79,7 @@ def read_fields(section: YamlSection, kinds: Mapping[str, Kind], required: Colle
     return {key: value for key, value in values.items() if value is not None}
 
 
-def _section(
+def read_section(
     source: Source,
     node: yaml.Node,
     path: str,
@@ -118,18 +104,31 @@ def _named(
     return {name: value for name, value in values if value is not None}
 
 
-def _list(source: Source, node: yaml.Node, path: str, *, kind: Kind, item_name: str) -> tuple[Any, ...]:
+def read_list(source: Source, node: yaml.Node, path: str, *, kind: Kind, item_name: str) -> tuple[Any, ...]:
     """Read a list of values of a kind."""
     values = [kind(source, item, f"{path}[{i}]") for i, item in enumerate(source.items(node, path, item_name))]
     return tuple(value for value in values if value is not None)
 
 
-def _length(source: Source, node: yaml.Node, path: str) -> float | None:
-    return cast(Units, source.units).parameter(source, node, path, is_length=True)
+def read_size(source: Source, node: yaml.Node, path: str, *, is_length: bool) -> float | None:
+    """Read a length in m or an angle in rad; report a value that is too large, with the likely cause."""
+    value, units = source.number(node, path), cast(Units, source.units)
+    unit, most = (units.length, MAX_LENGTH) if is_length else (units.angle, TURN)
+    if value is None or abs(value) * unit <= most:
+        return None if value is None else value * unit
+    message = f"is {abs(value) * unit:g} m, too long for an arm"
+    fix = "it looks like mm: write length: mm under units"
+    if not is_length:
+        message = f"{'rad' if unit == 1.0 else 'deg'} is more than a turn"
+        fix = "it looks like degrees: write angle: deg under units"
+    source.report(node, path, f"{value:g} {message}", fix if unit == 1.0 else None)
+    return None
 
 
-def _angle(source: Source, node: yaml.Node, path: str) -> float | None:
-    return cast(Units, source.units).parameter(source, node, path, is_length=False)
+_length: Kind = partial(read_size, is_length=True)
+_angle: Kind = partial(read_size, is_length=False)
+_lengths = partial(Source.numbers, count=3, kind=_length)
+_angles = partial(Source.numbers, count=3, kind=_angle)
 
 
 def _checked(source: Source, node: yaml.Node, path: str, *, kind: Kind, checks: Iterable[Check]) -> Any:
@@ -139,14 +138,6 @@ def _checked(source: Source, node: yaml.Node, path: str, *, kind: Kind, checks: 
     for _, message, fix in list(failed)[:1]:
         source.report(node, path, message.format(found=describe(node), value=value), fix)
     return value
-
-
-def _vector(source: Source, node: yaml.Node, path: str, *, kind: Kind) -> Vector | None:
-    """Read a list of three numbers of a kind."""
-    if source.numbers(node, path, 3) is None:
-        return None
-    values = [kind(source, item, f"{path}[{i}]") for i, item in enumerate(cast(yaml.SequenceNode, node).value)]
-    return None if None in values else cast(Vector, tuple(values))
 
 
 def _axis(source: Source, node: yaml.Node, path: str) -> Vector | None:
@@ -200,7 +191,7 @@ def _tolerances(names: Iterable[str], lengths: Collection[str] = LENGTH_PARAMETE
     """Kind of standard deviations by name, m for the ``lengths``, else rad."""
     checks = [(lambda value: value >= 0, "a standard deviation cannot be negative, found {found}", None)]
     kinds = {name: partial(_checked, kind=_length if name in lengths else _angle, checks=checks) for name in names}
-    return partial(_section, kinds=kinds)
+    return partial(read_section, kinds=kinds)
 
 
 def _mimic(joint: str = "", **factors: float) -> Mimic:
@@ -213,7 +204,7 @@ def _campaign(poses: tuple[str, ...] = (), before: Mapping[str, Any] = MappingPr
 
 def read_units(top: YamlSection) -> Units | None:
     """Return the units of the key ``units`` of a file, which they now are of; None where they cannot be read."""
-    kinds = {"units": partial(_section, kinds=_UNITS, required=_UNITS)}
+    kinds = {"units": partial(read_section, kinds=_UNITS, required=_UNITS)}
     names = read_fields(top, kinds, ["units"]).get("units", {})
     is_whole = len(names) == len(_UNITS)
     units = top.source.units = Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if is_whole else None
@@ -230,22 +221,22 @@ _MAX_GRAVITY = 50.0
 _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
-_FRAME: dict[str, Kind] = {"xyz": partial(_vector, kind=_length), "rpy": partial(_vector, kind=_angle)}
-_PLAIN_FRAME = partial(_section, kinds=_FRAME, into=Frame)
+_FRAME: dict[str, Kind] = {"xyz": _lengths, "rpy": _angles}
+_PLAIN_FRAME = partial(read_section, kinds=_FRAME, into=Frame)
 FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
 )
 """Frames by name, of which there may be none."""
-_FRAME_WITH_TOLERANCE = partial(_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
+_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
 _TARGETS = partial(
     _named,
-    kind=partial(_section, kinds=_FRAME, required=["xyz"], into=Frame),
+    kind=partial(read_section, kinds=_FRAME, required=["xyz"], into=Frame),
     message="expected names with xyz, found {found}",
 )
-_DIGESTS = partial(_list, kind=_digest, item_name="SHA-256 of pose files")
-_EFFECTS = partial(_list, kind=_mapping, item_name="effects")
+_DIGESTS = partial(read_list, kind=_digest, item_name="SHA-256 of pose files")
+_EFFECTS = partial(read_list, kind=_mapping, item_name="effects")
 _BEFORE: dict[str, Kind] = {"base": _PLAIN_FRAME, "tool": _PLAIN_FRAME, "targets": _TARGETS}
-_CAMPAIGN: dict[str, Kind] = {"poses": _DIGESTS, "before": partial(_section, kinds=_BEFORE), "effects": _EFFECTS}
+_CAMPAIGN: dict[str, Kind] = {"poses": _DIGESTS, "before": partial(read_section, kinds=_BEFORE), "effects": _EFFECTS}
 
 
 def _number(*checks: Check) -> Kind:
@@ -268,13 +259,13 @@ _ROBOT: dict[str, Kind] = {
             )
         ],
     ),
-    "payload": partial(_section, kinds={"com": partial(_vector, kind=_length)}, required=["com"]),
+    "payload": partial(read_section, kinds={"com": _lengths}, required=["com"]),
     "targets": _TARGETS,
     "effects": _EFFECTS,
     "base_link": Source.text,
     "tip_link": Source.text,
     "fitted_to": _DIGESTS,
-    "campaign": partial(_section, kinds=_CAMPAIGN, into=_campaign),
+    "campaign": partial(read_section, kinds=_CAMPAIGN, into=_campaign),
     "mass_uncertainty": _number(
         (
             lambda value: 0.0 <= value <= 1.0,
@@ -283,7 +274,7 @@ _ROBOT: dict[str, Kind] = {
         )
     ),
     "fit": partial(_mapping, fix="`write_model` writes it"),
-    "identity": partial(_section, kinds=IDENTITY_FIELDS),
+    "identity": partial(read_section, kinds=IDENTITY_FIELDS),
 }
 _TOP_KEYS = (
     "robacc",
@@ -326,9 +317,9 @@ _OF_ANY_JOINT: dict[str, Kind] = {
     "name": Source.text,
     "link": Source.text,
     "mass": _number((lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
-    "com": partial(_vector, kind=_length),
+    "com": _lengths,
     **_DRIVE,
-    "mimic": partial(_section, kinds=_MIMIC, required=["joint"], into=_mimic),
+    "mimic": partial(read_section, kinds=_MIMIC, required=["joint"], into=_mimic),
 }
 _FIXED_KEYS = ("name", "type", "origin", "link", "mass", "com", "tolerance")
 _DH_KEYS = ("name", "type", *DH_PARAMETERS, "limits", *_DRIVE, "mass", "com", "tolerance")
@@ -478,7 +469,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint]) -> tuple[BranchJoi
     branches = []
     for section, joint in read:
         section.require("name")
-        kinds = {"parent": Source.text, "position": _length if joint.type == "prismatic" else _angle}
+        kinds: dict[str, Kind] = {"parent": Source.text, "position": _length if joint.type == "prismatic" else _angle}
         values = read_fields(section, kinds, ["parent"])
         parent = values.get("parent", BASE_LINK)
         if joint.mimic and section.get("position") is not None:
@@ -606,6 +597,12 @@ def robot_document(robot: Robot, units: Units = Units(), *, rounded: bool = Fals
         raise ValueError("convert effects to the units of the file before writing them")
     length, angle = ({size: name for name, size in sizes.items()} for sizes in (_LENGTHS, _ANGLES))
     types = {joint.name: joint.type for joint in (*robot.joints, *(branch.joint for branch in robot.branches))}
+    campaign = robot.campaign or Campaign(())
+    before = {
+        "base": campaign.base and _frame(campaign.base, units),
+        "tool": campaign.tool and _frame(campaign.tool, units),
+        "targets": _frames(campaign.targets, units),
+    }
     document = _given(
         {
             "robacc": 1,
@@ -623,22 +620,21 @@ def robot_document(robot: Robot, units: Units = Units(), *, rounded: bool = Fals
             "base_link": robot.base_link,
             "tip_link": robot.tip_link,
             "joints": [_joint(joint, robot.convention, units, types) for joint in robot.joints],
-            "branches": [_branch(branch, units, types) for branch in robot.branches],
+            "branches": [
+                {
+                    "name": branch.joint.name,
+                    "parent": branch.parent or BASE_LINK,
+                    **_joint(branch.joint, "urdf", units, types),
+                    **_given({"position": branch.position / units.of_joint(branch.joint.type) or None}),
+                }
+                for branch in robot.branches
+            ],
             "effects": robot.effects,
-            "campaign": None if robot.campaign is None else _campaign_entry(robot.campaign, units),
+            "campaign": _given({"poses": campaign.poses, "before": _given(before), "effects": campaign.effects}),
             "fit": robot.fit,
         }
     )
     return cast(dict[str, Any], _plain(document, rounded))
-
-
-def _campaign_entry(campaign: Campaign, units: Units) -> dict[str, Any]:
-    before = {
-        "base": campaign.base and _frame(campaign.base, units),
-        "tool": campaign.tool and _frame(campaign.tool, units),
-        "targets": _frames(campaign.targets, units),
-    }
-    return _given({"poses": campaign.poses, "before": _given(before), "effects": campaign.effects})
 
 
 def _given(entry: Mapping[str, Any]) -> dict[str, Any]:
@@ -684,12 +680,6 @@ def _joint(joint: Joint, convention: Convention, units: Units, types: Mapping[st
             and {"joint": mimic.master, "multiplier": ratios[mimic.master], "offset": mimic.offset / unit},
         }
     )
-
-
-def _branch(branch: BranchJoint, units: Units, types: Mapping[str, str]) -> dict[str, Any]:
-    entry = {"name": branch.joint.name, "parent": branch.parent or BASE_LINK}
-    entry |= _joint(branch.joint, "urdf", units, types)
-    return entry | _given({"position": branch.position / units.of_joint(branch.joint.type) or None})
 
 
 def _sizes(values: Mapping[str, float], lengths: Collection[str], units: Units) -> dict[str, float]:

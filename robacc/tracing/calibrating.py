@@ -13,7 +13,6 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
-from robacc.chain import BLOCK
 from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import Rounding, evident_rounding, read_back_warning
@@ -53,7 +52,7 @@ from robacc.fitting.warnings import (
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BLOCK, Arm
 from robacc.robots.description import Robot
 from robacc.tracing.search import search
 

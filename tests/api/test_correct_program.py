@@ -14,8 +14,7 @@ from robacc.api.correct import CorrectedProgram, correct, correct_program
 from robacc.errors import InputError
 from robacc.geometry import Poses
 from robacc.measurements import Measurements
-from robacc.programs.program import Dialect
-from robacc.programs.reading import read_program
+from robacc.programs.program import read_program
 from robacc.programs.targets import (
     allowed_by_window,
     flange_targets,
@@ -69,7 +68,7 @@ def test_joint_targets_bring_the_real_arm_to_the_nominal_pose(tmp_path: Path) ->
     path = tmp_path / "joints.script"
     result = corrected(
         path,
-        write_program(Dialect.urscript, [(f"t{i}", q) for i, q in enumerate(Q.T)]),
+        write_program("urscript", [(f"t{i}", q) for i, q in enumerate(Q.T)]),
         model=real,
         nominal=nominal,
     )
@@ -122,27 +121,27 @@ ENDMODULE
         nominal=dataclasses.replace(nominal, tool=Frame()),
         frame="base",
     )
-    np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.targets.q), atol=1e-6)
-    np.testing.assert_allclose(flange(real, direct.targets.q), flange(nominal, Q[:, 1:]), atol=1e-6)
+    np.testing.assert_allclose(commanded.matrices(), flange(nominal, direct.q), atol=1e-6)
+    np.testing.assert_allclose(flange(real, direct.q), flange(nominal, Q[:, 1:]), atol=1e-6)
     assert b"! approach" in result.data
 
 
 def test_the_configuration_of_the_program_decides() -> None:
     q = np.array([[0.1, -0.5, 1.0, -1.0, 0.3, -0.2], [0.1, 0.5, 1.0, -1.0, 0.3, -0.2]]).T
     cases = {
-        (Dialect.krl, "S 2,T 42"): [True, False],
-        (Dialect.krl, "S 'B010',T 'B101000'"): [False, True],
-        (Dialect.rapid, "[0,-1,-1,0]"): [True, True],
-        (Dialect.rapid, "[0,0,-1,0]"): [False, False],
-        (Dialect.fanuc, "N U T, 0, 0, 0"): [True, True],
-        (Dialect.fanuc, "F D B, 0, 0, -1"): [False, False],
+        ("krl", "S 2,T 42"): [True, False],
+        ("krl", "S 'B010',T 'B101000'"): [False, True],
+        ("rapid", "[0,-1,-1,0]"): [True, True],
+        ("rapid", "[0,0,-1,0]"): [False, False],
+        ("fanuc", "N U T, 0, 0, 0"): [True, True],
+        ("fanuc", "F D B, 0, 0, -1"): [False, False],
     }
     for (dialect, text), expected in cases.items():
         window = joint_window(dialect, text, 6)
         assert allowed_by_window(window, q).tolist() == expected
     assert joint_window("val3", "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
-    assert (joint_window(Dialect.krl, "T 5", 7), joint_window(Dialect.krl, "", 6)) == (None, None)
+    assert (joint_window("krl", "T 5", 7), joint_window("krl", "", 6)) == (None, None)
 
 
 def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
@@ -150,10 +149,10 @@ def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     # The first two numbers are unequal: sources differ on the axes that they count.
     for text, fourth in (("N U T, 0, 1, -1", 0.1), ("N U T, 1, 1, -1", 0.1 + 2 * np.pi)):
-        window = joint_window(Dialect.fanuc, text, 6)
+        window = joint_window("fanuc", text, 6)
         turned = turned_into(window, q, wide, revolute)[:, 0]
         np.testing.assert_allclose(turned, [0.1, 0.2, 0.3, fourth, 0.2, 0.4 - 2 * np.pi])
-    window = joint_window(Dialect.fanuc, "N U T, 0, 0, 0", 6)
+    window = joint_window("fanuc", "N U T, 0, 0, 0", 6)
     beyond = np.array([[0, 0, 0, 0, 0, 3.2], [0, 0, 0, 3.2, 0, 0], [3.2, 0, 0, 0, 3.2, 0]]).T
     assert allowed_by_window(window, beyond).tolist() == [False, False, True]
 
@@ -163,24 +162,24 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
     over = before + np.array([0, 0, 0, 0, 0, 2e-4])
     flipped = before + np.array([0, 0, 0, 0, -2e-4, 0])
     config = "N U T, 0, 0, 0"
-    assert [leaves_configuration(Dialect.fanuc, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
+    assert [leaves_configuration("fanuc", config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
     # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
-    assert [leaves_configuration(Dialect.krl, "S 2,T 10", before, q) for q in (before, over, flipped)] == [0, 0, 1]
+    assert [leaves_configuration("krl", "S 2,T 10", before, q) for q in (before, over, flipped)] == [0, 0, 1]
     assert [leaves_configuration("val3", "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
-    assert not leaves_configuration(Dialect.fanuc, config, on_border, on_border + 1e-4 * np.eye(6)[5])
+    assert not leaves_configuration("fanuc", config, on_border, on_border + 1e-4 * np.eye(6)[5])
 
 
 def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     limits, revolute = (np.full(6, -6.1), np.full(6, 6.1)), np.ones(6, dtype=bool)
-    window = joint_window(Dialect.krl, "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
+    window = joint_window("krl", "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
     np.testing.assert_allclose(
         turned_into(window, q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi]
     )
     assert not allowed_by_window(window, turned_into(window, q, limits, revolute))[0]
     wide = (np.full(6, -np.inf), np.full(6, np.inf))
-    window = joint_window(Dialect.rapid, "[0,-4,4,0]", 6)
+    window = joint_window("rapid", "[0,-4,4,0]", 6)
     turned = turned_into(window, q, wide, revolute)
     np.testing.assert_allclose(turned[[3, 5], 0], [0.1 - 2 * np.pi, 0.4 + 2 * np.pi])
     assert allowed_by_window(window, turned)[0]
@@ -207,7 +206,7 @@ def test_krl_target_keeps_the_elbow_that_its_turn_names(tmp_path: Path) -> None:
     path = tmp_path / "two.src"
     result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 2
-    np.testing.assert_allclose(result.corrections[0].targets.wanted.q.T, [q, other], atol=1e-6)
+    np.testing.assert_allclose(result.corrections[0].wanted.q.T, [q, other], atol=1e-6)
     result = corrected(path, text.replace("T " + lines[0].split("T ")[-1], "T 63}"), model=real, nominal=nominal)
     assert result.n_corrected == 1
     assert "no solution in its configuration" in result.unchanged[0][2]
@@ -255,7 +254,7 @@ def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path
         nominal=nominal,
         frames=[frames],
     )
-    wanted = result.corrections[1].targets.wanted.q
+    wanted = result.corrections[1].wanted.q
     turned = Q[:, 0] + 2 * np.pi * np.eye(6)[5]
     if not all(j.limits is None or j.limits[1] >= turned[5] for j in nominal.variables[5:]):
         assert "no solution in its configuration N U T, 0, 0, 1" in result.unchanged[0][2]
@@ -324,7 +323,7 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
 def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
     nominal, _ = arms()
     path = tmp_path / "joints.script"
-    result = corrected(path, write_program(Dialect.urscript, [("t", Q[:, 0])]), model=nominal)
+    result = corrected(path, write_program("urscript", [("t", Q[:, 0])]), model=nominal)
     assert any("every correction is zero" in warning for warning in result.warnings)
 
 

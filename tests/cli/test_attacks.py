@@ -149,6 +149,6 @@ def test_a_temperature_that_no_effect_depends_on_refuses_no_target(tmp_path: Pat
     assert warning.startswith("the targets are at 22 to 22 °C, the model was fitted at 23")
     within = robacc.correct(targets, model=plain, temperature=24, most="1m")
     assert "°C" not in "\n".join(within.warnings)
-    np.testing.assert_array_equal(result.targets.q, within.targets.q)
+    np.testing.assert_array_equal(result.q, within.q)
     with pytest.raises(InputError, match="temperature_c is outside the range"):
         robacc.correct(targets, model=thermal, **cold)

@@ -14,7 +14,7 @@ from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import build_chain
-from robacc.simulation.templates import poses_template
+from robacc.simulation.simulate import poses_template
 
 URDF = """<robot name="two">
   <link name="base"/><link name="arm"/><link name="hand"/>

@@ -326,7 +326,7 @@ def test_arms_that_do_not_fit_a_format_are_refused() -> None:
         ("robot: 1\n", None, "has no key kinematics"),
         ("{", None, "is not JSON"),
         ("{}", None, "is not a kinematics file of robacc"),
-        ('{"schema": "robacc.kinematics/1", "joints": [{}]}', None, "a key is missing"),
+        ('{"schema": "robacc.kinematics/1", "joints": [{}]}', None, r"joints\[0\].origin: is missing"),
     ],
 )
 def test_bad_files_are_refused(text: str, arm: str | None, message: str) -> None:

@@ -122,9 +122,9 @@ def test_an_independent_arm_reaches_its_wanted_poses() -> None:
     model = dataclasses.replace(flange, effects=entries, effect_units=(1.0, 1.0))
     q = middle_joints(flange, 30, seed=2)
     result = robacc.correct(joint_targets(q), model=model, nominal=flange)
-    chosen = result.targets.is_corrected
+    chosen = result.is_corrected
     assert chosen.sum() >= 25
-    commands = result.targets.q
+    commands = result.q
     approach = np.diff(commands, axis=1, prepend=commands[:, :1])
     for i in np.flatnonzero(chosen):
         wanted = frames_of(flange, q[:, i], {})[-1]
@@ -178,7 +178,7 @@ def test_every_effect_on_every_arm(kind: str, name: str) -> None:
     if model is None:
         pytest.skip("the arm cannot have the effect")
     result = robacc.correct(data, model=model, nominal=robot)
-    targets, chosen = result.targets, result.targets.is_corrected
+    targets, chosen = result, result.is_corrected
     assert chosen.sum() >= 16, [refusal.reason for refusal in targets.refusals if refusal]
     if REGISTRY[name].traits.is_of_measurement:
         np.testing.assert_array_equal(targets.q, data.q)
@@ -203,9 +203,9 @@ def test_redundant_arm_stays_nearest_to_its_nominal_joints() -> None:
     result = robacc.correct(data, model=model, nominal=robot)
     from robacc.robots.inverse_kinematics import pose_jacobian
 
-    move = result.targets.q - result.targets.wanted.q
-    _, jacobian = pose_jacobian(Arm.of(model), result.targets.q)
-    for i in np.flatnonzero(result.targets.is_corrected):
+    move = result.q - result.wanted.q
+    _, jacobian = pose_jacobian(Arm.of(model), result.q)
+    for i in np.flatnonzero(result.is_corrected):
         null = np.linalg.svd(jacobian[..., i])[2][-1]
         # A way along the null space would bring the joints nearer: none is left.
         assert abs(null @ move[:, i]) < 1e-6 * np.linalg.norm(move[:, i]) + 1e-9
@@ -216,7 +216,7 @@ def test_weight_decides_between_position_and_orientation() -> None:
     data = dataclasses.replace(circumstances(robot, 20, seed=1), q=middle_joints(robot, 20, seed=1))
     model = with_effect(robot, "link_geometry", data)
     results = [robacc.correct(data, model=model, nominal=robot, weight=weight) for weight in ("1mm", "10mm", "3m")]
-    chosen = np.all([result.targets.is_corrected for result in results], axis=0)
+    chosen = np.all([result.is_corrected for result in results], axis=0)
     assert chosen.sum() >= 15
     position = [float(result.after.position[chosen].mean()) for result in results]
     orientation = [float(result.after.orientation[chosen].mean()) for result in results]
@@ -233,18 +233,18 @@ def test_cartesian_targets_with_and_without_joints() -> None:
     nominal, model = robacc.read_robot(ROBOT), robacc.read_robot(TRUTH)
     q = middle_joints(nominal, 12, seed=3)
     by_joints = robacc.correct(joint_targets(q), model=model, nominal=nominal)
-    wanted = by_joints.targets.wanted.poses
+    wanted = by_joints.wanted.poses
     empty = np.zeros((3, 12))
     # The direction of approach of the first target is unknown in each form; all other moves are the same.
     seeded = Measurements(
         position=empty, q=q + 0.02, commanded_position=wanted.translation, commanded_rotation=wanted.rotation
     )
     result = robacc.correct(seeded, model=model, nominal=nominal)
-    np.testing.assert_allclose(result.targets.wanted.q, q, atol=1e-6)
-    np.testing.assert_allclose(result.targets.q, by_joints.targets.q, atol=1e-6)
+    np.testing.assert_allclose(result.wanted.q, q, atol=1e-6)
+    np.testing.assert_allclose(result.q, by_joints.q, atol=1e-6)
     free = Measurements(position=empty, commanded_position=wanted.translation, commanded_rotation=wanted.rotation)
     result = robacc.correct(free, model=model, nominal=nominal)
-    chosen = result.targets.is_corrected
+    chosen = result.is_corrected
     assert chosen.sum() >= 10
     assert result.after.position[chosen].max() < MICROMETRE
 
@@ -259,12 +259,10 @@ def test_frame_base_takes_targets_of_the_controller() -> None:
         position=np.zeros((3, 10)), q=q, commanded_position=pose.translation, commanded_rotation=pose.rotation
     )
     result = robacc.correct(data, model=model, nominal=nominal, frame="base")
-    np.testing.assert_allclose(result.targets.wanted.q, q, atol=1e-7)
+    np.testing.assert_allclose(result.wanted.q, q, atol=1e-7)
     # The controller computes q from the Cartesian command in its own frames.
-    command = result.targets.setting.from_measuring(result.targets.command)
-    np.testing.assert_allclose(
-        command.translation, predict(nominal, joint_targets(result.targets.q)).translation, atol=1e-12
-    )
+    command = result.setting.from_measuring(result.commanded)
+    np.testing.assert_allclose(command.translation, predict(nominal, joint_targets(result.q)).translation, atol=1e-12)
 
 
 def test_positions_alone_leave_the_orientation_free() -> None:
@@ -274,7 +272,7 @@ def test_positions_alone_leave_the_orientation_free() -> None:
     data = Measurements(position=np.zeros((3, 10)), q=q, commanded_position=position)
     result = robacc.correct(data, model=model, nominal=nominal)
     assert result.after.position.max() < MICROMETRE
-    assert not result.targets.wanted.oriented
+    assert not result.wanted.oriented
 
 
 # -- refusals
@@ -286,15 +284,15 @@ def test_limits_and_reasons() -> None:
     q[4, 0] = 0.0  # wrist stretched
     q[1, 1] = nominal.variables[1].limits[1]  # type: ignore[index]
     result = robacc.correct(joint_targets(q), model=model, nominal=nominal, most="1.2mm")
-    causes = [None if refusal is None else refusal.cause.value for refusal in result.targets.refusals]
+    causes = [None if refusal is None else refusal.cause.value for refusal in result.refusals]
     assert causes[0] == "singular"
     far = result.before.position > 1.3e-3
     assert {causes[i] for i in np.flatnonzero(far)} <= {"too_large", "limit", "singular"}
-    np.testing.assert_array_equal(result.targets.q[:, ~result.targets.is_corrected], q[:, ~result.targets.is_corrected])
+    np.testing.assert_array_equal(result.q[:, ~result.is_corrected], q[:, ~result.is_corrected])
     assert "see `most`" in " ".join(result.warnings) or not any(far)
     assert any("keep their nominal command" in warning for warning in result.warnings)
     low, high = np.array([joint.limits for joint in nominal.variables]).T[..., None]
-    assert np.all((result.targets.q >= low) & (result.targets.q <= high))
+    assert np.all((result.q >= low) & (result.q <= high))
 
 
 def test_no_target_left_is_an_error() -> None:
@@ -315,14 +313,14 @@ def test_approach_is_that_of_the_corrected_commands() -> None:
     rng = np.random.default_rng(0)
     q += rng.normal(scale=0.1, size=q.shape) * (rng.random(q.shape) < 0.6)
     result = robacc.correct(joint_targets(q), model=model, nominal=nominal)
-    commands = result.targets.q
+    commands = result.q
     direction, speed = motion_between_rows(commands)
     real = predict(
         model, Measurements(position=np.zeros((3, 40)), q=commands, direction=direction, speed=speed)
     ).translation
-    chosen = result.targets.is_corrected
+    chosen = result.is_corrected
     assert chosen.sum() >= 30
-    assert np.linalg.norm(real - result.targets.wanted.poses.translation, axis=0)[chosen].max() < MICROMETRE
+    assert np.linalg.norm(real - result.wanted.poses.translation, axis=0)[chosen].max() < MICROMETRE
 
 
 # -- bounds, files, speed
@@ -344,8 +342,8 @@ def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
     result = robacc.correct(joint_targets(q), model=TRUTH, nominal=ROBOT)
     result.write(tmp_path / "corrected.csv")
     data = robacc.simulate(TRUTH, at=tmp_path / "corrected.csv").data
-    error = np.linalg.norm(data.position - result.targets.wanted.poses.translation, axis=0)
-    assert error[result.targets.is_corrected].max() < MICROMETRE
+    error = np.linalg.norm(data.position - result.wanted.poses.translation, axis=0)
+    assert error[result.is_corrected].max() < MICROMETRE
     rows = result.per_target_csv().splitlines()
     assert len(rows) == 9
     assert rows[0].startswith("line,corrected,command_x_m")
@@ -385,10 +383,10 @@ def test_joints_that_count_against_the_table_are_corrected() -> None:
     q = np.radians([[20.0, -100.0, 100.0, 30.0, 40.0, 10.0], [-60.0, -70.0, 60.0, -50.0, -30.0, 90.0]]).T
     targets = Measurements(np.zeros((3, 2)), q=q)
     result = robacc.correct(targets, model=dataclasses.replace(nominal, joints=shifted), nominal=nominal, frame="base")
-    assert result.targets.is_corrected.all()
+    assert result.is_corrected.all()
     signs = np.array([joint.sign for joint in nominal.joints])
     assert (signs < 0).sum() == 3
-    np.testing.assert_allclose(result.targets.q - q, np.outer(-2e-4 * signs, [1, 1]), atol=1e-8)
+    np.testing.assert_allclose(result.q - q, np.outer(-2e-4 * signs, [1, 1]), atol=1e-8)
 
 
 STUDIES = Path(__file__).resolve().parents[1] / "studies"

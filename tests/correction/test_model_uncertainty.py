@@ -55,7 +55,7 @@ def test_nominal_robot_comes_back_from_the_model() -> None:
     targets = robacc.simulate(ROBOT, poses=12, seed=5, motion=False).data
     own = robacc.correct(targets, model=result.robot)
     given = robacc.correct(targets, model=result.robot, nominal=ROBOT)
-    np.testing.assert_allclose(own.targets.q, given.targets.q, atol=1e-9)
+    np.testing.assert_allclose(own.q, given.q, atol=1e-9)
     limit, largest = own.document()["limit"], model_fit(result.robot).largest_correction[0]
     assert (own.doubts, limit["source"], limit["position_m"]) == ((), "model", pytest.approx(2 * largest))
 
@@ -85,9 +85,9 @@ def test_errors_after_the_correction_keep_their_bound(orientation: bool) -> None
         model = calibrated(seed, orientation=orientation).robot
         targets = robacc.simulate(ROBOT, poses=60, seed=100 + seed, motion=False).data
         result = robacc.correct(targets, model=model, beyond_range=True)
-        real = predict(truth, result.targets.data).translation
-        chosen = result.targets.is_corrected
-        error = np.linalg.norm(real - result.targets.wanted.poses.translation, axis=0)[chosen]
+        real = predict(truth, result.data).translation
+        chosen = result.is_corrected
+        error = np.linalg.norm(real - result.wanted.poses.translation, axis=0)[chosen]
         bound = result.after.position_bound
         inside.append(np.mean(error <= bound[chosen]))
         spread = np.sqrt(np.mean((bound[chosen] / 1.8) ** 2) + 3 * 0.03e-3**2)
@@ -203,7 +203,7 @@ def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
     targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
     result, allowed = (robacc.correct(targets, model=model, beyond_range=beyond) for beyond in (False, True))
     outside = np.flatnonzero(np.abs(targets.q[0]) > 1.1)
-    assert {result.targets.refusals[i].cause.value for i in outside} == {"out_of_range"}
+    assert {result.refusals[i].cause.value for i in outside} == {"out_of_range"}
     assert allowed.n_corrected > result.n_corrected
 
 
@@ -218,7 +218,7 @@ def measured(robot: Robot, targets: robacc.Measurements, seed: int) -> robacc.Me
 def test_compare_paired_sees_gain_promise_and_a_correction_that_is_not_loaded() -> None:
     truth, model = robacc.read_robot(TRUTH), calibrated(2).robot
     targets = robacc.simulate(ROBOT, poses=40, seed=7, motion=False).data
-    correction = robacc.correct(targets, model=model, beyond_range=True).targets
+    correction = robacc.correct(targets, model=model, beyond_range=True)
     chosen = np.flatnonzero(correction.is_corrected)
     nominal, wanted = targets.subset(chosen), correction.wanted.poses
     corrected = dataclasses.replace(nominal, q=correction.q[:, chosen])

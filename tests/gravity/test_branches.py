@@ -225,7 +225,7 @@ def test_targets_are_corrected_for_the_other_arm_where_it_stands(tmp_path: Path)
     errors = {}
     for name, columns in (("with", targets), ("without", dataclasses.replace(targets, branches=None))):
         # Four joints reach positions, not whole poses: an orientation counts little.
-        commands = correct(columns, model=model, nominal=robot, weight="1m").targets.q
+        commands = correct(columns, model=model, nominal=robot, weight="1m").q
         attained = predict(model, dataclasses.replace(targets, q=commands)).translation
         errors[name] = float(np.max(np.linalg.norm(attained - wanted, axis=0)))
     assert errors["with"] < 1e-6

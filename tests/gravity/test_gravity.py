@@ -8,7 +8,6 @@ import numpy as np
 import pytest
 from arms import arm, circumstances
 
-from robacc.chain import Sweep
 from robacc.geometry import Poses
 from robacc.gravity import (
     Load,
@@ -22,7 +21,7 @@ from robacc.gravity import (
     payload,
     unit_loads,
 )
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, Sweep
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
 STEP = 1e-30

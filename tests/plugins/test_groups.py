@@ -12,14 +12,13 @@ import pytest
 import robacc
 from robacc.errors import UsageError
 from robacc.plug_ins import plug_in
-from robacc.programs.reading import is_program, read_program
+from robacc.programs.program import is_program, read_program
 
 ROOT = Path(__file__).resolve().parents[2]
 DIALECT = """
 import re
 
-from robacc.programs.grammar import AXIS_UNITS, arguments, numbers
-from robacc.programs.program import Draft, ProgramTarget
+from robacc.programs.program import AXIS_UNITS, Draft, ProgramTarget, arguments, numbers
 
 SIGN = re.compile(r"^CELL PROGRAM", re.M)
 

@@ -10,8 +10,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.programs.program import Program, ProgramTarget
-from robacc.programs.reading import read_program
+from robacc.programs.program import Program, ProgramTarget, read_program
 from robacc.programs.targets import flange_targets, with_targets, write_program
 
 SAMPLES = Path(__file__).parents[1] / "programs" / "samples" / "val3"

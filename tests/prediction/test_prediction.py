@@ -14,7 +14,6 @@ from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
 from robacc.accuracy.grade import default_scale
-from robacc.chain import BLOCK
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.robot_file import read_robot
@@ -27,7 +26,7 @@ from robacc.prediction.predicting import (
     sampled_configurations,
     uncertain_parameters,
 )
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BLOCK, Arm
 from robacc.robots.description import DH_PARAMETERS, Frame, Joint, Robot
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"

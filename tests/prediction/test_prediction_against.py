@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 from scipy import optimize, special, stats
 
-from robacc.chain import BASE
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
@@ -28,7 +27,7 @@ from robacc.prediction.comparison import (
     variance_components,
 )
 from robacc.prediction.predicting import ToleranceParameter, sampled_configurations, uncertain_parameters
-from robacc.robots.arm import Arm
+from robacc.robots.arm import BASE, Arm
 from robacc.robots.description import Frame
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"

@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.errors import InputError
-from robacc.programs.program import ProgramFrame
-from robacc.programs.reading import read_program
+from robacc.programs.program import ProgramFrame, read_program
 from robacc.robots.description import Frame
 
 SAMPLES = Path(__file__).parent / "samples"

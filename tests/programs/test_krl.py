@@ -9,8 +9,7 @@ import pytest
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError
-from robacc.programs.program import Program
-from robacc.programs.reading import read_program
+from robacc.programs.program import Program, read_program
 
 SAMPLES = Path(__file__).parent / "samples"
 
@@ -106,7 +105,7 @@ def test_spline_motions_name_their_frames_themselves() -> None:
 
 
 def test_a_huge_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robacc.programs.reading.PROGRAM_LIMIT", 1000)
+    monkeypatch.setattr("robacc.programs.program.PROGRAM_LIMIT", 1000)
     path = tmp_path / "huge.src"
     path.write_bytes(b"DEF a()\r\n" + b"; text\r\n" * 1000 + b"END\r\n")
     with pytest.raises(InputError, match="is larger than"):

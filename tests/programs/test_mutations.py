@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from robacc.errors import InputError
-from robacc.programs.reading import read_program
+from robacc.programs.program import read_program
 from robacc.programs.targets import with_targets
 
 FOLDER = Path(__file__).parent / "samples"

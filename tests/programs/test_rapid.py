@@ -8,8 +8,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.programs.program import Program, ProgramTarget
-from robacc.programs.reading import read_program
+from robacc.programs.program import Program, ProgramTarget, read_program
 
 SAMPLES = Path(__file__).parent / "samples"
 

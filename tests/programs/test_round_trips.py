@@ -8,9 +8,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from robacc.programs.program import NUMBER, Dialect, Program, ProgramSource
-from robacc.programs.reading import read_program
-from robacc.programs.targets import with_targets
+from robacc.programs.program import NUMBER, Program, ProgramSource, read_program
+from robacc.programs.targets import SUFFIX, with_targets
 
 FOLDER = Path(__file__).parent / "samples"
 SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())
@@ -39,7 +38,7 @@ def reread(program: Program, data: bytes, tmp_path: Path) -> Program:
 
 
 def test_every_dialect_has_six_samples() -> None:
-    counts = dict.fromkeys((*Dialect, "val3"), 0)
+    counts = dict.fromkeys((*SUFFIX, "val3"), 0)
     for path in SAMPLES:
         counts[read_program(path).dialect] += 1
     assert min(counts.values()) >= 6, counts
@@ -83,7 +82,7 @@ def test_new_values_are_read_back(path: Path, tmp_path: Path) -> None:
         if before.kind == "cartesian" and np.dot(new[3:], after.values[3:]) < 0:
             new[3:] *= -1
         # .LS files have three decimals of mm and degrees; the others resolve 0.1 um and 0.2 urad.
-        length, angle = (6e-7, 1.5e-5) if program.dialect == Dialect.fanuc else (1.01e-7, 3e-7)
+        length, angle = (6e-7, 1.5e-5) if program.dialect == "fanuc" else (1.01e-7, 3e-7)
         limits = [angle] * len(new) if before.kind == "joint" else [length] * 3 + [angle] * 4
         assert np.all(np.abs(new - after.values) <= limits), (before.name, new - after.values)
 

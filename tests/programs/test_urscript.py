@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from robacc.programs.reading import read_program
+from robacc.programs.program import read_program
 
 SAMPLES = Path(__file__).parent / "samples"
 

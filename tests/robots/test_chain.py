@@ -9,10 +9,9 @@ import numpy as np
 import pytest
 from homogeneous import frame
 
-from robacc.chain import BLOCK, TOOL, Chain
 from robacc.geometry import Array, log_so3
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.arm import build_chain
+from robacc.robots.arm import BLOCK, TOOL, Chain, build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs" / "robots").glob("*.yaml"))

@@ -9,9 +9,8 @@ from pathlib import Path
 
 import pytest
 
-from robacc.chain import TOOL
 from robacc.errors import InputError, RobaccError, UsageError
-from robacc.robots.arm import build_chain
+from robacc.robots.arm import TOOL, build_chain
 from robacc.robots.description import Mimic
 from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml

@@ -20,20 +20,15 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.levels import BLOCK_NUMBERS, NEGLIGIBLE
 from robacc.fitting.normal_equations import blocks_of
-from robacc.fitting.visits import places
+from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import observed_jacobian, residuals
 
-LEAST_GROUPS = 6
-"""Places that held-out errors need at least."""
 _ALONE = 1.0 - 1e-6
 """Leverage of a place, of any combination of its components, above which the others do not determine it."""
-_LARGE = 0.1
-"""Leverage of a place up to which the normal matrix of the fit's last step, exact to 1e-6, is enough."""
-_MOST_NUMBERS = 2**21
-"""Numbers of a Jacobian that are held at a time; of more, blocks of an eighth stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +55,7 @@ class HoldOut:
     @cached_property
     def folds(self) -> int:
         """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
-        if self.validation is not None or different(places(self.data)) < LEAST_GROUPS:
+        if self.validation is not None or different(places(self.data)) < LEAST_PLACES:
             return 0
         return different(self.groups)
 
@@ -112,7 +107,7 @@ def held_out_poses(
         undetermined: Called with the rows of a group that alone determines a coefficient.
         components: 6 for poses, 3 for positions alone.
         exact: Form the normal matrix again at the solution; of many rows it is that of the fit's last step, which is
-            enough unless a group determines a coefficient nearly alone.
+            enough, within 1e-6, unless a group has a tenth of the leverage on itself.
 
     Returns:
         The poses by each model; None where the arm without its absent effects has no equilibrium.
@@ -126,7 +121,7 @@ def held_out_poses(
         poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
     if not size:
         return poses
-    most = _MOST_NUMBERS // (rows_of * size)
+    most = BLOCK_NUMBERS // (rows_of * size)
     blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -155,7 +150,7 @@ def held_out_poses(
         jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
         ahead, scaled = root @ jacobian, (root @ white.reshape(size, -1)).reshape(white.shape)
         share = np.bincount(groups[rows] - groups[rows].min(), np.einsum("kmn,kmn->n", scaled, scaled))
-        if not exact and share.max() > _LARGE:
+        if not exact and share.max() > NEGLIGIBLE:
             return held_out_poses(fit, data, groups, lacking, undetermined, components, exact=True)
         scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
         for predicted, directions, whole, error in models:

@@ -24,16 +24,12 @@ from numpy.typing import NDArray
 
 from robacc.chain import BLOCK
 from robacc.effects.frames import JointOffset
+from robacc.fitting.levels import BLOCK_NUMBERS
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 
 # Positive semidefinite systems that rounding or absent data can make singular, solved with a diagonal of one.
-
-_RIDGE = 1e-11
-"""Added to a unit diagonal that is singular to rounding: far below any weight that data give."""
-_LARGE = 250
-"""Coefficients from which Cholesky's factor, in half of the time, is worth the import of SciPy."""
 
 
 def unit_diagonal(matrix: Array) -> tuple[Array, Array]:
@@ -54,32 +50,20 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     """
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
+    matrix += damping * np.eye(len(matrix))
     try:
-        result = np.linalg.solve(matrix + damping * np.eye(len(matrix)), scale * rhs)
+        result = np.linalg.solve(matrix, scale * rhs)
     except np.linalg.LinAlgError:
-        ridge = np.where(np.diag(matrix) == 0.0, 1.0, _RIDGE)
-        result = np.linalg.solve(matrix + np.diag(ridge), scale * rhs)
+        result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
     return np.asarray(scale * result, dtype=np.float64)
 
 
 def posterior(gram: Array, prior: Array) -> Array:
     """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``."""
-    whole = gram + np.diag(prior)
-    if len(gram) >= _LARGE:
-        from scipy.linalg.lapack import dpotrf, dpotri
-
-        matrix, scale = unit_diagonal(whole)
-        factor, failed = dpotrf(matrix, lower=True)
-        if not failed:
-            lower = np.tril(dpotri(factor, lower=True)[0])
-            return np.asarray(scale[:, None] * (lower + np.tril(lower, -1).T) * scale, dtype=np.float64)
-    return solved(whole, np.eye(len(whole)))
+    return solved(gram + np.diag(prior), np.eye(len(gram)))
 
 
 # Whitening.
-
-_MOST_NUMBERS = 2**21
-"""Numbers of which copies are made at a time."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +99,7 @@ class Whitening:
 
     def cost(self, values: Array) -> float:
         """Return the sum of the squares of ``(M, N)`` whitened."""
-        total, step = 0.0, values.shape[1] if self.blocks else _MOST_NUMBERS // 32
+        total, step = 0.0, values.shape[1] if self.blocks else BLOCK_NUMBERS // 32
         for start in range(0, values.shape[1], step):
             rows = slice(start, start + step)
             white = (self if self.blocks else self.subset(rows)).apply(values[:, rows])
@@ -125,7 +109,7 @@ class Whitening:
     def _mix(self, scaled: Array) -> None:
         """Multiply scaled values ``(L, M, N)`` in place by the factors of the visits."""
         for rows, factor in self.blocks:
-            step = max(1, _MOST_NUMBERS // (len(scaled) * factor.shape[1]))
+            step = max(1, BLOCK_NUMBERS // (len(scaled) * factor.shape[1]))
             for start in range(0, len(rows), step):
                 part = rows[start : start + step]
                 stacked = scaled[:, :, part].transpose(2, 1, 3, 0)

@@ -75,18 +75,15 @@ def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) 
 
 # Leverage: the share of a row in its own prediction.
 
-_HIGH_LEVERAGE = 0.5
-"""Share of a row in its own prediction above which the row is reported."""
-
 
 def high_leverage(fit: Fit) -> tuple[tuple[int, float], ...]:
-    """Return the rows with high leverage: index and mean diagonal of the hat matrix over the components."""
+    """Return the rows that decide half of their own prediction: index and mean diagonal of the hat matrix."""
     inverse, share = posterior(fit.gram, fit.precision), np.empty(fit.data.n)
     for start in range(0, fit.data.n, BLOCK):
         block = np.arange(start, min(start + BLOCK, fit.data.n))
         columns = fit.jacobian(block, len(fit.residual)) * fit.weight[:, None, block]
         share[block] = np.einsum("mpn,mpn->n", inverse @ columns, columns) / len(fit.residual)
-    high = np.flatnonzero((share > _HIGH_LEVERAGE) & fit.inliers)
+    high = np.flatnonzero((share > 0.5) & fit.inliers)
     return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
 

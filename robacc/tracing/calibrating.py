@@ -23,7 +23,7 @@ from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repea
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, choose_form, mass_warning, with_mass_uncertainty
+from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.parameters import (
     Correlation,
@@ -38,18 +38,8 @@ from robacc.fitting.parameters import (
 from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity_direction
 from robacc.fitting.solver import fit, refit
-from robacc.fitting.visits import places, places_warning
-from robacc.fitting.warnings import (
-    LackOfFit,
-    condition_warning,
-    frames_warning,
-    lack_of_fit,
-    larger_error_warning,
-    moved_frames,
-    outliers_warning,
-    suspected_mistakes,
-    weak_parameters_warning,
-)
+from robacc.fitting.visits import places
+from robacc.fitting.warnings import LackOfFit, fit_warnings, lack_of_fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -185,7 +175,7 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> tupl
     model is not registered.
     """
     try:
-        registered = fit(Model.of(robot, default_frames(robot, data)), data, Options(tolerance=1e-6))
+        registered = fit(Model.of(robot, default_frames(robot, data)), data)
     except InputError:
         return residuals(data, predict(robot, data)), None
     return registered.residual, how.residuals(registered)[0]
@@ -199,12 +189,6 @@ def default_frames(robot: Robot, data: Measurements) -> list[Effect]:
 
 Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""
-_OVERFIT_RATIO = 1.5
-"""Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
-_SURE = 0.999
-"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
-_SMALL = 0.7
-"""… if the residual is also less than this part of it, which is more than the rounding of a sigma explains."""
 
 
 @dataclass(frozen=True)
@@ -283,6 +267,7 @@ def judge(
     fitted = unregistered, registered, before.residual, fit.residual
     stages = [Stage(own, fit.inliers, apart, judged) for own, apart in zip(fitted, held_out, strict=True)]
     basis = stages[any(each.traits.is_frame for each in fit.model.free)]
+    held_out_rms = None if stages[3].held_out is None else stages[3].held_out.position.rms
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
@@ -305,66 +290,11 @@ def judge(
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, without_findings, noise, rounding, stages[-1], data, how.validation),
+            *fit_warnings(fit, data, noise, without_findings, (stages[3].fitted.position.rms, held_out_rms), poses),
+            *(() if rounding is None else (rounding.warning,)),
+            *read_back_warning(fit, data),
         ),
     )
-
-
-def _warnings(
-    fit: Fit,
-    without_findings: Fit,
-    noise: LackOfFit,
-    rounding: Rounding | None,
-    after: Stage,
-    data: Measurements,
-    validation: Measurements | None,
-) -> Iterator[str]:
-    """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out."""
-    if not fit.converged:
-        yield (
-            f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
-            "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
-        )
-    if not data.has_length:
-        yield (
-            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
-            "add rows of kind distance, such as between two sockets, or positions"
-        )
-    yield from mass_warning(fit)
-    yield from data.warnings
-    yield from data.contradicted_ids()
-    yield from places_warning(data)
-    yield from outliers_warning(fit, data)
-    yield from () if rounding is None else (rounding.warning,)
-    yield from read_back_warning(fit, data)
-    yield from suspected_mistakes(fit)
-    yield from frames_warning(without_findings, data)
-    if noise.noise.source == "file" and (noise.p_value or 0.0) > _SURE and noise.ratio < _SMALL:
-        yield (
-            f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
-            "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"
-        )
-    yield from weak_parameters_warning(fit)
-    n_coefficients = int(fit.identifiability.columns.size)
-    surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
-    if surplus < n_coefficients and not fit.group_stds:
-        yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
-    yield from condition_warning(without_findings)
-    if after.held_out is None:
-        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-        yield f"{poses} too few to hold any out: all errors are of calibration poses"
-        return
-    fitted, held_out = after.fitted.position.rms, after.held_out.position.rms
-    if validation is None:
-        if held_out > _OVERFIT_RATIO * fitted:
-            yield (
-                "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more "
-                "poses"
-            )
-    elif (moved := moved_frames(without_findings, validation)) is not None:
-        yield moved
-    elif (larger := larger_error_warning(fitted, held_out)) is not None:
-        yield larger
 
 
 # Weights by direction, where the noise is larger along one direction than along others (a camera's depth).

@@ -35,7 +35,7 @@ from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
-from robacc.fitting.solver import SEARCH, fit, refit
+from robacc.fitting.solver import fit, refit
 from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
@@ -520,8 +520,8 @@ def advise(
     q = low[:, None] + (high - low)[:, None] * generator.random((low.size, _TRIAL_POSES))
     trial = dataclasses.replace(data.subset(rows), q=q)
     try:
-        first = fit(declared.model.with_free(*others, finding), data, SEARCH)
-        second = fit(declared.model.with_free(*others, rival), data, SEARCH)
+        first = fit(declared.model.with_free(*others, finding), data)
+        second = fit(declared.model.with_free(*others, rival), data)
         predicted = [fitted.model.bind(trial).poses(fitted.theta).translation for fitted in (first, second)]
     except RobaccError:
         return None

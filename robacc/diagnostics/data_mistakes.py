@@ -16,8 +16,6 @@ import numpy as np
 
 from robacc.diagnostics.row_mistakes import (
     CLEAR,
-    GROSS,
-    MOST_ROWS,
     PLAUSIBLE,
     Mistake,
     find_part_mistake,
@@ -33,6 +31,7 @@ from robacc.fitting.closed_form import (
     register_positions,
     rows_by_target,
 )
+from robacc.fitting.levels import ENOUGH, EXAMPLES, GROSS, SAMPLE
 from robacc.geometry import (
     Array,
     Poses,
@@ -362,8 +361,6 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
 
 # Hypotheses: sets of changes.
 
-_LEAST_POSES = 8
-"""Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
 _SAMPLE = 60
@@ -374,7 +371,6 @@ _MORE = 2
 """Mistakes that a set is extended by, and that an alternative has beyond those of the simplest, at most."""
 _SAME = 1.5
 """Ratio of errors up to which two hypotheses are not distinguishable."""
-_MOST_ALTERNATIVES = 3
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -385,7 +381,7 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     Raises:
         InputError: the mistake, its errors and the fix.
     """
-    if data.n < _LEAST_POSES or data.q is None or data.kind is not None:
+    if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
     found = find_row_mistake(robot, data, poses.translation)
@@ -402,7 +398,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
 
     ``predicted`` ``(3, N)`` are positions by the robot, registered or not, m; where they agree, nothing is registered.
     """
-    if data.n < _LEAST_POSES or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
+    if data.n < ENOUGH or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
         return ()
     from robacc.modelling.robot_file import read_robot
     from robacc.robots.library import library
@@ -413,7 +409,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
         except RobaccError:
             return np.inf
 
-    data = data.subset(even_rows(data.n, MOST_ROWS))
+    data = data.subset(even_rows(data.n, SAMPLE))
     if (own := error(robot)) <= _USUAL_ERROR:
         return ()
     fits = {
@@ -444,7 +440,7 @@ def _is_gross(data: Measurements, poses: Poses) -> bool:
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
-    if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, registered_poses(robot, data)):
+    if data.n < ENOUGH or data.q is None or not _is_gross(data, registered_poses(robot, data)):
         return None
     data = data.subset(even_rows(data.n, _SAMPLE))
     pool = _judged(robot, data, [()])
@@ -613,6 +609,6 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
         best.position,
         null.orientation,
         best.orientation,
-        tuple(dict.fromkeys(alternatives))[:_MOST_ALTERNATIVES],
+        tuple(dict.fromkeys(alternatives))[:EXAMPLES],
         tuple(sorted(unseen)),
     )

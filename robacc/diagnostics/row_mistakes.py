@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.closed_form import arm_poses, register_frames, register_positions, rows_by_target
+from robacc.fitting.levels import ENOUGH, FEW, GROSS, LISTED, MANY, SAMPLE
 from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import predict
@@ -23,17 +24,12 @@ from robacc.robots.description import Robot
 
 # A mistake in the data or the robot file, and the misfit from which there may be one.
 
-GROSS = 0.01
-"""Median registered error, as a share of the standard deviation of the positions (or in rad), above which it may come
-from a mistake. An arm as it is built stays below. A single row may have twice as much, as may the sum of a position
-error and an orientation error."""
-PLAUSIBLE = 0.1
-"""The same of positions that are right in the main: registered on few rows, or on an arm with a further mistake."""
+PLAUSIBLE = 10.0 * GROSS
+"""Median registered error, as :data:`GROSS`, of positions that are right in the main: registered on few rows, or on an
+arm with a further mistake."""
 CLEAR = 8.0
 """Factor by which the correction of a mistake has to reduce the error. Registration of base and target explains at most
 a factor of three of a mistake in a few rows."""
-MOST_ROWS = 400
-"""Rows, evenly spread, on which base and target are registered, which bounds the time."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,28 +80,22 @@ def spread(position: Array) -> float:
 
 def registered_poses(robot: Robot, data: Measurements) -> Poses:
     """Return the poses of the nominal model with base and targets registered, on an even share of the poses."""
-    return predict(register_frames(robot, data.subset(even_rows(data.n, MOST_ROWS)), True, True), data)
+    return predict(register_frames(robot, data.subset(even_rows(data.n, SAMPLE)), True, True), data)
 
 
 # Rows that belong to the joints of other rows, and stretches of rows.
 
 _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
-_FEWEST_ROWS, _MOST_ROWS = 10, 20_000
-"""Rows that the search needs, and a stretch that is examined by itself; and beyond which the search takes too long."""
 _WINDOWS, _MOST_IN_WINDOW = 6, 40
 """Windows, and best of them that are judged by all rows; and most rows of a window: one has to have good rows only."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
 _MIXED = 0.1
 """Share of rows within such a stretch that may agree, and of rows outside that may not."""
-_FEW = 0.05
-"""Share of exchanged rows up to which the others can be used."""
 _SAME_POINTS = 0.12
 """Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
 of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
-_LISTED = 8
-"""Row numbers that a message lists."""
 
 
 def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mistake | None:
@@ -118,7 +108,7 @@ def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mist
     """
     errors, gross = _lengths(data.position - predicted), 2 * GROSS * spread(data.position)
     middle = float(np.median(errors))
-    if not _FEWEST_ROWS <= data.n <= _MOST_ROWS or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
+    if not ENOUGH <= data.n <= MANY or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
         return None
     predicted = _best_predicted(robot, data, predicted)
     by_shift = _errors_by_shift(predicted, data.position)
@@ -134,12 +124,12 @@ def find_part_mistake(
 
     ``find`` returns the mistake of all rows of some poses, with base and target registered on these.
     """
-    if data.n < _FEWEST_ROWS:
+    if data.n < ENOUGH:
         return None
     errors = _lengths(data.position - _best_predicted(robot, data, registered_poses(robot, data).translation))
     gross, typical = 2 * GROSS * spread(data.position), float(np.quantile(errors, 0.25))
     wrong = errors > max(gross, CLEAR * typical)
-    rows = next(_runs(np.where(wrong, 1.0, -1.0), _FEWEST_ROWS), np.arange(0))
+    rows = next(_runs(np.where(wrong, 1.0, -1.0), ENOUGH), np.arange(0))
     outside = np.delete(wrong, rows)
     if typical > gross or not rows.size or not outside.size or max(1 - wrong[rows].mean(), outside.mean()) > _MIXED:
         return None
@@ -166,7 +156,7 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
     assert data.q is not None
     margin = int(_SHIFTS.max())
-    length = min(max(data.n // _WINDOWS, _FEWEST_ROWS), _MOST_IN_WINDOW, data.n - 2 * margin)
+    length = min(max(data.n // _WINDOWS, ENOUGH), _MOST_IN_WINDOW, data.n - 2 * margin)
     by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
     tried: list[tuple[float, Array, Array, Array]] = []
     for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
@@ -242,7 +232,7 @@ def _exchanged(data: Measurements, predicted: Array, gross: float) -> Mistake | 
     errors = _lengths(data.position - predicted)
     limit = max(CLEAR * float(np.median(errors)), gross)
     wrong = np.flatnonzero(errors > limit)
-    if not 2 <= wrong.size <= MOST_ROWS:
+    if not 2 <= wrong.size <= SAMPLE:
         return None
     distance = np.linalg.norm(predicted[:, wrong, None] - data.position[:, None, wrong], axis=0)
     place, match = linear_sum_assignment(np.minimum(distance, limit))
@@ -256,16 +246,16 @@ def _exchanged(data: Measurements, predicted: Array, gross: float) -> Mistake | 
         return None
     rows = np.concatenate(cycles)
     texts = [
-        ", ".join(str(data.line(int(row))) for row in wrong[members[:_LISTED]]) + ", …" * (members.size > _LISTED)
+        ", ".join(str(data.line(int(row))) for row in wrong[members[:LISTED]]) + ", …" * (members.size > LISTED)
         for members in cycles
     ]
     what, fix = "the measured poses", "pair each measured pose with its own joint values"
     if all(_is_one_visit(data, wrong[members]) for members in cycles):
         what, fix = "the names of the targets", "give each row the name of the target that was measured"
     verb = "exchanged" if max(members.size for members in cycles) == 2 else "in another order than the joints"
-    refused = rows.size > _FEW * data.n
+    refused = rows.size > FEW * data.n
     return Mistake(
-        f"{data.counted}s {'; '.join(texts[:_LISTED])}{'; …' * (len(texts) > _LISTED)}: {what} seem to be {verb}",
+        f"{data.counted}s {'; '.join(texts[:LISTED])}{'; …' * (len(texts) > LISTED)}: {what} seem to be {verb}",
         fix if refused else f"{fix}, and these rows are left out of the fit as outliers until then",
         float(np.median(errors[wrong[rows]])),
         float(np.median(after[rows])),

@@ -27,7 +27,8 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import bdtrc
 
-from robacc.error_model.terms import TERMS, Linearised, Rows
+from robacc.error_model.terms import LOG_STDS, TERMS, Linearised, Rows
+from robacc.fitting.levels import ACCEPTED, ROUNDS, STEPS
 from robacc.geometry import Array
 
 
@@ -273,8 +274,6 @@ def _log_det(factor: Array) -> float:
 
 # Restricted maximum likelihood of the covariance's parameters, gross errors, and what the parameters cost.
 
-ACCEPTED = 3.0
-"""Log odds beyond which an effect or a term is accepted: 20 to 1, "strong" (Kass and Raftery 1995)."""
 GROSS_SHARE = 0.01
 """Prior share of rows with a gross error."""
 GROSS_FACTORS = np.array([1.0, 6.0, 30.0, 1000.0])
@@ -282,17 +281,12 @@ GROSS_FACTORS = np.array([1.0, 6.0, 30.0, 1000.0])
 _LOG_SHARES = np.log([1.0 - GROSS_SHARE, *[GROSS_SHARE / 3.0] * 3])
 _SIZES = (-3.0, 0.0, 0.7)
 """Log factors on a term's start: that of its score statistics, and those of a lower bound of its gain."""
-_STEPS = 40
 _LONGEST = 2.0
 """Longest step of a log standard deviation or length: beyond it their exponentials are far from linear."""
 _WORTH = 0.5
 """Gain, by a lower bound, from which a term is estimated; it decides about time."""
 _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
-LEAST = math.log(1e-7)
-"""Least log standard deviation of noise, m or rad: below the resolution of any instrument."""
-NOISE_STDS = (LEAST, math.log(0.1))
-"""Bounds of a log standard deviation of noise."""
 
 
 def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool = False) -> CovarianceParameters:
@@ -302,13 +296,13 @@ def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool =
     (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
     """
     part, start = on_subset(noise, linear) if noise.terms and not on_all else (linear, noise)
-    bounds = [NOISE_STDS] * len(noise.log_std)
+    bounds = [LOG_STDS] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T
     at, damping = np.clip(noise.packed, low, high), 0.1
     best, step = likelihood_derivatives(start.unpacked(at), part), np.zeros_like(at)
-    for _ in range(_STEPS):
+    for _ in range(STEPS):
         _, gradient, information = best
         free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
         ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
@@ -330,7 +324,7 @@ def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearis
     return part, dataclasses.replace(noise, factor=noise.factor[index])
 
 
-def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = 6) -> CovarianceParameters:
+def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS) -> CovarianceParameters:
     """Return the noise estimated again, with the factor of each row that is most probable.
 
     Rows are judged one by one, so that scatter of a visit may look like a gross error of each of its rows: factors

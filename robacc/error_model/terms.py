@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Part, Term
 from robacc.effects.campaign import sequence_of
+from robacc.fitting.levels import NEGLIGIBLE, RESOLUTION
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -200,9 +201,7 @@ class Linearised:
 
 ErrorPart = Literal["noise", "scatter", "pose", "wander"]
 """Noise of the instrument, scatter of the joints, error that depends on the pose, wander over time."""
-NEGLIGIBLE = 0.1
-"""Share of the noise below which a standard deviation is negligible: it changes a variance by 1 %."""
-_STD = (math.log(1e-8), math.log(0.1))
+LOG_STDS = (math.log(RESOLUTION), math.log(0.1))
 """Bounds of a log standard deviation, rad or m: below an instrument's resolution, and larger than any arm's error."""
 
 Carried = tuple[int, Sequence[int], Array]
@@ -242,7 +241,7 @@ class CovarianceTerm(abc.ABC):
     def bounds(self, count: int) -> list[tuple[float, float]]:
         """Return the bounds of ``count`` parameters."""
         stds = range(count)[self.amplitudes]
-        return [_STD if number in stds else self.shape_bounds for number in range(count)]
+        return [LOG_STDS if number in stds else self.shape_bounds for number in range(count)]
 
     def kernels(self, parameters: Array, rows: Rows) -> Array:
         """Return the kernels ``(C, N, N)`` of all carriers; 0 where the term does not act."""

@@ -14,6 +14,9 @@ strong"."""
 SIGNIFICANT = 1e-3
 """Probability by chance below which a pattern is none: the same odds, over some ten patterns."""
 
+NORMAL_95 = 1.96
+"""Standard errors that a normal variable is within, with a probability of 95 %."""
+
 # Shares.
 
 NEGLIGIBLE = 0.1

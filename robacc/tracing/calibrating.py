@@ -23,6 +23,7 @@ from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repea
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
+from robacc.fitting.levels import NORMAL_95
 from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.parameters import (
@@ -52,8 +53,6 @@ from robacc.tracing.search import search
 # To first order, an effect with the coefficients c moves the target by J_c c. If it is left out and the rest fitted
 # again, the coefficients change by -C_:c C_cc^-1 c, C the inverse of the normal equations' matrix, and the error
 # grows by the part that nothing else in the model can describe.
-
-_NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -110,7 +109,7 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         square, noise = float(values @ pull), float(np.sum(moved[own] * covariance[own]))
         size = float(np.sqrt(max(square, 1e-300)))
         std = float(np.sqrt(max(float(pull @ covariance[own] @ pull), 0.0))) / size
-        interval = (float(np.sqrt(max(square - noise, 0.0))) - _NORMAL_95 * std, size + _NORMAL_95 * std)
+        interval = (float(np.sqrt(max(square - noise, 0.0))) - NORMAL_95 * std, size + NORMAL_95 * std)
         change = inverse[:, indices] @ np.linalg.solve(inverse[own], values)
         left = float(change @ moved @ change)
         share = min(left / nominal_rms**2, 1.0) if nominal_rms > 0.0 else None

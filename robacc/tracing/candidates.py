@@ -41,8 +41,9 @@ from robacc.effects.periodic import (
     searched_order,
     supported_orders,
 )
-from robacc.error_model.covariance import ACCEPTED, Whitened
+from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
+from robacc.fitting.levels import ACCEPTED, STEPS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -57,8 +58,6 @@ _STEP_PLACES = 40
 """Largest number of places at which a step is tried first; those between them are tried beside a step that is found."""
 _PEAKS = 6
 """Peaks of a joint's spectrum that become candidates."""
-_LEAST_GAIN = 1.0
-"""Gain of a peak, in units of log likelihood, below which it is noise."""
 _TIME_FACTORS = (0.7, 0.9, 1.1, 1.4)
 """Factors of a time constant that are tried beside one in the model; the first tried are a factor of 2 apart."""
 _PLACE_STEPS = (0.25, 0.06, 0.015)
@@ -183,7 +182,7 @@ class OrderGrid:
         return np.exp(1j * np.multiply.outer(self.orders, self.angle))
 
     def peaks(self, residual: Array, square: Array) -> Array:
-        """Return the orders where the residual's spectrum has its largest peaks.
+        """Return the orders where the residual's spectrum has its largest peaks; a gain below 1 is noise.
 
         Args:
             residual: ``(N,)`` J'P y, the weighted residual along the joint.
@@ -192,7 +191,7 @@ class OrderGrid:
         """
         gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
-        at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > _LEAST_GAIN))
+        at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > 1.0))
         return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]])
 
 
@@ -308,8 +307,6 @@ def _rounded(place: Array) -> Place:
 
 _NEW = 1e-6
 """Share of a column's square below which its new part is rounding: the model has the column already."""
-_SCALE_ROUNDS = 3
-"""Rounds in which the noise's scale follows the candidate; each changes the evidence less than the one before."""
 
 
 @dataclass(frozen=True)
@@ -404,7 +401,7 @@ class Evidence:
             seen = values > _NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
             noise = np.full(scales.shape, square / dof)
-            for _ in range(_SCALE_ROUNDS):
+            for _ in range(3):
                 precision = (noise / np.square(scales))[:, :, None]
                 explained = np.sum(np.square(along) / (values + precision), axis=2)
                 noise = np.maximum(square - explained, 1e-9 * square) / dof
@@ -434,9 +431,6 @@ def _products(columns: Array) -> Array:
 # the statistic t^2 by c' G c over the noise variance. A search accepts q coefficients from the t^2 on at which the
 # evidence at the best prior size, (t^2 - q)/2 - q/2 log(t^2/q), exceeds the prior odds and :data:`ACCEPTED`; an effect
 # has its detection limit where the noise takes it there with probability 1/2.
-
-_LEAST_NEW = 1e-6
-"""Share of its squared length below which the new part of a direction counts as explained by the present model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -470,7 +464,7 @@ def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
     needed = ACCEPTED - log_prior
     # The evidence grows with the statistic by (1 - q / t^2) / 2: Newton steps from above converge.
     statistic = 2.0 * (needed + rank)
-    for _ in range(50):
+    for _ in range(STEPS):
         evidence = 0.5 * (statistic - rank) - 0.5 * rank * math.log(statistic / rank)
         statistic += (needed - evidence) / (0.5 * (1.0 - rank / statistic))
     return DecisiveTest(max(chi2_sf(statistic, float(rank)), 1e-300), (float(rank), float(round(dof) - rank)))
@@ -482,4 +476,4 @@ def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
     ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
     """
     values, vectors = np.linalg.eigh(blocks)
-    return np.where(values > _LEAST_NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
+    return np.where(values > _NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors

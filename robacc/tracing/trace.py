@@ -19,7 +19,6 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS
-from robacc.error_model.covariance import ACCEPTED
 from robacc.error_model.structure import (
     ErrorStructure,
     Repeatability,
@@ -30,6 +29,7 @@ from robacc.error_model.terms import ErrorPart
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
+from robacc.fitting.levels import ACCEPTED, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
@@ -53,13 +53,6 @@ from robacc.tracing.search import (
 )
 
 # Harmonics of a joint's periodic error, each with its amplitude and phase.
-
-_MOST_NAMED = 6
-"""Largest number of harmonics named."""
-_OF_COUNTERBALANCE = 2.5
-"""Order up to which a periodic error may come from a counterbalance."""
-_CLEAR = 2.0
-"""Standard errors from which a harmonic of a profile is named: about 95 % confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +81,8 @@ def fitted_harmonics(
 ) -> tuple[Harmonic, ...]:
     """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
 
-    Of a profile, those are named that are clear. Standard errors follow by the law of propagation (JCGM 100, 5.2.2).
+    Of a profile, those are named whose amplitude is two standard errors or more. Standard errors follow by the law of
+    propagation (JCGM 100, 5.2.2).
 
     Args:
         effect: A periodic error of a joint that turns.
@@ -107,13 +101,13 @@ def fitted_harmonics(
         along = across = None
         if amplitude > 0.0 and np.all(variance >= 0.0):
             along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
-        if not effect.is_profile() or (along is not None and amplitude > _CLEAR * along):
+        if not effect.is_profile() or (along is not None and amplitude > 2.0 * along):
             origin = origin_of(order, arm.joint(joint).gear_ratio, order_tolerance(extent))
             harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across, origin))
     harmonics.sort(key=lambda harmonic: -harmonic.amplitude)
     if len(harmonics) == 1:
         harmonics[0] = dataclasses.replace(harmonics[0], aliases=tuple(aliases))
-    return tuple(harmonics[:_MOST_NAMED] if effect.is_profile() else harmonics)
+    return tuple(harmonics[:LISTED] if effect.is_profile() else harmonics)
 
 
 def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
@@ -125,7 +119,7 @@ def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: S
     orders 1 and 2 describe over a range of 2 rad.
     """
     springs = [other for other in effects if other.traits.is_spring and set(effect.joints) <= set(other.joints)]
-    if springs and harmonics and all(harmonic.order <= _OF_COUNTERBALANCE for harmonic in harmonics):
+    if springs and harmonics and all(harmonic.order < 3.0 for harmonic in harmonics):
         return (
             f"with {springs[0]}, a counterbalance across {effect.joints[0]} has the same shape: a spring or cylinder "
             "that the robot file does not state, whose torque follows the joint's angle"
@@ -139,12 +133,6 @@ def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: S
     if others:
         origins.append(f"orders {', '.join(others)} are not distinguishable from it on these poses")
     return "; ".join(origins) or None
-
-
-_FEW_POSES = 8
-"""Rows below which a finding gets a warning, if they carry more than half of its contribution."""
-_FEW_SHARE = 0.1
-"""The same limit as a share of all rows, for small sets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -232,7 +220,7 @@ def describe_finding(
     if moved is not None and moved.any():
         share = np.sort(np.square(moved))[::-1]
         count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
-        if count < min(_FEW_POSES, _FEW_SHARE * share.size):
+        if count < min(ENOUGH, NEGLIGIBLE * share.size):
             warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
     of_position, of_orientation = _rms_and_largest(moved), _rms_and_largest(turned)
     return Finding(
@@ -291,15 +279,11 @@ def _motion(number: int, final: Fit, data: Measurements) -> tuple[Array | None, 
 
 # Error that remains after the findings of a trace, and hints on its cause.
 
-_CHANCE = 0.002
-"""Probability below which a structure of the remaining error is no chance: some five tests share one in a hundred."""
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 """Effects by which every nominal model deviates."""
-_MOST_REPEATABILITY = 1e-4
-"""Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
-_MOST_PRESUMED = 1.2e-4
-"""Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
-(0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
+_USUAL = 1.2e-4
+"""Remaining error, m rms, that a laser tracker at some metres (0.03 to 0.05 mm along each axis) and a data sheet's
+repeatability (0.02 to 0.1 mm) leave together."""
 _UNCERTAIN = 1.2
 """Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
 _SMALL_POSE_ERROR = 1e-5
@@ -309,8 +293,6 @@ _LOOKS_LIKE: Mapping[ErrorPart, tuple[str, tuple[str, ...]]] = {
     "wander": ("wanders over time", ("thermal_expansion", "joint_warmup", "frame_drift")),
 }
 """Parts of the error, what they look like, and effects that look so where their columns are missing."""
-_MANY_OUTLIERS = 0.05
-"""Share of the rows from which outliers are not accidental."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,7 +338,7 @@ def remaining_error(
     playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
     memories = memory_of_play(final, data, tuple(playing))
     for joint, p_value in memories.items():
-        if p_value * len(memories) <= _CHANCE:
+        if p_value * len(memories) <= SIGNIFICANT:
             p_values.append(p_value * len(memories))
             hints.append(
                 f"in addition to {playing[joint]}, the errors of {joint} follow the change of its torque since the "
@@ -369,7 +351,7 @@ def remaining_error(
     of_residual = repeatability is not None and repeatability.source == "residual"
     rounded = 0.0 if rounding is None else _UNCERTAIN * rounding.position
     if repeatability is not None:
-        if of_residual and repeatability.position > math.hypot(_MOST_REPEATABILITY, rounded):
+        if of_residual and repeatability.position > math.hypot(_USUAL, rounded):
             hints.append(
                 f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
                 "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
@@ -384,16 +366,16 @@ def remaining_error(
     pattern, share = outlier_pattern(data, ~final.inliers, final.model.arm.names), final.outliers.size / data.n
     if pattern is not None:
         hints.append(pattern)
-    if share > _MANY_OUTLIERS:
+    if share > FEW:
         hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
     is_unconfirmed = noise.p_value is None and (repeatability is None or of_residual)
-    if findings and is_unconfirmed and rms > math.hypot(_MOST_PRESUMED, rounded):
+    if findings and is_unconfirmed and rms > math.hypot(_USUAL, rounded):
         hints.append(
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
             "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
             "the model"
         )
-    if noise.p_value is not None and noise.p_value <= _CHANCE:
+    if noise.p_value is not None and noise.p_value <= SIGNIFICANT:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"
         hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
@@ -419,8 +401,6 @@ def remaining_error(
 # Verdict of a trace, the assumption that it rests on, and the share of the error that the findings explain.
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
-HIDDEN_NOISE = 0.1
-"""Ratio of noise to repeatability, of one residual, below which the noise is not resolved."""
 
 
 def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict:
@@ -436,7 +416,7 @@ def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bo
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
     if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
         return False
-    return math.sqrt(3) * noise.noise.position < HIDDEN_NOISE * repeatability.position
+    return math.sqrt(3) * noise.noise.position < NEGLIGIBLE * repeatability.position
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
@@ -476,14 +456,6 @@ def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability
 # Source of the criterion: A. C. Atkinson and V. V. Fedorov, "The design of experiments for discriminating between two
 # rival models", Biometrika 62, 1975.
 
-_TRIAL_POSES = 600
-"""Random poses among which those of largest difference are sought."""
-_ADVISED = 4
-_ELIGIBLE_SHARE = 0.6
-"""Share of the largest difference from which a pose is eligible."""
-_LEAST_DIFFERENCE = 0.5
-"""Share of the noise below which a difference is not worth a pose."""
-
 
 @dataclass(frozen=True, slots=True)
 class Advice:
@@ -516,8 +488,8 @@ def advise(
     for i, joint in enumerate(declared.model.arm.robot.variables):
         if joint.limits is not None:
             low[i], high[i] = joint.limits
-    rows = generator.integers(0, data.n, _TRIAL_POSES)
-    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, _TRIAL_POSES))
+    rows = generator.integers(0, data.n, SAMPLE)
+    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, SAMPLE))
     trial = dataclasses.replace(data.subset(rows), q=q)
     try:
         first = fit(declared.model.with_free(*others, finding), data)
@@ -526,7 +498,7 @@ def advise(
     except RobaccError:
         return None
     difference = np.linalg.norm(predicted[0] - predicted[1], axis=0)
-    if difference.max() < _LEAST_DIFFERENCE * noise:
+    if difference.max() < 0.5 * noise:
         return Advice(
             f"{finding} and {rival} are not distinguishable at any pose within the joint limits: they differ by "
             f"at most {difference.max() * 1e3:.2g} mm; measure other data (another payload, an indicator on the base)",
@@ -544,9 +516,9 @@ def advise(
 def _choose_poses(q: Array, difference: Array) -> list[int]:
     """Return the pose of largest difference, then eligible poses that are far from those already chosen."""
     ranges = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    eligible = np.flatnonzero(difference >= _ELIGIBLE_SHARE * difference.max())
+    eligible = np.flatnonzero(difference >= 0.5 * difference.max())
     chosen = [int(np.argmax(difference))]
-    while len(chosen) < min(_ADVISED, eligible.size):
+    while len(chosen) < min(EXAMPLES, eligible.size):
         gaps = np.min(
             [np.linalg.norm((q[:, eligible] - q[:, [i]]) / ranges, axis=0) for i in chosen],
             axis=0,
@@ -580,10 +552,6 @@ class Trace(Judged):
     """Detection limits of these poses, given the findings."""
     next_poses: tuple[Advice, ...]
     """Poses that distinguish a finding from its nearest rival."""
-
-
-_MOST_TO_ADVISE = 200
-"""Coefficients beyond which rivals are not fitted to choose the next poses."""
 
 
 def trace(
@@ -659,7 +627,7 @@ def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed
     noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
     for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
         findings.append(finding := describe_finding(one, effects, judged, without, data))
-        if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
+        if finding.alternatives and final.theta.size <= SAMPLE:
             rival = finding.alternatives[0]
             poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
             advice += [] if poses is None else [poses]

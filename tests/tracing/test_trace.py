@@ -13,8 +13,8 @@ from arms import arm
 
 from robacc.documents.fit import FINDING, TRACE, fit_document
 from robacc.effects.request import build, parse_requests
-from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.fit_result import Options
+from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit, refit
 from robacc.geometry import rotation_about

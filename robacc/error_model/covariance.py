@@ -28,7 +28,7 @@ from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
 from scipy.special import bdtrc
 
 from robacc.error_model.terms import LOG_STDS, TERMS, Linearised, Rows
-from robacc.fitting.levels import ACCEPTED, ROUNDS, STEPS
+from robacc.fitting.levels import ACCEPTED, RESOLUTION, ROUNDS, STEPS
 from robacc.geometry import Array
 
 
@@ -296,7 +296,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool =
     (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
     """
     part, start = on_subset(noise, linear) if noise.terms and not on_all else (linear, noise)
-    bounds = [LOG_STDS] * len(noise.log_std)
+    bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T

@@ -31,7 +31,7 @@ from robacc.error_model.covariance import (
     whitened,
     with_terms_that_gain,
 )
-from robacc.error_model.terms import LOG_STDS, MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
+from robacc.error_model.terms import MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
 from robacc.fitting.fit_result import Fit, Options, sandwich, with_covariance
 from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
@@ -121,7 +121,7 @@ def with_error_structure(
     noise = with_terms_that_gain(start, linear, [name for name in names if name not in present])
     if data.position_variance is not None:
         alone = dataclasses.replace(
-            noise, log_std=np.where(np.arange(noise.log_std.size) == 0, LOG_STDS[0], noise.log_std)
+            noise, log_std=np.where(np.arange(noise.log_std.size) == 0, math.log(RESOLUTION), noise.log_std)
         )
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.

@@ -201,8 +201,9 @@ class Linearised:
 
 ErrorPart = Literal["noise", "scatter", "pose", "wander"]
 """Noise of the instrument, scatter of the joints, error that depends on the pose, wander over time."""
-LOG_STDS = (math.log(RESOLUTION), math.log(0.1))
-"""Bounds of a log standard deviation, rad or m: below an instrument's resolution, and larger than any arm's error."""
+LOG_STDS = (math.log(NEGLIGIBLE * RESOLUTION), math.log(0.1))
+"""Bounds of a log standard deviation, rad or m: negligible at an instrument's resolution, and larger than any arm's
+error."""
 
 Carried = tuple[int, Sequence[int], Array]
 """Number of a parameter, carriers, and the kernel ``(N, N)`` of each of these carriers or its derivative by it."""

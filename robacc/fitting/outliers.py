@@ -17,10 +17,6 @@ from robacc.modelling.model import Noise, NoiseSource
 
 _LEAST_INLIERS = 0.8
 """Least share of inliers: if more rows deviate, the model is wrong."""
-_BISECTIONS = 60
-"""Halvings of the interval that holds a misfit: beyond them a float has no digits left."""
-_MEDIAN = np.array([np.nan, 0.4549, 1.3863 / 2, 2.3660 / 3, np.nan, np.nan, 5.3481 / 6])
-"""Median of a chi-square variable over its degrees of freedom."""
 
 
 def estimate(

@@ -159,9 +159,9 @@ def fit_warnings(
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
     if (condition := without_findings.identifiability.condition) > _LARGE_CONDITION:
-        terms, stds = without_findings.terms, np.sqrt(np.diag(without_findings.covariance))
-        worst = [i for i in np.argsort(-np.nan_to_num(stds))[:EXAMPLES] if terms[i].unit in _MILLI]
-        listed = ", ".join(f"{terms[i].name} (± {1e3 * stds[i]:.2g} {_MILLI[terms[i].unit]})" for i in worst)
+        terms, errors = without_findings.terms, np.sqrt(np.diag(without_findings.covariance))
+        worst = [i for i in np.argsort(-np.nan_to_num(errors))[:EXAMPLES] if terms[i].unit in _MILLI]
+        listed = ", ".join(f"{terms[i].name} (± {1e3 * errors[i]:.2g} {_MILLI[terms[i].unit]})" for i in worst)
         yield (
             f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses, most of all "
             f"{listed or 'combinations of them'}; measure more poses, with more varied joint angles and orientations"

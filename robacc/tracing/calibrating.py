@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -388,89 +388,69 @@ def calibrate(
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
+    options, priors, stated, poses = options or Options(), priors or {}, robot, data
 
-    def run(weighted: Measurements) -> Calibration:
-        how = HoldOut.of(weighted, holdout, n_folds, seed)
-        return _calibrate(robot, requests, weighted, options or Options(), priors or {}, shrink, how, progress)
+    def run(data: Measurements) -> Calibration:
+        mistakes = check_data(stated, data)
+        how = HoldOut.of(data, holdout, n_folds, seed)
+        effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
+        robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
+        progress("fitting", 0, 1)
+        if searched := [request for request in requests if is_searched(request)]:
+            build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
+            effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
+        model = Model.of(robot, effects)
+        settings = options
+        if priors:
+            names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
+            settings = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
+        unshrunk, deflection = choose_form(fit(model, data, settings), model, data, settings)
 
-    return with_directional_weights(run, data, holdout)
+        def refitted(scattered: Options) -> Fit:
+            nonlocal deflection
+            again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
+            return again
 
-
-def _calibrate(
-    stated: Robot,
-    requests: Sequence[Request],
-    data: Measurements,
-    options: Options,
-    priors: Mapping[str, float],
-    shrink: bool,
-    how: HoldOut,
-    progress: Progress,
-) -> Calibration:
-    """Return the result of :func:`calibrate` with weights as the poses have them."""
-    mistakes = check_data(stated, data)
-    effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
-    robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
-    progress("fitting", 0, 1)
-    if searched := [request for request in requests if is_searched(request)]:
-        build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
-        effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
-    model = Model.of(robot, effects)
-    if priors:
-        names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
-        options = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
-    unshrunk, deflection = choose_form(fit(model, data, options), model, data, options)
-
-    def refitted(scattered: Options) -> Fit:
-        nonlocal deflection
-        again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
-        return again
-
-    structure = with_error_structure(unshrunk, data, options, refitted)
-    final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
-    if shrink and not priors:
-        everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
-        final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
-    structure = dataclasses.replace(structure, fit=final)
-    effects = final.model.free
-    frames = tuple(effect for effect in effects if effect.traits.is_frame)
-    registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
-    is_nominal = options.robust and keys[0] == keys[1]
-    judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
-    kept = final.identifiability.columns
-    warnings = (
-        *judged.warnings,
-        *_request_warnings(requests, final, judged.nominal, judged.after),
-        *structure.warnings,
-    )
-    return Calibration(
-        **vars(dataclasses.replace(judged, warnings=warnings)),
-        effects=effects,
-        shrunk=shrunk,
-        correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
-        identifiability=final.identifiability,
-        leverage=high_leverage(final),
-        partial_residuals=tuple(
-            (effect, curve)
-            for effect in effects
-            if not effect.traits.is_constant
-            for curve in partial_residuals(effect, final, data)
-        ),
-    )
-
-
-def _request_warnings(requests: Sequence[Request], final: Fit, registered: Stage, after: Stage) -> Iterator[str]:
-    """Yield a warning about requested effects that no joint shows, and about frames that were not fitted."""
-    names = {effect.name for effect in final.model.free}
-    unsupported = [request.name for request in requests if is_searched(request) and request.name not in names]
-    if unsupported:
-        yield (
-            f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, as "
-            f"in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+        structure = with_error_structure(unshrunk, data, settings, refitted)
+        final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
+        if shrink and not priors:
+            everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
+            final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
+        structure = dataclasses.replace(structure, fit=final)
+        effects = final.model.free
+        frames = tuple(effect for effect in effects if effect.traits.is_frame)
+        registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
+        keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
+        is_nominal = options.robust and keys[0] == keys[1]
+        judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
+        kept = final.identifiability.columns
+        present, warnings = {effect.name for effect in final.model.free}, list(judged.warnings)
+        if unsupported := [request.name for request in searched if request.name not in present]:
+            warnings.append(
+                f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, "
+                f"as in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+            )
+        after, nominal = judged.after.fitted.position.rms, judged.nominal.fitted.position.rms
+        absent = [name for name in ALIGNABLE if name not in present]
+        if absent and after > nominal:
+            warnings.append(
+                f"the calibrated model is worse ({1e3 * after:.3g} mm rms) than the nominal model with base and tool "
+                f"registered ({1e3 * nominal:.3g} mm): add {','.join(absent)} to `fit`"
+            )
+        warnings += structure.warnings
+        return Calibration(
+            **vars(dataclasses.replace(judged, warnings=tuple(warnings))),
+            effects=effects,
+            shrunk=shrunk,
+            correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
+            identifiability=final.identifiability,
+            leverage=high_leverage(final),
+            partial_residuals=tuple(
+                (effect, curve)
+                for effect in effects
+                if not effect.traits.is_constant
+                for curve in partial_residuals(effect, final, data)
+            ),
         )
-    frames = [name for name in ALIGNABLE if name not in names]
-    if frames and after.fitted.position.rms > registered.fitted.position.rms:
-        yield (
-            f"the calibrated model is worse ({1e3 * after.fitted.position.rms:.3g} mm rms) than the nominal model with "
-            f"base and tool registered ({1e3 * registered.fitted.position.rms:.3g} mm): add {','.join(frames)} to `fit`"
-        )
+
+    return with_directional_weights(run, poses, holdout)

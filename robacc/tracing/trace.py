@@ -216,13 +216,24 @@ def describe_finding(
         statement = periodic_statement(effect, harmonics, others) if harmonics else statement
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     warnings = [] if implausible is None else [implausible]
-    moved, turned = _motion(number, final, data)
-    if moved is not None and moved.any():
+    # Distances and angles by which the effect alone moves the target at the inliers.
+    of_position: tuple[float | None, float | None] = (None, None)
+    of_orientation, moved = of_position, np.zeros(0)
+    try:
+        alone = final.model.bind(data).poses(np.where(np.array(final.owners) == number, 0.0, final.theta))
+    except RobaccError:
+        pass
+    else:
+        moved = np.linalg.norm((alone.translation - final.poses.translation)[:, final.inliers], axis=0)
+        of_position = _rms_and_largest(moved)
+        if data.rotation is not None:
+            turned = log_between(alone.rotation, final.poses.rotation)[:, final.inliers]
+            of_orientation = _rms_and_largest(np.linalg.norm(turned, axis=0))
+    if moved.any():
         share = np.sort(np.square(moved))[::-1]
         count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
         if count < min(ENOUGH, NEGLIGIBLE * share.size):
             warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
-    of_position, of_orientation = _rms_and_largest(moved), _rms_and_largest(turned)
     return Finding(
         effect.name,
         effect.joints,
@@ -256,25 +267,8 @@ def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
-def _rms_and_largest(sizes: Array | None) -> tuple[float | None, float | None]:
-    return (None, None) if sizes is None else (float(np.sqrt(np.mean(np.square(sizes)))), float(np.max(sizes)))
-
-
-def _motion(number: int, final: Fit, data: Measurements) -> tuple[Array | None, Array | None]:
-    """Return the distances (m) and angles (rad) ``(n,)`` by which an effect alone moves the target at the inliers.
-
-    The angles are None where orientation is not measured; both are None if the arm cannot be evaluated without it.
-    """
-    theta_without = np.where(np.array(final.owners) == number, 0.0, final.theta)
-    try:
-        without = final.model.bind(data).poses(theta_without)
-    except RobaccError:
-        return None, None
-    distances: Array = np.linalg.norm((without.translation - final.poses.translation)[:, final.inliers], axis=0)
-    if data.rotation is None:
-        return distances, None
-    angles: Array = np.linalg.norm(log_between(without.rotation, final.poses.rotation)[:, final.inliers], axis=0)
-    return distances, angles
+def _rms_and_largest(sizes: Array) -> tuple[float, float]:
+    return float(np.sqrt(np.mean(np.square(sizes)))), float(np.max(sizes))
 
 
 # Error that remains after the findings of a trace, and hints on its cause.
@@ -505,26 +499,17 @@ def advise(
             (),
             (),
         )
-    chosen = _choose_poses(q, difference)
+    # The pose of largest difference, then eligible poses that are far from those already chosen.
+    scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
+    eligible, chosen = np.flatnonzero(difference >= 0.5 * difference.max()), [int(np.argmax(difference))]
+    while len(chosen) < min(EXAMPLES, eligible.size):
+        gaps = np.linalg.norm(scaled[:, eligible, None] - scaled[:, None, chosen], axis=0).min(axis=1)
+        chosen.append(int(eligible[np.argmax(gaps)]))
     return Advice(
         f"to distinguish {finding} from {rival}, measure:",
         tuple(tuple(pose) for pose in q[:, chosen].T.tolist()),
         tuple(difference[chosen].tolist()),
     )
-
-
-def _choose_poses(q: Array, difference: Array) -> list[int]:
-    """Return the pose of largest difference, then eligible poses that are far from those already chosen."""
-    ranges = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    eligible = np.flatnonzero(difference >= 0.5 * difference.max())
-    chosen = [int(np.argmax(difference))]
-    while len(chosen) < min(EXAMPLES, eligible.size):
-        gaps = np.min(
-            [np.linalg.norm((q[:, eligible] - q[:, [i]]) / ranges, axis=0) for i in chosen],
-            axis=0,
-        )
-        chosen.append(int(eligible[np.argmax(gaps)]))
-    return chosen
 
 
 # The trace: search, fits, and the result.
@@ -573,80 +558,78 @@ def trace(
         InputError: the data contain a mistake that no effect should explain, or are too few.
         UsageError: the data lack a quantity that a declared effect needs.
     """
+    declaring, poses, stated = model, data, model.arm.robot
 
-    def run(weighted: Measurements) -> Trace:
-        return _trace(model, weighted, HoldOut.of(weighted, holdout, n_folds, seed), empirical, seed, progress)
+    def run(data: Measurements) -> Trace:
+        how, mistakes = HoldOut.of(data, holdout, n_folds, seed), check_data(stated, data)
+        model = with_gravity_direction(declaring, data)
 
-    return with_directional_weights(run, data, holdout)
+        def searching(moves: int, count: int) -> None:
+            progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
 
+        declared, declared_form = choose_form(fit(model, data), model, data, Options())
+        found = search(model, data, progress=searching)
+        identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
+        own_places = HoldOut.of(data, None, None, seed)
 
-def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress) -> Trace:
-    """Return the result of :func:`trace` with weights as the poses have them."""
-    stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
-    model = with_gravity_direction(model, data)
+        def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
+            """Return the fit with some effects, elastic ones in the form that the data support, or in equilibrium."""
+            if not some:
+                return declared, declared_form
+            # Frames are first, so that they keep their parameters if poses cannot distinguish two.
+            extended = model.with_free(
+                *sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame)
+            )
+            again = refit(declared, extended.free, data, Options())
+            return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
 
-    def searching(moves: int, count: int) -> None:
-        progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
-
-    declared, declared_form = choose_form(fit(model, data), model, data, Options())
-    found = search(model, data, progress=searching)
-    identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
-    own_places = HoldOut.of(data, None, None, seed)
-
-    def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
-        """Return the fit with some effects, elastic ones in the form that the data support; shrunk, in equilibrium."""
-        if not some:
-            return declared, declared_form
-        # Frames are first, so that they keep their parameters if poses cannot distinguish two.
-        extended = model.with_free(*sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame))
-        again = refit(declared, extended.free, data, Options())
-        return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
-
-    final, form = fitted(identified)
-    while (useless := _useless(final, identified, own_places)) is not None:
-        identified.remove(useless)
         final, form = fitted(identified)
-    if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
-        correction = Identified(left[0], left[1], -left[2], 0.0)
-        corrected, corrected_form = fitted([*identified, correction])
-        if _useless(corrected, [correction], own_places) is None:
-            identified.append(correction)
-            final, form = corrected, corrected_form
-    effects = [one.effect for one in identified]
-    refitted = functools.partial(refit, final, final.model.free, data)
-    structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
-    constants = [
-        one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
-    ]
-    final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
-    before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
-    structured = dataclasses.replace(structured, fit=final)
-    numbers = [number_of(effect, final) for effect in effects]
-    fitted_effects = [final.model.free[number] for number in numbers]
-    judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
-    noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
-    for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
-        findings.append(finding := describe_finding(one, effects, judged, without, data))
-        if finding.alternatives and final.theta.size <= SAMPLE:
-            rival = finding.alternatives[0]
-            poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
-            advice += [] if poses is None else [poses]
-    unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
-    return Trace(
-        **vars(judged if findings else dataclasses.replace(judged, gain=None)),
-        verdict=(verdict := verdict_of(findings, unexplained)),
-        assumption=assumption_of(verdict, noise, repeatability),
-        declared=declared,
-        findings=tuple(findings),
-        undeclared_load=undeclared_load(final, data),
-        unexplained=unexplained,
-        explained_share=explained_share(judged.before, judged.after, noise, repeatability),
-        steps=found.state.steps,
-        settled=found.settled,
-        missing=found.pool.missing,
-        detection=tuple(detection_limits(found)),
-        next_poses=tuple(advice),
-    )
+        while (useless := _useless(final, identified, own_places)) is not None:
+            identified.remove(useless)
+            final, form = fitted(identified)
+        if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
+            correction = Identified(left[0], left[1], -left[2], 0.0)
+            corrected, corrected_form = fitted([*identified, correction])
+            if _useless(corrected, [correction], own_places) is None:
+                identified.append(correction)
+                final, form = corrected, corrected_form
+        effects = [one.effect for one in identified]
+        refitted = functools.partial(refit, final, final.model.free, data)
+        structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
+        constants = [
+            one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
+        ]
+        final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
+        before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
+        structured = dataclasses.replace(structured, fit=final)
+        numbers = [number_of(effect, final) for effect in effects]
+        fitted_effects = [final.model.free[number] for number in numbers]
+        judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
+        noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
+        for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
+            findings.append(finding := describe_finding(one, effects, judged, without, data))
+            if finding.alternatives and final.theta.size <= SAMPLE:
+                rival = finding.alternatives[0]
+                poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
+                advice += [] if poses is None else [poses]
+        unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
+        return Trace(
+            **vars(judged if findings else dataclasses.replace(judged, gain=None)),
+            verdict=(verdict := verdict_of(findings, unexplained)),
+            assumption=assumption_of(verdict, noise, repeatability),
+            declared=declared,
+            findings=tuple(findings),
+            undeclared_load=undeclared_load(final, data),
+            unexplained=unexplained,
+            explained_share=explained_share(judged.before, judged.after, noise, repeatability),
+            steps=found.state.steps,
+            settled=found.settled,
+            missing=found.pool.missing,
+            detection=tuple(detection_limits(found)),
+            next_poses=tuple(advice),
+        )
+
+    return with_directional_weights(run, poses, holdout)
 
 
 def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:

@@ -32,7 +32,7 @@ from robacc.error_model.covariance import (
     with_terms_that_gain,
 )
 from robacc.error_model.terms import MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
-from robacc.fitting.fit_result import Fit, Options, sandwich, with_covariance
+from robacc.fitting.fit_result import Fit, Options, with_covariance
 from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
@@ -208,7 +208,8 @@ def _with_covariance(
             )
             own = carried * np.diag(kernel)[:, None]
             meat += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
-    return with_covariance(fitted, sandwich(fitted.gram, meat, fitted.precision))
+    inverse = posterior(fitted.gram, fitted.precision)
+    return with_covariance(fitted, inverse @ (meat + np.diag(fitted.precision)) @ inverse)
 
 
 def _repeatability(

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
 from robacc.fitting.levels import EPSILON, EXAMPLES, FEW, HALF_DIGITS, SETTLED
-from robacc.fitting.normal_equations import Whitening, posterior, solved
+from robacc.fitting.normal_equations import Whitening, solved
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, Noise
@@ -226,22 +226,6 @@ class Fit:
     def outliers(self) -> NDArray[np.int64]:
         """Return the numbers of the outliers."""
         return np.flatnonzero(~self.inliers)
-
-
-# Covariance of a fit's coefficients under errors that are not independent and equal.
-
-
-def sandwich(gram: Array, meat: Array, precision: Array) -> Array:
-    """Return ``(K, K)`` covariance G^-1 (M + P) G^-1, G = X^T X + P.
-
-    Args:
-        gram: ``(K, K)`` X^T X of the whitened columns.
-        meat: ``(K, K)`` M = X^T R X, R the covariance of the whitened errors.
-        precision: ``(K,)`` diagonal of the priors' precision P.
-    """
-    inverse = posterior(gram, precision)
-    result: Array = inverse @ (meat + np.diag(precision)) @ inverse
-    return result
 
 
 def with_covariance(fit: Fit, covariance: Array) -> Fit:

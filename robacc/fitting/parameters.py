@@ -185,9 +185,14 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
         if f"{prefix}.roll" not in fit.names:
             continue
         angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
+        # The matrix from turns about a frame's axes to rates of its angles; at a pole the pitch's.
+        (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
         if _is_at_pole(frame):
             known[angles] = [False, known[angles].all(), False]
-        rates[np.ix_(angles, angles)] = _rates(frame)
+            rates[np.ix_(angles, angles)] = [[0.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, 0.0, 0.0]]
+        else:
+            turns = [[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]]
+            rates[np.ix_(angles, angles)] = np.linalg.inv(turns)
     result: Array = rates @ np.nan_to_num(fit.covariance) @ rates.T
     result[~known] = result[:, ~known] = np.nan
     return result
@@ -195,14 +200,6 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
 
 def _is_at_pole(frame: Frame) -> bool:
     return abs(float(np.cos(frame.rpy[1]))) < _POLE
-
-
-def _rates(frame: Frame) -> Array:
-    """Return the matrix ``(3, 3)`` from turns about a frame's axes to rates of its angles; at a pole the pitch's."""
-    (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
-    if _is_at_pole(frame):
-        return np.array([[0.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, 0.0, 0.0]])
-    return np.asarray(np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]]), dtype=np.float64)
 
 
 def _frames(fit: Fit) -> dict[str, Frame]:

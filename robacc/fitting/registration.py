@@ -75,8 +75,11 @@ def _likeliest(fits: Sequence[Fit | None], data: Measurements) -> int:
     best, stated = 0, fits[0]
     most = max(DECISIVE, _PER_COMPONENT * data.n * (3 if data.rotation is None else 6))
     for number, other in enumerate(fits[1:], 1):
-        if stated is not None and other is not None and (worth := _worth(stated, other)) >= most:
-            best, most = number, worth
+        if stated is not None and other is not None:
+            rows = stated.inliers & other.inliers
+            before, after = (_log_likelihood(one, stated.weight * rows) for one in (stated, other))
+            if (worth := after - before) >= most:
+                best, most = number, worth
     return best
 
 
@@ -115,25 +118,17 @@ def _with_springs(model: Model, data: Measurements, like: Fit | None) -> Fit | N
         return None
 
 
-def _worth(stated: Fit, other: Fit) -> float:
-    """Return the log likelihood ratio of ``other`` over ``stated`` on the rows that both keep.
+def _log_likelihood(one: Fit, weight: Array) -> float:
+    """Return the log likelihood with relative weights, up to a constant, less what negative compliances of known masses cost.
 
-    Upside down, the same deflections need springs of negative compliance, which none is.
+    Upside down, the same deflections need springs of negative compliance, which none is. A cost is that of setting each
+    to zero.
     """
-    rows = stated.inliers & other.inliers
-    before, after = (float(np.sum(np.square(one.residual * stated.weight)[:, rows])) for one in (stated, other))
-    components = float(np.count_nonzero(rows) * stated.residual.shape[0])
-    ratio = 0.5 * components * math.log(max(before, 1e-300) / max(after, 1e-300))
-    return ratio + _cost_of_signs(stated) - _cost_of_signs(other)
-
-
-def _cost_of_signs(one: Fit) -> float:
-    """Return what it costs in log likelihood to set each negative compliance of known masses to zero."""
-    if not one.model.arm.chain.bodies:
-        return 0.0
-    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names}
+    squares = float(np.sum(np.square(one.residual * weight)))
+    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names if one.model.arm.chain.bodies}
     values = zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True)
-    return math.fsum(0.5 * value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
+    cost = math.fsum(value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
+    return -0.5 * (float(np.count_nonzero(weight)) * math.log(max(squares, 1e-300)) + cost)
 
 
 def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:

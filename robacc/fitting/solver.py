@@ -123,11 +123,13 @@ class Priors:
             block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
             information = 0.5 * member @ block @ member.T + 1e-300 * np.eye(len(member))
             scoring = np.linalg.solve(information, 0.5 * (ratio - of_group))
-            step = np.where(np.abs(scoring) < 1.0, scoring, np.log(ratio / of_group))
-            stds = np.minimum(np.maximum(previous * np.exp(0.5 * step), 1e-9), self._largest)
+            change = np.where(np.abs(scoring) < 1.0, scoring, np.log(ratio / of_group))
+            stds = np.minimum(np.maximum(previous * np.exp(0.5 * change), 1e-9), self._largest)
             if not noise_known:
                 dof = max(components - float(determined.sum()), 1.0)
-                noise_var = max(normal.expected_cost(theta) / dof, 1e-12)
+                step = theta - normal.theta
+                cost = normal.cost - 2.0 * step @ normal.gradient + step @ normal.gram @ step
+                noise_var = max(float(cost) / dof, 1e-12)
             if np.all(np.abs(stds - previous) <= NEGLIGIBLE * settled * stds):
                 break
         self._set(stds, noise_var)
@@ -200,7 +202,7 @@ class _Solver:
         self.steps, self.converged = 0, True
         self.theta = np.zeros(len(self.equations.terms)) if options.start is None else options.start.copy()
         # The first misfit, if not given, is that of the start.
-        self.residual = self.equations.residual(self.theta, ahead=not self.theta.any())
+        self.residual = self.equations.residual(self.theta)
         self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
         self.row = outliers.row_weights(data, self.misfit)
         self.scatter, self.visits = np.zeros(0), np.arange(data.n)
@@ -364,7 +366,10 @@ class _Solver:
                 self.converged = True
                 break
             normal, previous = ahead, length if share == 1.0 and not damping else 0.0
-        self.normal = normal.moved_to(self.theta[columns], white.cost(self.residual))
+        # The same linearisation at the coefficients of the last step.
+        gradient = normal.gradient - normal.gram @ (self.theta[columns] - normal.theta)
+        cost = white.cost(self.residual)
+        self.normal = dataclasses.replace(normal, theta=self.theta[columns], gradient=gradient, cost=cost)
         return normal
 
     def _update_misfit(self, linear: NormalEquations) -> bool:

@@ -29,7 +29,7 @@ from robacc.fitting.closed_form import (
     register_positions,
     rows_by_target,
 )
-from robacc.fitting.levels import ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE
+from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE, SHORTLIST
 from robacc.geometry import (
     Array,
     Poses,
@@ -423,14 +423,6 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
 
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
-_SAMPLE = 60
-"""Rows that hypotheses are judged by, and hypotheses of each group that are, by a rough fit: it bounds the time."""
-_BEST = 8
-"""Best hypotheses that are tried with other orientations and axes, or with further changes, which bounds it too."""
-_MORE = 2
-"""Mistakes that a set is extended by, and that an alternative has beyond those of the simplest, at most."""
-_SAME = 1.5
-"""Ratio of errors up to which two hypotheses are not distinguishable."""
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -500,7 +492,7 @@ def _is_gross(data: Measurements, poses: Poses) -> bool:
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
-    data = data.subset(even_rows(data.n, _SAMPLE))
+    data = data.subset(even_rows(data.n, SHORTLIST))
     pool = _judged(robot, data, [()])
     if not pool or (null := pool[0]).total <= GROSS:
         return None
@@ -561,8 +553,8 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
         list(itertools.product(signs, inner)),
         [(change,) for change in permutations(names)],
     ]
-    for _ in range(_MORE):
-        best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:_BEST]
+    for _ in range(2):
+        best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:BEST]
         yield [
             [
                 (*item.changes, change)
@@ -576,15 +568,15 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
 def _judged(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
     """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
     try:
-        if len(sets) > _SAMPLE:
+        if len(sets) > SHORTLIST:
             half = data.subset(slice(None, None, 2))
             batches = (_undone(robot, half, sets[i : i + MOST_SETS]) for i in range(0, len(sets), MOST_SETS))
             rough = np.concatenate([register_positions(*batch[:4], passes=1).median for batch in batches])
-            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:_SAMPLE]]
+            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:SHORTLIST]]
         judged = _screened(robot, data, sets)
     except (RobaccError, np.linalg.LinAlgError):
         return []
-    for item in judged[:_BEST]:
+    for item in judged[:BEST]:
         if item.orientation is not None and item.total > 2 * GROSS and item.rank < 2 * PLAUSIBLE:
             judged.extend(_screened(robot, data, [(*item.changes, reading) for reading in READINGS]))
             if item.axes is not None:
@@ -642,7 +634,7 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
     least = min(item.total for item in pool)
     if least * CLEAR >= null.total:
         return None
-    equal = (item for item in pool if item.total <= min(_SAME * least, null.total / CLEAR) and item.changes)
+    equal = (item for item in pool if item.total <= min(ALIKE * least, null.total / CLEAR) and item.changes)
     best, *others = sorted(equal, key=lambda item: (item.complexity, item.total))
     alternatives, unseen = [], set[str]()
     texts = [change.text for change in best.changes]
@@ -650,7 +642,7 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
         more = item.changes[0].signs > best.changes[0].signs > frozenset()
         if more and len(item.changes) == len(best.changes) == 1:
             unseen |= item.changes[0].signs - best.changes[0].signs
-        elif item.complexity <= best.complexity + _MORE and not {*texts} <= {change.text for change in item.changes}:
+        elif item.complexity <= best.complexity + 2 and not {*texts} <= {change.text for change in item.changes}:
             alternatives.append(" and ".join(change.text for change in item.changes))
     return Mistake(
         "; ".join(texts),
@@ -668,12 +660,10 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
 
 _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
-_WINDOWS, _MOST_IN_WINDOW = 6, 40
-"""Windows, and best of them that are judged by all rows; and most rows of a window: one has to have good rows only."""
+_MOST_IN_WINDOW = 40
+"""Most rows of a window: one has to have good rows only."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
-_MIXED = 0.1
-"""Share of rows within such a stretch that may agree, and of rows outside that may not."""
 _SAME_POINTS = 0.12
 """Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
 of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
@@ -705,7 +695,7 @@ def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     wrong = errors > max(gross, CLEAR * typical)
     rows = next(_runs(np.where(wrong, 1.0, -1.0), ENOUGH), np.arange(0))
     outside = np.delete(wrong, rows)
-    if typical > gross or not rows.size or not outside.size or max(1 - wrong[rows].mean(), outside.mean()) > _MIXED:
+    if typical > gross or not rows.size or not outside.size or max(1 - wrong[rows].mean(), outside.mean()) > 2 * FEW:
         return None
     part = data.subset(rows)
     size = float(np.median(errors[rows]))
@@ -730,16 +720,16 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
     assert data.q is not None
     margin = int(_SHIFTS.max())
-    length = min(max(data.n // _WINDOWS, ENOUGH), _MOST_IN_WINDOW, data.n - 2 * margin)
+    length = min(max(data.n // BEST, ENOUGH), _MOST_IN_WINDOW, data.n - 2 * margin)
     by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
     tried: list[tuple[float, Array, Array, Array]] = []
-    for start in np.linspace(margin, data.n - length - margin, _WINDOWS).astype(int).tolist():
+    for start in np.linspace(margin, data.n - length - margin, BEST).astype(int).tolist():
         rows = np.arange(start, start + length)
         turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
         found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
         tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
     candidates = [predicted]
-    for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:_WINDOWS]:
+    for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:BEST]:
         on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
         candidates.append(((translation[0] + on_link + shift) @ turn).T)
     # Rows that do not fit count alike: they may be the most.

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import effect_class
 from robacc.effects.campaign import FOLLOWED_SHARE
 from robacc.fitting.fit_result import DEPENDENT, Fit
-from robacc.fitting.levels import DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
+from robacc.fitting.levels import ALIKE, DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import joint_columns, solved
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
@@ -78,8 +78,6 @@ _DIGITS = range(5)
 _UNITS = {"revolute": (("degrees", math.pi / 180), ("rad", 1.0)), "prismatic": (("mm", 1e-3), ("m", 1.0))}
 _WHOLE_TOLERANCE = 1e-4
 """Largest deviation from whole steps, in steps: the rounding of a file that has the variables in another unit."""
-_AS_SMALL = 1.5
-"""Errors over the rounding of the numbers up to which the rounding explains them: twice its variance and a quarter."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -141,7 +139,7 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     rounding = _evident_rounding(Model.of(robot), data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
-    is_small = rms_length(errors) <= _AS_SMALL * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    is_small = rms_length(errors) <= ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
     computed = "the positions look computed from the joints, not measured"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"

@@ -22,7 +22,12 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect
 from robacc.effects.correction import PoseCorrection
 from robacc.error_model.covariance import (
+    MOST_COMPONENTS,
+    TERMS,
     CovarianceParameters,
+    ErrorPart,
+    Linearised,
+    Rows,
     estimated,
     likelihood_derivatives,
     log_evidence,
@@ -31,7 +36,6 @@ from robacc.error_model.covariance import (
     whitened,
     with_terms_that_gain,
 )
-from robacc.error_model.terms import MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
 from robacc.fitting.fit_result import Fit, Options, with_covariance
 from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior

@@ -47,6 +47,10 @@ RESOLUTION = 1e-7
 ENOUGH = 10
 """Poses, or degrees of freedom, from which an error is known within a quarter (1 / sqrt(2 n)), and from which
 registration of base and target, of nine coefficients, does not hide a mistake or an outlier."""
+BEST = 8
+"""Best of a rough order that are looked at again."""
+ALIKE = 1.5
+"""Ratio of two errors up to which they are alike: as much as few poses leave by chance (root 2)."""
 LISTED = 10
 """Names, or numbers of rows, that a message lists at most; the others are counted."""
 EXAMPLES = 4
@@ -60,6 +64,8 @@ SETTLED = 1e-3
 """Change, as a share of a standard deviation or of a sum of squares, at which an iteration ends."""
 ROUNDS = 6
 """Rounds of weights, each from the errors of the one before; each changes less than a tenth of the one before."""
+SHORTLIST = 60
+"""Candidates, or hypotheses, that a rough order selects; and rows by which it judges them."""
 SAMPLE = 400
 """Rows of a sample on which something is registered, tried or drawn."""
 MANY = 20_000

@@ -119,10 +119,10 @@ def _with_springs(model: Model, data: Measurements, like: Fit | None) -> Fit | N
 
 
 def _log_likelihood(one: Fit, weight: Array) -> float:
-    """Return the log likelihood with relative weights, up to a constant, less what negative compliances of known masses cost.
+    """Return the log likelihood with relative weights, up to a constant, less the cost of negative compliances.
 
-    Upside down, the same deflections need springs of negative compliance, which none is. A cost is that of setting each
-    to zero.
+    Upside down, the same deflections need springs of negative compliance, which none is, if the masses are
+    known. The cost is that of setting each to zero.
     """
     squares = float(np.sum(np.square(one.residual * weight)))
     compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names if one.model.arm.chain.bodies}

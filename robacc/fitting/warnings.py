@@ -10,7 +10,7 @@ import numpy as np
 
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.levels import ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
+from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
 from robacc.fitting.masses import mass_warning
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
@@ -170,7 +170,7 @@ def fit_warnings(
     if held_out is None:
         poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
         yield f"{poses} too few to hold any out: all errors are of calibration poses"
-    elif validation is None and held_out > _OVERFITTED * fitted:
+    elif validation is None and held_out > ALIKE * fitted:
         yield (
             "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more poses"
         )
@@ -192,8 +192,6 @@ def fit_warnings(
 _ALIKE = 2.0
 """Ratio of the errors of validation and calibration poses up to which what remains is the arm's. Above it a warning is
 given, and from twice as much the setup is suspected. Registration by chance gains 1.2 on ten poses."""
-_OVERFITTED = 1.5
-"""The same of held-out and calibration poses: with as many numbers as coefficients again, a fit reaches root two."""
 
 
 def moved_frames(fit: Fit, holdout: Measurements) -> str | None:

@@ -43,7 +43,7 @@ from robacc.effects.periodic import (
 )
 from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
-from robacc.fitting.levels import ACCEPTED, STEPS
+from robacc.fitting.levels import ACCEPTED, BEST, STEPS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -56,11 +56,9 @@ PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Orders of a joint's complete profile in a model file."""
 _STEP_PLACES = 40
 """Largest number of places at which a step is tried first; those between them are tried beside a step that is found."""
-_PEAKS = 6
-"""Peaks of a joint's spectrum that become candidates."""
-_TIME_FACTORS = (0.7, 0.9, 1.1, 1.4)
+_TIME_FACTORS = 2.0 ** np.array([-0.5, -0.125, 0.125, 0.5])
 """Factors of a time constant that are tried beside one in the model; the first tried are a factor of 2 apart."""
-_PLACE_STEPS = (0.25, 0.06, 0.015)
+_PLACE_STEPS = 0.25 ** np.arange(1, 4)
 """Steps of the refinement of an instrument's place, rad and log distance; the grid's spacing is twice the first."""
 
 
@@ -192,7 +190,7 @@ class OrderGrid:
         gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
         at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > 1.0))
-        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]])
+        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:BEST]]])
 
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:

@@ -21,7 +21,10 @@ from robacc.effects.campaign import is_step, place_of, same_form
 from robacc.effects.correction import PoseCorrection
 from robacc.effects.periodic import are_separable, of_order, orders_of, profile, searched_order
 from robacc.error_model.covariance import (
+    TERMS,
     CovarianceParameters,
+    Linearised,
+    Rows,
     Whitened,
     by_row,
     estimated,
@@ -35,10 +38,19 @@ from robacc.error_model.covariance import (
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
-from robacc.fitting.levels import ACCEPTED, EXAMPLES, LARGEST, NEGLIGIBLE, NORMAL_95, RESOLUTION, ROUNDS, STEPS
+from robacc.fitting.levels import (
+    ACCEPTED,
+    EXAMPLES,
+    LARGEST,
+    NEGLIGIBLE,
+    NORMAL_95,
+    RESOLUTION,
+    ROUNDS,
+    SHORTLIST,
+    STEPS,
+)
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -60,11 +72,6 @@ MOST_COMPONENTS = 1200
 PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_geometry": 2e-3}
 """Prior standard deviation of declared constants, m and rad; frames are registered first. Those of other declared
 effects are :data:`LARGEST` usual sizes."""
-_SHORTLIST = 60
-"""Candidates that are scored after a swap or a drop, the best beside the model and beside it without each effect.
-
-It decides about time, not about the result: before a search ends, all candidates are scored.
-"""
 _NEAR_ENOUGH = 1e-2
 """Length of the last step of a fit, in standard deviations of all rows together."""
 
@@ -410,8 +417,10 @@ class _Search:
                 shortlist = None
                 continue
             action, chosen, scales, names, beside = move
-            # A new effect may show what it hid; a swap, mostly of an order or a place, changes little.
-            shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
+            # The best beside the model, and beside it without each effect, are scored after a swap or a drop, mostly of
+            # an order or a place, which changes little. That decides about time, not about the result: before a search
+            # ends, all candidates are scored. A new effect may show what it hid.
+            shortlist = np.unique(np.concatenate([s.ranking()[:SHORTLIST] for s in (scores, *without)]))
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             state = self._with_effects(self._logged(state, action, names, beside), chosen, scales)

@@ -19,13 +19,13 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS
+from robacc.error_model.covariance import ErrorPart
 from robacc.error_model.structure import (
     ErrorStructure,
     Repeatability,
     correction_of_position,
     with_error_structure,
 )
-from robacc.error_model.terms import ErrorPart
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut

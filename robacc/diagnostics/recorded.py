@@ -54,12 +54,12 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
             f"{follow}, but only 0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints "
             "are used",
         )
-    cause = "the joints were read before the arm had settled"
-    if share >= FOLLOWED_SHARE:
-        cause = (
-            "the arm was measured before it had settled, or its controller leaves a constant error; give the "
-            "joints read back as q1 … qN"
-        )
+    cause = (
+        "the arm was measured before it had settled, or its controller leaves a constant error; give the joints read "
+        "back as q1 … qN"
+        if share >= FOLLOWED_SHARE
+        else "the joints were read before the arm had settled"
+    )
     return (
         f"{follow} (0: the arm stood at the commanded joints, 1: at those read back); the commanded joints are used; "
         f"{cause}",

@@ -265,9 +265,9 @@ def _gantry(data: Measurements, oriented: bool) -> Robot:
     """Return an arm whose pose at q is the commanded pose with those coordinates."""
     axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     origin = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
-    joints = [Joint(f"cmd_{name}", "prismatic", origin, axis=axes[name]) for name in axes]
-    for name, axis in (("yaw", "z"), ("pitch", "y"), ("roll", "x")) if oriented else ():
-        joints.append(Joint(f"cmd_{name}", "revolute", origin, axis=axes[axis]))
+    turns = {"yaw": axes["z"], "pitch": axes["y"], "roll": axes["x"]} if oriented else {}
+    joints = [Joint(f"cmd_{name}", "prismatic", origin, axis=axis) for name, axis in axes.items()]
+    joints += [Joint(f"cmd_{name}", "revolute", origin, axis=axis) for name, axis in turns.items()]
     targets = {} if data.target is None else {str(name): Frame() for name in np.unique(data.target)}
     return Robot("commanded poses", "urdf", tuple(joints), targets=targets)
 

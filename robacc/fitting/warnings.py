@@ -19,6 +19,7 @@ from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Noise
+from robacc.poses.motion import numbered
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 
@@ -74,10 +75,7 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     The variance is 0 if there are too few repeats.
     """
     rows = data.first_measured(fit.inliers)
-    groups = data.groups()[rows]
-    if data.target is not None:
-        pairs = np.stack((groups, np.unique(data.target[rows], return_inverse=True)[1]))
-        groups = np.unique(pairs, axis=1, return_inverse=True)[1]
+    groups = numbered(data.groups()[rows], *(() if data.target is None else (data.target[rows],)))
     counts = np.bincount(groups)
     dof = 3.0 * float(np.sum(np.maximum(counts - 1, 0)))
     if dof < ENOUGH:

@@ -149,6 +149,11 @@ class Stage:
         """Metrics at held-out poses; None where no pose was held out."""
         return None if self.held_out_residual is None else pose_metrics(self.held_out_residual)
 
+    @property
+    def held_out_rms(self) -> float | None:
+        """Position error at held-out poses, m rms; None where no pose was held out."""
+        return None if self.held_out is None else self.held_out.position.rms
+
     @cached_property
     def fitted_inliers(self) -> PoseMetrics | None:
         """Metrics without the outliers; None if there are none."""
@@ -266,7 +271,7 @@ def judge(
     fitted = unregistered, registered, before.residual, fit.residual
     stages = [Stage(own, fit.inliers, apart, judged) for own, apart in zip(fitted, held_out, strict=True)]
     basis = stages[any(each.traits.is_frame for each in fit.model.free)]
-    held_out_rms = None if stages[3].held_out is None else stages[3].held_out.position.rms
+    rms = stages[3].fitted.position.rms, stages[3].held_out_rms
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
@@ -289,7 +294,9 @@ def judge(
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *fit_warnings(fit, data, noise, without_findings, (stages[3].fitted.position.rms, held_out_rms), poses),
+            *fit_warnings(
+                fit, data, noise, without_findings, (stages[3].fitted.position.rms, stages[3].held_out_rms), poses
+            ),
             *(() if rounding is None else (rounding.warning,)),
             *read_back_warning(fit, data),
         ),

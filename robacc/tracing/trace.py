@@ -41,7 +41,7 @@ from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.calibrating import Judged, Progress, Stage, judge, with_directional_weights
+from robacc.tracing.calibrating import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.search import (
     Alternative,
     DetectionLimit,
@@ -433,18 +433,6 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
     return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
 
 
-def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None) -> float | None:
-    """Return the share of the explainable held-out variance of the baseline that the findings explain, 0 to 1."""
-    if before.held_out is None or after.held_out is None:
-        return None
-    floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
-    total = before.held_out.position.rms**2 - floor
-    if total <= 0.0:
-        return None
-    share = (before.held_out.position.rms**2 - after.held_out.position.rms**2) / total
-    return float(min(max(share, 0.0), 1.0))
-
-
 # Poses to measure next: poses at which two rival effects predict most differently (T-optimal discrimination).
 #
 # Source of the criterion: A. C. Atkinson and V. V. Fedorov, "The design of experiments for discriminating between two
@@ -613,6 +601,11 @@ def trace(
                 poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
                 advice += [] if poses is None else [poses]
         unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
+        share, before_rms, after_rms = None, *(stage.held_out_rms for stage in (judged.before, judged.after))
+        if before_rms is not None and after_rms is not None:
+            floor = 3.0 * noise.noise.position**2 + (0.0 if repeatability is None else repeatability.position**2)
+            if (total := before_rms**2 - floor) > 0.0:
+                share = float(np.clip((before_rms**2 - after_rms**2) / total, 0.0, 1.0))
         return Trace(
             **vars(judged if findings else dataclasses.replace(judged, gain=None)),
             verdict=(verdict := verdict_of(findings, unexplained)),
@@ -621,7 +614,7 @@ def trace(
             findings=tuple(findings),
             undeclared_load=undeclared_load(final, data),
             unexplained=unexplained,
-            explained_share=explained_share(judged.before, judged.after, noise, repeatability),
+            explained_share=share,
             steps=found.state.steps,
             settled=found.settled,
             missing=found.pool.missing,

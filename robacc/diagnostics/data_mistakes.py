@@ -660,8 +660,6 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
 
 _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
-_MOST_IN_WINDOW = 40
-"""Most rows of a window: one has to have good rows only."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
 _SAME_POINTS = 0.12
@@ -720,7 +718,7 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
     assert data.q is not None
     margin = int(_SHIFTS.max())
-    length = min(max(data.n // BEST, ENOUGH), _MOST_IN_WINDOW, data.n - 2 * margin)
+    length = min(max(data.n // BEST, ENOUGH), SHORTLIST, data.n - 2 * margin)
     by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
     tried: list[tuple[float, Array, Array, Array]] = []
     for start in np.linspace(margin, data.n - length - margin, BEST).astype(int).tolist():

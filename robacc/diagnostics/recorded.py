@@ -257,11 +257,10 @@ def _polynomials(values: Array) -> Array:
 # and related models by iterative least squares", in: Multivariate Analysis (1966), 391-420.
 
 _MOST_GROUPS = 4
-_LEAST_GAIN = 4.0
-"""Factor by which groups of loads lower the sum of squares. Chance gives 1.5 at most: one coordinate of three a row."""
 _CLEARLY = 2.0
 """Factor by which loads leave a smaller sum of squares than shifts of the same joints, and up to which groups may leave
-a larger one than a load of its own for each row, but for its freedom."""
+a larger one than a load of its own for each row, but for its freedom. Groups lower it by the square of that: chance
+gives 1.5 at most, one coordinate of three a row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +327,7 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     squares = float(np.sum(np.square(flat - basis @ (basis.T @ flat))))
     amounts, free = _amounts(residual, basis, moved)
     # Groups of loads may explain no more than a load of its own for each row.
-    for count in range(2, _MOST_GROUPS + 1) if squares > _LEAST_GAIN * free else ():
+    for count in range(2, _MOST_GROUPS + 1) if squares > _CLEARLY**2 * free else ():
         limits = np.quantile(amounts, np.arange(1, count) / count)
         labels, levels, last = np.searchsorted(limits, amounts), np.arange(count, dtype=float), math.inf
         for _ in range(STEPS):
@@ -347,7 +346,7 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
         # Each row's own amount takes one of its three coordinates. Equal groups of evenly spread amounts gain count^2.
         is_tight = remaining < _CLEARLY * 1.5 * free or gain > 2.0 * count**2
         is_large = np.bincount(labels, minlength=count).min() >= max(FEW * n, 3)
-        if is_large and gain > _LEAST_GAIN and is_tight and 1.5 * n * np.log(gain) > cost:
+        if is_large and gain > _CLEARLY**2 and is_tight and 1.5 * n * np.log(gain) > cost:
             return labels, levels, remaining
     return None
 

@@ -710,10 +710,6 @@ GROSS_FACTORS = np.array([1.0, 6.0, 30.0, 1000.0])
 _LOG_SHARES = np.log([1.0 - GROSS_SHARE, *[GROSS_SHARE / 3.0] * 3])
 _SIZES = (-3.0, 0.0, 0.7)
 """Log factors on a term's start: that of its score statistics, and those of a lower bound of its gain."""
-_LONGEST = 2.0
-"""Longest step of a log standard deviation or length: beyond it their exponentials are far from linear."""
-_WORTH = 0.5
-"""Gain, by a lower bound, from which a term is estimated; it decides about time."""
 _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
 
@@ -722,7 +718,8 @@ def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool =
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
     Beside terms, a random part of many rows is used, unless ``on_all``. Steps of the average information are damped
-    (Marquardt 1963), until the next would gain less than :data:`_GAINS`.
+    (Marquardt 1963), and at most 2 long, beyond which exponentials are far from linear. They end when the next would
+    gain less than :data:`_GAINS`.
     """
     part, start = on_subset(noise, linear) if noise.terms and not on_all else (linear, noise)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
@@ -738,7 +735,7 @@ def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool =
         if 0.5 * gradient[free] @ ahead < _GAINS:
             break
         step[:] = 0.0
-        step[free] = ahead * min(1.0, _LONGEST / float(np.abs(ahead).max()))
+        step[free] = ahead * min(1.0, 2.0 / float(np.abs(ahead).max()))
         step = np.clip(at + step, low, high) - at
         found = likelihood_derivatives(start.unpacked(at + step), part)
         if is_better := found[0] > best[0]:
@@ -831,9 +828,9 @@ def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: st
     """Return the noise with a further term, estimated; without it if it is not worth estimating.
 
     Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
-    twenty of likelihood and gradient.
+    twenty of likelihood and gradient, so it is made from a gain of 0.5 on.
     """
-    most, best = _WORTH, None
+    most, best = 0.5, None
     for gain, start, small in gains_at_sizes(noise, linear, name):
         _, gradient, information = likelihood_derivatives(*small)
         amplitudes = np.arange(-len(start), 0)[TERMS[name].amplitudes]

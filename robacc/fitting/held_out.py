@@ -20,15 +20,12 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.levels import BLOCK_NUMBERS
+from robacc.fitting.levels import BLOCK_NUMBERS, NEW
 from robacc.fitting.normal_equations import blocks_of
 from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import observed_jacobian, residuals
-
-_ALONE = 1.0 - 1e-6
-"""Leverage of a place, of any combination of its components, above which the others do not determine it."""
 
 
 @dataclass(frozen=True)
@@ -196,7 +193,7 @@ def _changes(columns: Array, white: Array, whole: Array) -> tuple[Array, list[in
     else:
         share, basis = np.linalg.eigh(across @ jacobian)
         along = basis.swapaxes(1, 2) @ (across @ residual)
-    alone = (share > _ALONE)[:, :, None]
+    alone = (1.0 - share < NEW)[:, :, None]
     left = along / np.where(alone, 1.0, 1.0 - share[:, :, None])
     change = -basis @ np.where(alone, basis.swapaxes(1, 2) @ whole[:, None], left)
     return change.swapaxes(1, 2), np.flatnonzero(alone.any(axis=1)).tolist()

@@ -35,6 +35,8 @@ LARGEST = 10.0
 
 EPSILON = float(np.finfo(float).eps)
 """Rounding of a number, as a share."""
+NEW = 1e-6
+"""Share of a square below which what others leave of it is rounding: they have it already."""
 HALF_DIGITS = EPSILON**0.5
 """Relative difference that a sum of squares does not show."""
 ROUNDING = 1e-9

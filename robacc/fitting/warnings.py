@@ -87,8 +87,6 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
 
 _LARGE_CONDITION = 1e3
 """Condition number of the scaled columns from which on a warning is given."""
-_SMALL = 0.7
-"""Residual over the stated noise below which the stated noise is too large: more than its rounding explains."""
 _MILLI = {"m": "mm", "rad": "mrad"}
 
 
@@ -138,7 +136,7 @@ def fit_warnings(
         advice = f"; declare {','.join(absent)}" * bool(absent)
         cause = "frames that do not agree" if absent else cause
         yield f"errors this large come from {cause} rather than from the arm{advice}"
-    if noise.noise.source == "file" and (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio < _SMALL:
+    if noise.noise.source == "file" and (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio * ALIKE < 1.0:
         yield (
             f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
             "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"

@@ -294,9 +294,7 @@ def judge(
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *fit_warnings(
-                fit, data, noise, without_findings, (stages[3].fitted.position.rms, stages[3].held_out_rms), poses
-            ),
+            *fit_warnings(fit, data, noise, without_findings, rms, poses),
             *(() if rounding is None else (rounding.warning,)),
             *read_back_warning(fit, data),
         ),

@@ -43,7 +43,7 @@ from robacc.effects.periodic import (
 )
 from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
-from robacc.fitting.levels import ACCEPTED, BEST, STEPS
+from robacc.fitting.levels import ACCEPTED, BEST, NEW, STEPS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -303,9 +303,6 @@ def _rounded(place: Array) -> Place:
 #
 # averaged over a grid of t (:attr:`Candidate.scales`); for one column it depends on one t statistic.
 
-_NEW = 1e-6
-"""Share of a column's square below which its new part is rounding: the model has the column already."""
-
 
 @dataclass(frozen=True)
 class Scores:
@@ -333,7 +330,7 @@ class Scores:
         """Return the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
         at = self.evidence.places[number]
         new = self.evidence.new(self.reduced, at, at)
-        return np.asarray(np.linalg.pinv(new, rcond=_NEW, hermitian=True) @ self.products[at])
+        return np.asarray(np.linalg.pinv(new, rcond=NEW, hermitian=True) @ self.products[at])
 
     def similarity(self, *pair: int) -> float:
         """Return the cosine between the least-squares fits of two candidates to the residual beside the model."""
@@ -396,7 +393,7 @@ class Evidence:
         for numbers, at, gram, scales, log_prior in self._groups:
             values, vectors = np.linalg.eigh(gram - _products(reduced[:, at]))
             along = np.einsum("cqr,cq->cr", vectors, products[at])
-            seen = values > _NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
+            seen = values > NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
             noise = np.full(scales.shape, square / dof)
             for _ in range(3):
@@ -474,4 +471,4 @@ def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
     ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
     """
     values, vectors = np.linalg.eigh(blocks)
-    return np.where(values > _NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
+    return np.where(values > NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors

@@ -29,7 +29,7 @@ from robacc.error_model.structure import (
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.levels import ACCEPTED, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
+from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
@@ -278,10 +278,6 @@ _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 _USUAL = 1.2e-4
 """Remaining error, m rms, that a laser tracker at some metres (0.03 to 0.05 mm along each axis) and a data sheet's
 repeatability (0.02 to 0.1 mm) leave together."""
-_UNCERTAIN = 1.2
-"""Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
-_SMALL_POSE_ERROR = 1e-5
-"""Error common to all visits of a pose that no instrument resolves, m."""
 _LOOKS_LIKE: Mapping[ErrorPart, tuple[str, tuple[str, ...]]] = {
     "scatter": ("scatters from visit to visit", ("backlash", "friction_windup", "approach_lag")),
     "wander": ("wanders over time", ("thermal_expansion", "joint_warmup", "frame_drift")),
@@ -343,7 +339,7 @@ def remaining_error(
         hints.insert(0, loads.text)
     rms, repeatability = rms_length(final.residual[:3, final.inliers]), structure.repeatability
     of_residual = repeatability is not None and repeatability.source == "residual"
-    rounded = 0.0 if rounding is None else _UNCERTAIN * rounding.position
+    rounded = 0.0 if rounding is None else ALIKE * rounding.position
     if repeatability is not None:
         if of_residual and repeatability.position > math.hypot(_USUAL, rounded):
             hints.append(
@@ -351,7 +347,7 @@ def remaining_error(
                 "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
                 "measure some poses repeatedly to distinguish these"
             )
-        if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
+        if repeatability.pose_position > max(repeatability.position, NEGLIGIBLE * _USUAL):
             hints.append(
                 "visits of a pose, or of poses close together, share an error of "
                 f"{1e3 * repeatability.pose_position:.3g} mm rms that no candidate explains"

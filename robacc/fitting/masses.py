@@ -98,16 +98,6 @@ def relative_std(fit: Fit) -> float:
     return DEFAULT if stated is None else stated
 
 
-def mass_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
-    if fit.model.arm.robot.mass_uncertainty is not None or not any(effect.uses_masses for effect in fit.model.free):
-        return ()
-    return (
-        f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
-        "mass_uncertainty in the robot file if the masses are better or worse known",
-    )
-
-
 def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
     """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
     std, columns, arm = relative_std(fit), fit.identifiability.columns, fit.model.arm

@@ -11,7 +11,7 @@ import numpy as np
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
-from robacc.fitting.masses import mass_warning
+from robacc.fitting.masses import DEFAULT
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
@@ -118,7 +118,11 @@ def fit_warnings(
             "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
             "add rows of kind distance, such as between two sockets, or positions"
         )
-    yield from mass_warning(fit)
+    if fit.model.arm.robot.mass_uncertainty is None and any(effect.uses_masses for effect in fit.model.free):
+        yield (
+            f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; "
+            "state mass_uncertainty in the robot file if the masses are better or worse known"
+        )
     yield from data.warnings
     yield from data.contradicted_ids()
     yield from places_warning(data)

@@ -2,6 +2,11 @@
 
 Mistakes are tried alone and in sets: every set of joint signs, signs with an interaction of two joints, and then the
 best sets with further changes. Each hypothesis is judged by a sample of rows, with base and target registered.
+
+Rows may belong to the joints of other rows. Base and targets are registered on windows of rows under every shift. Of
+the registration that fits most rows, each row then has an error under each shift. A stretch in which another shift fits
+better by far is shifted. Rows that fit under no shift are matched with each other (assignment, Kuhn 1955). A stretch
+that fits nowhere is examined by itself.
 """
 
 from __future__ import annotations
@@ -13,40 +18,95 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
-from robacc.diagnostics.row_mistakes import (
-    CLEAR,
-    GROSS,
-    MOST_ROWS,
-    PLAUSIBLE,
-    Mistake,
-    find_part_mistake,
-    find_row_mistake,
-    registered_poses,
-    spread,
-)
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import (
     arm_poses,
     orientation_errors,
+    register_frames,
     register_orientations,
     register_positions,
     rows_by_target,
 )
+from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE, SHORTLIST
 from robacc.geometry import (
     Array,
     Poses,
     log_between,
     log_so3,
     quaternion_from_rotation,
+    rms_length,
     rotate_back,
     rotation_from_quaternion,
     rpy_from_rotation,
     transpose,
 )
 from robacc.measurements import Measurements, even_rows
+from robacc.modelling.model import predict
 from robacc.poses.reading import CONVENTIONS
 from robacc.robots.description import Joint, Robot
+
+# A mistake in the data or the robot file, and the misfit from which there may be one.
+
+PLAUSIBLE = 10.0 * GROSS
+"""Median registered error, as :data:`GROSS`, of positions that are right in the main: registered on few rows, or on an
+arm with a further mistake."""
+CLEAR = 8.0
+"""Factor by which the correction of a mistake has to reduce the error. Registration of base and target explains at most
+a factor of three of a mistake in a few rows."""
+
+
+@dataclass(frozen=True, slots=True)
+class Mistake:
+    """Mistake, or several together, in the data or the robot file, or in some rows."""
+
+    name: str
+    fix: str
+    before: float | None = None
+    """Median position error of the registered nominal model, m; None if the name has the figures."""
+    after: float | None = None
+    """The same with the mistake corrected, m."""
+    turned_before: float | None = None
+    """Median orientation error of the registered nominal model, rad."""
+    turned_after: float | None = None
+    alternatives: tuple[str, ...] = ()
+    """Other mistakes that explain these poses as well."""
+    unseen: tuple[str, ...] = ()
+    """Joints whose sign these poses do not show."""
+    of_rows: bool = False
+    """Whether the errors are those of the rows in the name."""
+    refused: bool = True
+    """Whether the data cannot be used as they are."""
+
+    @property
+    def text(self) -> str:
+        """Return the message."""
+        text = self.name
+        if self.before is not None and self.after is not None:
+            errors = f"error is {1e3 * self.before:.3g} mm, and {1e3 * self.after:.3g} mm"
+            if self.turned_before is not None and self.turned_after is not None and self.after > self.before / 2:
+                before, after = math.degrees(self.turned_before), math.degrees(self.turned_after)
+                errors = f"orientation error is {before:.3g} degrees, and {after:.2g} degrees"
+            whose = "their" if self.of_rows else "the"
+            text += f": with base and tool registered, {whose} median {errors} after this correction"
+        text += f"; {self.fix}"
+        if self.alternatives:
+            text += f". Not distinguishable on these poses: {'; or '.join(self.alternatives)}"
+        if self.unseen:
+            text += f". These poses do not show the sign of {', '.join(self.unseen)}"
+        return text
+
+
+def spread(position: Array) -> float:
+    """Return the standard deviation of positions ``(3, N)`` about their centre, m."""
+    return max(float(np.sqrt(np.var(position, axis=1).sum())), 1e-12)
+
+
+def registered_poses(robot: Robot, data: Measurements) -> Poses:
+    """Return the poses of the nominal model with base and targets registered, on an even share of the poses."""
+    return predict(register_frames(robot, data.subset(even_rows(data.n, SAMPLE)), True, True), data)
+
 
 # Changes that undo one mistake each: of joint columns, of measured poses, and of the robot file.
 
@@ -101,16 +161,15 @@ def sign_sets(robot: Robot) -> list[Change]:
     """Return the reversals of sets of joint signs, small sets first."""
     names = robot.variable_names
     sets = (chosen for size in range(1, len(names) + 1) for chosen in itertools.combinations(names, size))
-    return [_signs(names, chosen) for chosen in itertools.islice(sets, MOST_SETS)]
-
-
-def _signs(names: Sequence[str], chosen: Sequence[str]) -> Change:
-    subject, joint, column = f"the sign of joint {chosen[0]} seems", "the joint", "its column"
-    if len(chosen) > 1:
-        subject, joint, column = f"the signs of joints {listing(chosen)} seem", "the joints", "each column"
-    fix = f"set sign: -1 for {joint} in the robot file, or reverse the sign of {column}"
-    matrix = np.diag([-1.0 if name in chosen else 1.0 for name in names])
-    return _of_joints(f"{subject} to be reversed", fix, matrix, complexity=len(chosen), signs=chosen)
+    changes = []
+    for chosen in itertools.islice(sets, MOST_SETS):
+        subject, joint, column = f"the sign of joint {chosen[0]} seems", "the joint", "its column"
+        if len(chosen) > 1:
+            subject, joint, column = f"the signs of joints {listing(chosen)} seem", "the joints", "each column"
+        fix = f"set sign: -1 for {joint} in the robot file, or reverse the sign of {column}"
+        matrix = np.diag([-1.0 if name in chosen else 1.0 for name in names])
+        changes.append(_of_joints(f"{subject} to be reversed", fix, matrix, complexity=len(chosen), signs=chosen))
+    return changes
 
 
 _ANGLES = (
@@ -362,19 +421,8 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
 
 # Hypotheses: sets of changes.
 
-_LEAST_POSES = 8
-"""Poses that the check needs at least: registration of base and tool fits fewer poses in spite of a mistake."""
 _USUAL_ERROR = 3e-3
 """m; registered error up to which an arm is taken for the one that was measured."""
-_SAMPLE = 60
-"""Rows that hypotheses are judged by, and hypotheses of each group that are, by a rough fit: it bounds the time."""
-_BEST = 8
-"""Best hypotheses that are tried with other orientations and axes, or with further changes, which bounds it too."""
-_MORE = 2
-"""Mistakes that a set is extended by, and that an alternative has beyond those of the simplest, at most."""
-_SAME = 1.5
-"""Ratio of errors up to which two hypotheses are not distinguishable."""
-_MOST_ALTERNATIVES = 3
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
@@ -385,12 +433,12 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     Raises:
         InputError: the mistake, its errors and the fix.
     """
-    if data.n < _LEAST_POSES or data.q is None or data.kind is not None:
+    if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
     found = find_row_mistake(robot, data, poses.translation)
     if _is_gross(data, poses) and not (found and found.refused):
-        found = find_mistake(robot, data) or find_part_mistake(robot, data, find_mistake) or found
+        found = find_mistake(robot, data) or find_part_mistake(robot, data) or found
     texts = [f"{data.source}: {found.text}" if data.source else found.text] if found else []
     if found and found.refused:
         raise InputError(texts[0])
@@ -402,7 +450,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
 
     ``predicted`` ``(3, N)`` are positions by the robot, registered or not, m; where they agree, nothing is registered.
     """
-    if data.n < _LEAST_POSES or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
+    if data.n < ENOUGH or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
         return ()
     from robacc.modelling.robot_file import read_robot
     from robacc.robots.library import library
@@ -413,7 +461,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
         except RobaccError:
             return np.inf
 
-    data = data.subset(even_rows(data.n, MOST_ROWS))
+    data = data.subset(even_rows(data.n, SAMPLE))
     if (own := error(robot)) <= _USUAL_ERROR:
         return ()
     fits = {
@@ -444,9 +492,7 @@ def _is_gross(data: Measurements, poses: Poses) -> bool:
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     """Return the mistake, or the set of mistakes, that explains a gross misfit; None if there is none."""
-    if data.n < _LEAST_POSES or data.q is None or not _is_gross(data, registered_poses(robot, data)):
-        return None
-    data = data.subset(even_rows(data.n, _SAMPLE))
+    data = data.subset(even_rows(data.n, SHORTLIST))
     pool = _judged(robot, data, [()])
     if not pool or (null := pool[0]).total <= GROSS:
         return None
@@ -479,16 +525,6 @@ class _Hypothesis:
         """Return the number of mistakes."""
         return sum(change.complexity for change in self.changes)
 
-    @property
-    def texts(self) -> tuple[str, ...]:
-        """Return what is wrong, by mistake."""
-        return tuple(change.text for change in self.changes)
-
-    @property
-    def signs(self) -> frozenset[str] | None:
-        """Return the joints whose sign is reversed, if nothing else is wrong; else None."""
-        return self.changes[0].signs if len(self.changes) == 1 and self.changes[0].signs else None
-
 
 _Sets = Sequence[tuple[Change, ...]]
 
@@ -517,8 +553,8 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
         list(itertools.product(signs, inner)),
         [(change,) for change in permutations(names)],
     ]
-    for _ in range(_MORE):
-        best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:_BEST]
+    for _ in range(2):
+        best = sorted(pool, key=lambda item: (item.rank, item.complexity))[:BEST]
         yield [
             [
                 (*item.changes, change)
@@ -532,15 +568,15 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
 def _judged(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
     """Return the best of the sets with their errors, some completed by changes of orientations and axes."""
     try:
-        if len(sets) > _SAMPLE:
+        if len(sets) > SHORTLIST:
             half = data.subset(slice(None, None, 2))
             batches = (_undone(robot, half, sets[i : i + MOST_SETS]) for i in range(0, len(sets), MOST_SETS))
             rough = np.concatenate([register_positions(*batch[:4], passes=1).median for batch in batches])
-            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:_SAMPLE]]
+            sets = [sets[i] for i in np.argsort(rough, kind="stable")[:SHORTLIST]]
         judged = _screened(robot, data, sets)
     except (RobaccError, np.linalg.LinAlgError):
         return []
-    for item in judged[:_BEST]:
+    for item in judged[:BEST]:
         if item.orientation is not None and item.total > 2 * GROSS and item.rank < 2 * PLAUSIBLE:
             judged.extend(_screened(robot, data, [(*item.changes, reading) for reading in READINGS]))
             if item.axes is not None:
@@ -598,21 +634,236 @@ def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
     least = min(item.total for item in pool)
     if least * CLEAR >= null.total:
         return None
-    equal = (item for item in pool if item.total <= min(_SAME * least, null.total / CLEAR) and item.changes)
+    equal = (item for item in pool if item.total <= min(ALIKE * least, null.total / CLEAR) and item.changes)
     best, *others = sorted(equal, key=lambda item: (item.complexity, item.total))
     alternatives, unseen = [], set[str]()
+    texts = [change.text for change in best.changes]
     for item in others:
-        if item.signs and best.signs and item.signs > best.signs:
-            unseen |= item.signs - best.signs
-        elif item.complexity <= best.complexity + _MORE and not set(best.texts) <= set(item.texts):
-            alternatives.append(" and ".join(item.texts))
+        more = item.changes[0].signs > best.changes[0].signs > frozenset()
+        if more and len(item.changes) == len(best.changes) == 1:
+            unseen |= item.changes[0].signs - best.changes[0].signs
+        elif item.complexity <= best.complexity + 2 and not {*texts} <= {change.text for change in item.changes}:
+            alternatives.append(" and ".join(change.text for change in item.changes))
     return Mistake(
-        "; ".join(best.texts),
+        "; ".join(texts),
         "; ".join(dict.fromkeys(change.fix for change in best.changes)),
         null.position,
         best.position,
         null.orientation,
         best.orientation,
-        tuple(dict.fromkeys(alternatives))[:_MOST_ALTERNATIVES],
+        tuple(dict.fromkeys(alternatives))[:EXAMPLES],
         tuple(sorted(unseen)),
     )
+
+
+# Rows that belong to the joints of other rows, and stretches of rows.
+
+_SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
+"""Rows that a stretch is shifted by."""
+_MOST_COST = 9.0
+"""Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
+_SAME_POINTS = 0.12
+"""Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
+of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
+
+
+def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mistake | None:
+    """Return shifted or exchanged rows; None if all rows are in place or nothing can be said.
+
+    Args:
+        robot: Robot, whose base and targets are registered.
+        data: Measured poses.
+        predicted: ``(3, N)`` positions with base and targets registered on all rows, m.
+    """
+    errors, gross = _lengths(data.position - predicted), 2 * GROSS * spread(data.position)
+    middle = float(np.median(errors))
+    if not ENOUGH <= data.n <= MANY or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
+        return None
+    predicted = _best_predicted(robot, data, predicted)
+    by_shift = _errors_by_shift(predicted, data.position)
+    if np.median(by_shift.min(axis=0)) > PLAUSIBLE * spread(data.position):
+        return _permuted(robot, data)
+    return _shifted(data, by_shift, gross) or _exchanged(data, predicted, gross)
+
+
+def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:
+    """Return the stretch of rows that has a mistake; None if there is none, or only base or target moved."""
+    errors = _lengths(data.position - _best_predicted(robot, data, registered_poses(robot, data).translation))
+    gross, typical = 2 * GROSS * spread(data.position), float(np.quantile(errors, 0.25))
+    wrong = errors > max(gross, CLEAR * typical)
+    rows = next(_runs(np.where(wrong, 1.0, -1.0), ENOUGH), np.arange(0))
+    outside = np.delete(wrong, rows)
+    if typical > gross or not rows.size or not outside.size or max(1 - wrong[rows].mean(), outside.mean()) > 2 * FEW:
+        return None
+    part = data.subset(rows)
+    size = float(np.median(errors[rows]))
+    alone = float(np.median(_lengths(part.position - registered_poses(robot, part).translation)))
+    if alone <= max(gross / 2, size / CLEAR):
+        # Only base or target moved: a step, which a trace finds.
+        return None
+    where = _stretch(data, rows)
+    if (mistake := find_mistake(robot, part)) is not None:
+        # Its usual fix, in the robot file or of a whole column, would spoil the other rows.
+        fix = "correct these rows only: the others agree with the robot file"
+        return dataclasses.replace(mistake, name=f"{where}, unlike the other rows: {mistake.name}", fix=fix)
+    return Mistake(
+        f"{where} do not agree with the other rows: with base and tool registered on those, their median error is "
+        f"{1e3 * size:.3g} mm, and {1e3 * alone:.3g} mm with base and tool of their own",
+        "check the order, signs and units of the joints and the axes of the positions there, or leave the rows out",
+        refused=False,
+    )
+
+
+def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array:
+    """Return positions ``(3, N)`` of all rows: as predicted, or by the window and shift after which more rows fit."""
+    assert data.q is not None
+    margin = int(_SHIFTS.max())
+    length = min(max(data.n // BEST, ENOUGH), SHORTLIST, data.n - 2 * margin)
+    by_target, (rotation, translation) = rows_by_target(robot, data), arm_poses(robot, data, data.q[None])
+    tried: list[tuple[float, Array, Array, Array]] = []
+    for start in np.linspace(margin, data.n - length - margin, BEST).astype(int).tolist():
+        rows = np.arange(start, start + length)
+        turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
+        found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
+    candidates = [predicted]
+    for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:BEST]:
+        on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
+        candidates.append(((translation[0] + on_link + shift) @ turn).T)
+    # Rows that do not fit count alike: they may be the most.
+    gross = 2 * GROSS * spread(data.position)
+    scores = [np.minimum(_errors_by_shift(each, data.position).min(axis=0), gross).sum() for each in candidates]
+    return candidates[int(np.argmin(scores))]
+
+
+def _errors_by_shift(predicted: Array, measured: Array) -> Array:
+    """Return the distance ``(K, N)`` of each row's prediction from the measured position some rows below it."""
+    errors = np.full((_SHIFTS.size, predicted.shape[1]), np.inf)
+    for number, shift in enumerate(_SHIFTS):
+        rows = np.arange(max(0, -shift), predicted.shape[1] - max(0, shift))
+        errors[number, rows] = _lengths(predicted[:, rows] - measured[:, rows + shift])
+    return errors
+
+
+def _runs(score: Array, least: float) -> Iterator[NDArray[np.int64]]:
+    """Yield the runs of rows whose sum of ``score`` ``(N,)`` is largest, down to a least sum (J. Kadane)."""
+    score = score.copy()
+    while True:
+        sums = np.concatenate(([0.0], np.cumsum(score)))
+        end = int(np.argmax(sums[1:] - np.minimum.accumulate(sums[:-1]))) + 1
+        start = int(np.flatnonzero(sums[:end] == sums[:end].min())[-1])
+        if sums[end] - sums[start] < least:
+            return
+        yield np.arange(start, end)
+        score[start:end] = -np.abs(score).sum()
+
+
+def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
+    """Return the stretches that another shift than zero fits clearly better."""
+    typical = max(float(np.median(errors.min(axis=0))), 1e-6)
+    cost = np.minimum(np.square(errors / (3.0 * typical)), _MOST_COST)
+    found = []
+    for number, shift in enumerate(_SHIFTS.tolist()):
+        others = np.delete(cost, number, axis=0).min(axis=0)
+        for rows in _runs(others - cost[number], 2 * _MOST_COST):
+            here, there = errors[0, rows], errors[number, rows][np.isfinite(errors[number, rows])]
+            if shift and np.median(here) > max(CLEAR * np.median(there), gross):
+                place = "" if rows.size >= data.n - 2 * _SHIFTS.max() else f"{_stretch(data, rows)}: "
+                by = f"{'one row' if abs(shift) == 1 else f'{abs(shift)} rows'} {'down' if shift > 0 else 'up'}"
+                text = f"{place}the measured poses seem to be shifted by {by} against the joints"
+                found.append((int(rows[0]), text, here, there))
+    if not found:
+        return None
+    _, texts, before, after = zip(*sorted(found, key=lambda item: item[0]), strict=True)
+    return Mistake(
+        "; ".join(texts),
+        "pair each measured pose with its own joint values (look for a row that is missing or doubled where a stretch "
+        "begins)",
+        float(np.median(np.concatenate(before))),
+        float(np.median(np.concatenate(after))),
+        of_rows=True,
+    )
+
+
+def _exchanged(data: Measurements, predicted: Array, gross: float) -> Mistake | None:
+    """Return the rows that fit nowhere but at each other's joints."""
+    from scipy.optimize import linear_sum_assignment
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    errors = _lengths(data.position - predicted)
+    limit = max(CLEAR * float(np.median(errors)), gross)
+    wrong = np.flatnonzero(errors > limit)
+    if not 2 <= wrong.size <= SAMPLE:
+        return None
+    distance = np.linalg.norm(predicted[:, wrong, None] - data.position[:, None, wrong], axis=0)
+    place, match = linear_sum_assignment(np.minimum(distance, limit))
+    after = distance[place, match]
+    good = (after * CLEAR < errors[wrong]) & (after < limit / 2)
+    # A pose has one match at most, so that a group in which each has one is a cycle.
+    _, group = connected_components(coo_array((good[good], (place[good], match[good])), shape=distance.shape))
+    groups = [np.flatnonzero(group == number) for number in range(wrong.size)]
+    cycles = [members for members in groups if members.size > 1 and good[members].all()]
+    if not cycles:
+        return None
+    rows = np.concatenate(cycles)
+    texts = [
+        ", ".join(str(data.line(int(row))) for row in wrong[members[:LISTED]]) + ", …" * (members.size > LISTED)
+        for members in cycles
+    ]
+    what, fix = "the measured poses", "pair each measured pose with its own joint values"
+    # Rows of equal joints and different targets: only their names can be wrong.
+    if data.target is not None and all(
+        np.allclose(data.q[:, wrong[each]], data.q[:, wrong[each[:1]]])  # type: ignore[index]
+        and np.unique(data.target[wrong[each]]).size == each.size
+        for each in cycles
+    ):
+        what, fix = "the names of the targets", "give each row the name of the target that was measured"
+    verb = "exchanged" if max(members.size for members in cycles) == 2 else "in another order than the joints"
+    refused = rows.size > FEW * data.n
+    return Mistake(
+        f"{data.counted}s {'; '.join(texts[:LISTED])}{'; …' * (len(texts) > LISTED)}: {what} seem to be {verb}",
+        fix if refused else f"{fix}, and these rows are left out of the fit as outliers until then",
+        float(np.median(errors[wrong[rows]])),
+        float(np.median(after[rows])),
+        of_rows=True,
+        refused=refused,
+    )
+
+
+def _permuted(robot: Robot, data: Measurements) -> Mistake | None:
+    """Return all rows if the measured positions are those of the commands in another order.
+
+    Distances from the centre of all positions do not depend on the base. Sorted, they agree then, with the tool that
+    fits best, far better than those of other poses of the arm; row by row they do not.
+    """
+    from scipy.optimize import least_squares
+
+    poses, centred = predict(robot, data), data.position - data.position.mean(axis=1, keepdims=True)
+    measured = _lengths(centred)
+
+    def of_arm(tool: Array) -> Array:
+        position = poses.translation + np.einsum("ijn,j->in", poses.rotation, tool)
+        return _lengths(position - position.mean(axis=1, keepdims=True))
+
+    def differences(tool: Array) -> Array:
+        return np.asarray(np.sort(of_arm(tool)) - np.sort(measured))
+
+    tool = least_squares(differences, np.zeros(3), x_scale=0.1).x
+    in_order, by_row = rms_length(differences(tool)[None]), rms_length((of_arm(tool) - measured)[None])
+    if by_row <= PLAUSIBLE * spread(data.position) or in_order * np.sqrt(data.n) > _SAME_POINTS * by_row:
+        return None
+    return Mistake(
+        "the measured poses seem to be in another order than the joints: sorted by their distance from the middle of "
+        f"all they agree to {1e3 * in_order:.2g} mm rms, row by row only to {1e3 * by_row:.3g} mm",
+        "pair each measured pose with its own joint values, by a name or by the time",
+    )
+
+
+def _stretch(data: Measurements, rows: NDArray[np.int64]) -> str:
+    return f"{data.counted}s {data.line(int(rows[0]))} to {data.line(int(rows[-1]))}"
+
+
+def _lengths(vectors: Array) -> Array:
+    """Return the lengths ``(N,)`` of vectors ``(3, N)``."""
+    return np.asarray(np.linalg.norm(vectors, axis=0))

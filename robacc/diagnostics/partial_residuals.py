@@ -26,13 +26,11 @@ from robacc.effects.drivers import Driver
 from robacc.effects.periodic import orders_of, supported_orders
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.levels import BLOCK_NUMBERS, SAMPLE
 from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import observed_jacobian, residuals
-
-_GRID = 400
-_ORDER_BATCH = 16
 
 
 @dataclass(frozen=True, slots=True)
@@ -121,16 +119,16 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     driver = effect.driver(arm, data, joint) or Driver("predicted", "", explained, True)
     grid, value = None, None
     if driver.is_only and joint is not None and driver.swept is not None:
-        grid = np.linspace(driver.values.min(), driver.values.max(), _GRID)
+        grid = np.linspace(driver.values.min(), driver.values.max(), SAMPLE)
         coefficients = {fit.names[i]: float(fit.theta[i]) for i in indices}
-        value = np.zeros(_GRID)
+        value = np.zeros(SAMPLE)
         for term in effect.terms(arm, driver.swept(grid)):
             for part in term.parts:
                 value += coefficients.get(term.name, 0.0) * part.factor
     elif driver.is_only and np.isfinite(explained).any():
         is_finite = np.isfinite(explained)
         values, first = np.unique(driver.values[is_finite], return_index=True)
-        rows = even_rows(values.size, _GRID)
+        rows = even_rows(values.size, SAMPLE)
         grid, value = values[rows], explained[is_finite][first[rows]]
     spectrum = None
     if joint is not None and orders_of(effect) and driver.unit == "rad":
@@ -169,9 +167,9 @@ def _spectrum(angle: Array, before: Array, after: Array, sd: Array) -> Spectrum 
         return None
     weight = 1.0 / np.square(sd[is_finite])
     residual_pair = np.stack((before[is_finite], after[is_finite]), axis=1)
-    amplitudes = []
-    for start in range(0, orders.size, _ORDER_BATCH):
-        phase = orders[start : start + _ORDER_BATCH, None] * angle[is_finite]
+    amplitudes, step = [], max(BLOCK_NUMBERS // (3 * angle.size), 1)
+    for start in range(0, orders.size, step):
+        phase = orders[start : start + step, None] * angle[is_finite]
         basis = np.stack((np.cos(phase), np.sin(phase), np.ones_like(phase)), axis=1)
         gram = np.einsum("kin,n,kjn->kij", basis, weight, basis)
         target = np.einsum("kin,n,nb->kib", basis, weight, residual_pair)

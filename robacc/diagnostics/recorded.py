@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.effects.base import effect_class
 from robacc.effects.campaign import FOLLOWED_SHARE
-from robacc.fitting.fit_result import Fit
+from robacc.fitting.fit_result import DEPENDENT, Fit
+from robacc.fitting.levels import ALIKE, DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import joint_columns, solved
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
@@ -54,12 +54,12 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
             f"{follow}, but only 0 to 1 is possible: the model lacks an effect that resembles it; the commanded joints "
             "are used",
         )
-    cause = "the joints were read before the arm had settled"
-    if share >= FOLLOWED_SHARE:
-        cause = (
-            "the arm was measured before it had settled, or its controller leaves a constant error; give the "
-            "joints read back as q1 … qN"
-        )
+    cause = (
+        "the arm was measured before it had settled, or its controller leaves a constant error; give the joints read "
+        "back as q1 … qN"
+        if share >= FOLLOWED_SHARE
+        else "the joints were read before the arm had settled"
+    )
     return (
         f"{follow} (0: the arm stood at the commanded joints, 1: at those read back); the commanded joints are used; "
         f"{cause}",
@@ -78,14 +78,6 @@ _DIGITS = range(5)
 _UNITS = {"revolute": (("degrees", math.pi / 180), ("rad", 1.0)), "prismatic": (("mm", 1e-3), ("m", 1.0))}
 _WHOLE_TOLERANCE = 1e-4
 """Largest deviation from whole steps, in steps: the rounding of a file that has the variables in another unit."""
-_FEWEST_VALUES = 12
-"""Different values of a joint from which whole steps are no accident."""
-_EVIDENT = 5.0
-"""Gain in log-likelihood from which the residual shows the rounding (odds of 150 to 1)."""
-_AS_SMALL = 1.5
-"""Errors over the rounding of the numbers up to which the rounding explains them: twice its variance and a quarter."""
-_MOST_ROWS = 20_000
-"""Poses that decide: random ones show the rounding as well as all."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -118,7 +110,7 @@ class Rounding:
 
 def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
     """Return the coarsest step of values ``(N,)``, rad or m, and its text; None without one, or with few values."""
-    if np.unique(values).size < _FEWEST_VALUES:
+    if np.unique(values).size < ENOUGH:
         return None
     steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in _DIGITS]
     for step, digits, unit in sorted(steps, reverse=True):
@@ -147,7 +139,7 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     rounding = _evident_rounding(Model.of(robot), data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
-    is_small = rms_length(errors) <= _AS_SMALL * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    is_small = rms_length(errors) <= ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
     computed = "the positions look computed from the joints, not measured"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
@@ -159,7 +151,7 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:
     if data.q is None:
         return None
-    rows = random_rows(data, _MOST_ROWS)
+    rows = random_rows(data, MANY)
     q, data, residual = data.q[:, rows], data.subset(rows), residual[:, rows]
     kinds = ["revolute" if model.arm.is_revolute(name) else "prismatic" for name in model.arm.names]
     steps = [joint_step(row, kind) or (0.0, "") for kind, row in zip(kinds, q, strict=True)]
@@ -169,7 +161,7 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
     if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
         return None
-    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < _EVIDENT:
+    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < DECISIVE:
         return None
     return Rounding(max(steps)[1], std, position)
 
@@ -195,8 +187,8 @@ def _likelihood(residual: Array, covariance: Array) -> float:
 # Source of the mechanism: M. Ruderman, F. Hoffmann, T. Bertram, "Modeling and identification of elastic robot joints
 # with hysteresis and backlash", IEEE Trans. Industrial Electronics 56 (2009) 3840-3847.
 
-_FEWEST_VISITS = 30
-"""Visits from which the sum is close to Gaussian."""
+_FEWEST_ROWS = 30
+"""Rows, or visits, from which sums over them are close to Gaussian."""
 
 
 def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[str, float]:
@@ -211,7 +203,7 @@ def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[
     order = np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
     before = previous_visit(data.q[:, order])
     follows = before >= 0
-    if np.count_nonzero(follows) < _FEWEST_VISITS:
+    if np.count_nonzero(follows) < _FEWEST_ROWS:
         return {}
     present, previous = order[follows], order[before[follows]]
     torque = weight_torques(fit.model.arm, data)
@@ -264,21 +256,11 @@ def _polynomials(values: Array) -> Array:
 # Source of alternating least squares for a product of two unknown vectors: H. Wold, "Estimation of principal components
 # and related models by iterative least squares", in: Multivariate Analysis (1966), 391-420.
 
-_FEWEST_ROWS = 40
 _MOST_GROUPS = 4
-_SMALLEST_GROUP = 0.05
-"""Least share of the rows in a group."""
-_ALTERNATIONS = 40
-"""Steps of the alternations, which bounds the time."""
-_SETTLED = 1e-3
-"""Share of the sum of squares that a step gains at the end: far below the factors that decide."""
-_LEAST_NEW = 1e-5
-"""Share of a column, given others, below which it adds nothing."""
-_LEAST_GAIN = 4.0
-"""Factor by which groups of loads lower the sum of squares. Chance gives 1.5 at most: one coordinate of three a row."""
 _CLEARLY = 2.0
 """Factor by which loads leave a smaller sum of squares than shifts of the same joints, and up to which groups may leave
-a larger one than a load of its own for each row, but for its freedom."""
+a larger one than a load of its own for each row, but for its freedom. Groups lower it by the square of that: chance
+gives 1.5 at most, one coordinate of three a row."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -307,7 +289,7 @@ def unlogged_loads(fit: Fit, data: Measurements) -> RowLoads | None:
     """Return the groups of rows with different loads that explain the remaining error; None if there are none."""
     if data.payload is not None or data.q is None or data.n < _FEWEST_ROWS:
         return None
-    rows = even_rows(data.n, MOST_ROWS)
+    rows = even_rows(data.n, SAMPLE)
     part = data.subset(rows)
     torque = gravity_torques(fit.model.arm, part.q, payload(fit.model.arm, np.ones(part.n)))  # type: ignore[arg-type]
     size = np.linalg.norm(torque, axis=1)
@@ -341,26 +323,30 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     n, flat = residual.shape[1], residual.ravel()
     columns = _flat(common)
     left, sizes, _ = np.linalg.svd(columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300), full_matrices=False)
-    basis = left[:, sizes > _LEAST_NEW * sizes.max()]
+    basis = left[:, sizes > DEPENDENT * sizes.max()]
     squares = float(np.sum(np.square(flat - basis @ (basis.T @ flat))))
     amounts, free = _amounts(residual, basis, moved)
     # Groups of loads may explain no more than a load of its own for each row.
-    for count in range(2, _MOST_GROUPS + 1) if squares > _LEAST_GAIN * free else ():
+    for count in range(2, _MOST_GROUPS + 1) if squares > _CLEARLY**2 * free else ():
         limits = np.quantile(amounts, np.arange(1, count) / count)
-        labels, levels = np.searchsorted(limits, amounts), np.arange(count, dtype=float)
-        for _ in range(_ALTERNATIONS):
+        labels, levels, last = np.searchsorted(limits, amounts), np.arange(count, dtype=float), math.inf
+        for _ in range(STEPS):
             error, mixture, remaining = _fit(residual, basis, moved * levels[labels])
             direction = mixture @ moved
             products, weights = np.sum(direction * error, axis=0), np.sum(np.square(direction), axis=0)
             levels = np.bincount(labels, products, count) / np.maximum(np.bincount(labels, weights, count), 1e-300)
             # The square of what a level leaves of a row, less that of the row.
+            before = labels
             labels = np.argmin(weights[:, None] * np.square(levels) - 2.0 * products[:, None] * levels, axis=1)
+            if np.array_equal(labels, before) and last - remaining <= SETTLED * last:
+                break
+            last = remaining
         gain = squares / max(remaining, 1e-300)
         cost = n * np.log(count) + 0.5 * np.log(3 * n) * (count + moved.shape[1])
         # Each row's own amount takes one of its three coordinates. Equal groups of evenly spread amounts gain count^2.
         is_tight = remaining < _CLEARLY * 1.5 * free or gain > 2.0 * count**2
-        is_large = np.bincount(labels, minlength=count).min() >= max(_SMALLEST_GROUP * n, 3)
-        if is_large and gain > _LEAST_GAIN and is_tight and 1.5 * n * np.log(gain) > cost:
+        is_large = np.bincount(labels, minlength=count).min() >= max(FEW * n, 3)
+        if is_large and gain > _CLEARLY**2 and is_tight and 1.5 * n * np.log(gain) > cost:
             return labels, levels, remaining
     return None
 
@@ -378,7 +364,7 @@ def _fit(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, flo
         that remains.
     """
     columns = _flat(moved)
-    coefficients = np.linalg.lstsq(columns - basis @ (basis.T @ columns), residual.ravel(), rcond=_LEAST_NEW)[0]
+    coefficients = np.linalg.lstsq(columns - basis @ (basis.T @ columns), residual.ravel(), rcond=DEPENDENT)[0]
     rest = residual.ravel() - columns @ coefficients
     shared = basis @ (basis.T @ rest)
     return residual - shared.reshape(residual.shape), np.asarray(coefficients), float(np.sum(np.square(rest - shared)))
@@ -387,7 +373,7 @@ def _fit(residual: Array, basis: Array, moved: Array) -> tuple[Array, Array, flo
 def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]:
     """Return each row's own amount ``(N,)`` of the same mixture of ``moved``, and the sum of squares."""
     mixture, squares = 1.0 / np.sqrt(np.mean(np.sum(np.square(moved), axis=0), axis=1)), math.inf
-    for _ in range(_ALTERNATIONS):
+    for _ in range(STEPS):
         before = squares
         direction = mixture @ moved
         precision = np.maximum(np.sum(np.square(direction), axis=0), 1e-300)
@@ -396,11 +382,11 @@ def _amounts(residual: Array, basis: Array, moved: Array) -> tuple[Array, float]
         along = np.sum(unit[:, :, None] * basis.reshape(3, -1, basis.shape[1]), axis=0)
         across = residual - unit * np.sum(unit * residual, axis=0)
         gram = np.eye(basis.shape[1]) - along.T @ along
-        shared = basis @ solved(gram, basis.T @ across.ravel(), _LEAST_NEW**2)
+        shared = basis @ solved(gram, basis.T @ across.ravel(), DEPENDENT**2)
         amounts = np.sum(direction * (residual - shared.reshape(residual.shape)), axis=0) / precision
         amounts = amounts - np.average(amounts, weights=precision)
         _, mixture, squares = _fit(residual, basis, moved * amounts)
         mixture = mixture / max(float(np.abs(mixture).max()), 1e-300)
-        if before - squares <= _SETTLED * before < math.inf:
+        if before - squares <= SETTLED * before < math.inf:
             break
     return amounts, squares

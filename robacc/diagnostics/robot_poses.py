@@ -8,8 +8,8 @@ import os
 import numpy as np
 
 from robacc.accuracy.estimation import commanded_poses
-from robacc.diagnostics.row_mistakes import MOST_ROWS
 from robacc.errors import InputError, Problem
+from robacc.fitting.levels import SAMPLE
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.columns import BranchColumn
 from robacc.poses.csv_file import read_poses
@@ -95,7 +95,7 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     """
     if data.q is None or data.n < 2:
         return ()
-    sample = data.subset(even_rows(data.n, MOST_ROWS))
+    sample = data.subset(even_rows(data.n, SAMPLE))
     nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)

@@ -22,9 +22,12 @@ from numpy.typing import NDArray
 from robacc.effects.base import Effect
 from robacc.effects.correction import PoseCorrection
 from robacc.error_model.covariance import (
-    ACCEPTED,
-    LEAST,
+    MOST_COMPONENTS,
+    TERMS,
     CovarianceParameters,
+    ErrorPart,
+    Linearised,
+    Rows,
     estimated,
     likelihood_derivatives,
     log_evidence,
@@ -33,23 +36,13 @@ from robacc.error_model.covariance import (
     whitened,
     with_terms_that_gain,
 )
-from robacc.error_model.terms import MOST_COMPONENTS, TERMS, ErrorPart, Linearised, Rows
-from robacc.fitting.fit_result import Fit, Options, sandwich, with_covariance
+from robacc.fitting.fit_result import Fit, Options, with_covariance
+from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements, different
-
-_BROAD = 1e3
-"""Prior standard deviation of a coefficient without a prior, in its standard errors: in effect none."""
-_RESOLVED = 0.5
-"""Largest relative standard error for which a joint's scatter is reported: two standard errors from zero."""
-_PRIOR = 2.0
-"""Prior standard deviation of the logarithm of a joint's scatter: without information it is not resolved."""
-_LEAST_RATIO = 2.0
-"""Ratio of the noise along two axes from which a fit allows for it: a smaller one costs the coefficients less than a
-fifth of their accuracy."""
 
 Source = Literal["repeated visits", "several targets", "residual"]
 
@@ -126,12 +119,14 @@ def with_error_structure(
     them.
     """
     linear, rows = beside(fitted, data)
-    log_std = np.log(np.maximum(fitted.misfit[: linear.y.shape[1] // 3], math.exp(LEAST)))
+    log_std = np.log(np.maximum(fitted.misfit[: linear.y.shape[1] // 3], RESOLUTION))
     start = estimated(CovarianceParameters(log_std, np.ones(rows.size)), linear)
     present = {effect.term_of_covariance for effect in fitted.model.free}
     noise = with_terms_that_gain(start, linear, [name for name in names if name not in present])
     if data.position_variance is not None:
-        alone = dataclasses.replace(noise, log_std=np.where(np.arange(noise.log_std.size) == 0, LEAST, noise.log_std))
+        alone = dataclasses.replace(
+            noise, log_std=np.where(np.arange(noise.log_std.size) == 0, math.log(RESOLUTION), noise.log_std)
+        )
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.
     directional = None
@@ -183,8 +178,9 @@ def beside(fitted: Fit, data: Measurements, most_visits: int | None = None) -> t
     part, columns = data.subset(rows), fitted.identifiability.columns
     bound = fitted.model.bind(part)
     variance = np.diag(posterior(fitted.gram, fitted.precision))
-    least = np.square(fitted.theta[columns] / _BROAD)  # Without noise, standard errors are smaller than rounding.
-    prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (_BROAD**2 * np.maximum(variance + least, 1e-300)))
+    # A thousand standard errors are in effect no prior.
+    least = np.square(fitted.theta[columns] / 1e3)  # Without noise, standard errors are smaller than rounding.
+    prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (1e3**2 * np.maximum(variance + least, 1e-300)))
     whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
@@ -217,7 +213,8 @@ def _with_covariance(
             )
             own = carried * np.diag(kernel)[:, None]
             meat += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
-    return with_covariance(fitted, sandwich(fitted.gram, meat, fitted.precision))
+    inverse = posterior(fitted.gram, fitted.precision)
+    return with_covariance(fitted, inverse @ (meat + np.diag(fitted.precision)) @ inverse)
 
 
 def _repeatability(
@@ -227,15 +224,16 @@ def _repeatability(
     parts: Mapping[ErrorPart, float],
     source: Source,
 ) -> Repeatability:
-    """Return the scatter of the joints, each where its standard deviation has a small relative standard error."""
+    """Return the scatter of the joints, each where its standard deviation is two standard errors from zero."""
     stds = np.exp(noise.terms["scatter"])
     part, part_noise = on_subset(noise, linear)
     ordered = {"scatter": part_noise.terms["scatter"], **part_noise.terms}
     information = likelihood_derivatives(dataclasses.replace(part_noise, terms=ordered), part)[2]
-    # A standard deviation at its bound has no information but that of the prior.
-    variance = np.diag(np.linalg.inv(information + _PRIOR**-2 * np.eye(len(information))))[len(noise.log_std) :]
+    # A standard deviation at its bound has only the information of the prior of its logarithm, which has a standard
+    # deviation of 2.
+    variance = np.diag(np.linalg.inv(information + 0.25 * np.eye(len(information))))[len(noise.log_std) :]
     relative = np.sqrt(variance[: stds.size] * len(part.y) / np.count_nonzero(fitted.inliers))
-    joints = zip(fitted.model.arm.names, stds.tolist(), relative <= _RESOLVED, strict=True)
+    joints = zip(fitted.model.arm.names, stds.tolist(), relative <= 0.5, strict=True)
     return Repeatability(
         tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),
         parts["scatter"],
@@ -249,12 +247,13 @@ def _directional(
 ) -> DirectionalNoise | None:
     """Return noise of its own size along three axes, if it is more likely than the chosen terms beside equal noise.
 
-    The axes are those of the measuring frame, or those of the residual's covariance where they are more likely.
+    The axes are those of the measuring frame, or those of the residual's covariance where they are more likely. A ratio
+    of the standard deviations below 2 costs the coefficients less than a fifth of their accuracy.
     """
     white = whitened(start, linear)
     left = linear.y - linear.columns @ (white.coefficients * linear.prior_std)
     squares, vectors = np.linalg.eigh(left[:, :3].T @ left[:, :3])
-    if squares[2] <= _LEAST_RATIO * max(squares[0], 1e-300):
+    if squares[2] <= 2.0 * max(squares[0], 1e-300):
         return None
     best, most = None, log_evidence(noise, linear) + ACCEPTED
     for axes, cost in ((np.eye(3), 0.0), (vectors.T, 1.5 * math.log(len(linear.y)))):
@@ -263,13 +262,11 @@ def _directional(
         found = estimated(CovarianceParameters(log_std, start.factor), along)
         if (total := log_evidence(found, along) - cost) > most:
             best, most = DirectionalNoise(axes, found.std[:3]), total
-    return best if best is not None and best.std.max() >= _LEAST_RATIO * best.std.min() else None
+    return best if best is not None and best.std.max() >= 2.0 * best.std.min() else None
 
 
-# What a fit lacks of the position, as one process over the joints along the axes of the measuring frame.
-
-_MOST_VISITS = 400
-"""Visits that the process is estimated on: the time grows with their cube."""
+# What a fit lacks of the position, as one process over the joints along the axes of the measuring frame. The time of
+# its estimate grows with the cube of the visits.
 
 
 def correction_of_position(
@@ -281,13 +278,13 @@ def correction_of_position(
     odds of acceptance. Visits of a place may share a further error, and errors wander if the search found that
     (``noise``).
     """
-    linear, index = beside(fitted, data, _MOST_VISITS)
+    linear, index = beside(fitted, data, SAMPLE)
     linear = linear.of_position
     rows, arm = linear.rows, fitted.model.arm
     moving = np.flatnonzero(rows.moves)
     if not moving.size or data.kind is not None:
         return None
-    std = math.log(max(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index])))), math.exp(LEAST)))
+    std = math.log(max(0.7 * float(np.sqrt(np.mean(np.square(fitted.residual[:3, index])))), RESOLUTION))
     alone = CovarianceParameters(np.array([std]), np.ones(index.size))
     if np.unique(rows.place).size < index.size:
         alone = alone.with_term("place", np.array([std]))

@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError
+from robacc.fitting.levels import HALF_DIGITS
 from robacc.geometry import Array, Poses, nearest_rotation, rpy_from_rotation, skew
 from robacc.measurements import IMAGES, Measurements
 from robacc.modelling.model import predict
@@ -36,8 +37,6 @@ _TRIM = 6.0
 _LEAST_WEIGHT = 1e-12
 _STEPS = 5
 """Gauss-Newton steps of the rotation, which converge quadratically."""
-_RIDGE = 1e-9
-"""Share of the trace by which normal matrices of the rotation are regularised."""
 _RELUCTANCE = 1e-3
 """Scale of a target's columns: the solution of least norm moves the base rather than a target."""
 _LEAST_TURN = 1e-2
@@ -302,7 +301,7 @@ def _with_arm(turn: Array) -> Array:
 def _regular(normal: Array) -> Array:
     """Return normal matrices ``(..., m, m)`` that can be inverted."""
     size = np.trace(normal, axis1=-2, axis2=-1)[..., None, None] + 1e-30
-    return np.asarray(normal + _RIDGE * size * np.eye(normal.shape[-1]))
+    return np.asarray(normal + HALF_DIGITS * size * np.eye(normal.shape[-1]))
 
 
 def _weights(errors: Array) -> Array:

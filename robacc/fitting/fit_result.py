@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
-from robacc.fitting.normal_equations import Whitening, posterior, solved
+from robacc.fitting.levels import EPSILON, EXAMPLES, FEW, HALF_DIGITS, SETTLED
+from robacc.fitting.normal_equations import Whitening, solved
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, Noise
@@ -28,10 +29,6 @@ DEPENDENT = 3e-5
 longest of its unit carries no information. Model and rounding reach 1e-12; registering a target on the last axis from
 noisy poses makes up levers of some micrometres, 1e-5 of an arm's reach; the weakest combinations of measured arms lie
 above 1e-4."""
-_NOTHING = 1e-13
-"""A column below this share of the longest is rounding."""
-_NAMED = 0.05
-"""Share of a dependent column above which another column is named as its partner."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -47,7 +44,7 @@ class Dropped:
         """Return the reason, one sentence."""
         if not self.partners:
             return f"{self.name} has no effect on these poses"
-        listed = ", ".join(self.partners[:4]) + (" …" if len(self.partners) > 4 else "")
+        listed = ", ".join(self.partners[:EXAMPLES]) + (" …" if len(self.partners) > EXAMPLES else "")
         together = "" if len(self.partners) == 1 else " together"
         return f"{self.name} is not distinguishable from {listed}{together} on these poses"
 
@@ -97,7 +94,7 @@ def identify_terms(triangle: Array, terms: Sequence[Term], n_poses: int) -> Iden
     (Bjorck 1967), and the directions of dependent columns never enter.
     """
     length = np.sqrt(np.sum(np.square(triangle), axis=0))
-    nonzero = length > _NOTHING * float(length.max(initial=0.0))
+    nonzero = length > EPSILON * length.size * float(length.max(initial=0.0))
     units = np.array([term.unit for term in terms], dtype=str)
     for unit in np.unique(units):
         nonzero &= (units != unit) | (length > DEPENDENT * float(length[units == unit].max()))
@@ -116,7 +113,7 @@ def identify_terms(triangle: Array, terms: Sequence[Term], n_poses: int) -> Iden
             continue
         shares = np.linalg.solve(factor[:count, columns], nonzero[column] * factor[:count, column])
         largest = np.argsort(-np.abs(shares), kind="stable")
-        partners = [terms[columns[i]].name for i in largest if abs(shares[i]) > _NAMED]
+        partners = [terms[columns[i]].name for i in largest if abs(shares[i]) > FEW]
         dropped.append(Dropped(term.name, tuple(partners)))
     root = factor[: len(columns), columns]
     return Identifiability(np.array(columns, dtype=np.int64), tuple(dropped), root, n_poses)
@@ -133,7 +130,7 @@ class Options:
     constants of the arm."""
     misfit: tuple[float, float] | None = None
     """Misfit of position (m) and orientation (rad), if known; else estimated."""
-    tolerance: float = 1e-8
+    tolerance: float = HALF_DIGITS
     """Change of the whitened prediction, as a share of the residual, at which a step is the last."""
     start: Array | None = None
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
@@ -145,7 +142,7 @@ class Options:
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
     scatter: Array | None = None
     """``(J,)`` standard deviation (rad or m) of the joints' scatter, which rows of one visit share; none if None."""
-    settled: float = 1e-3
+    settled: float = SETTLED
     """Change of the misfits, as a share, at which the fit ends (ten times it for the groups' priors)."""
 
 
@@ -229,22 +226,6 @@ class Fit:
     def outliers(self) -> NDArray[np.int64]:
         """Return the numbers of the outliers."""
         return np.flatnonzero(~self.inliers)
-
-
-# Covariance of a fit's coefficients under errors that are not independent and equal.
-
-
-def sandwich(gram: Array, meat: Array, precision: Array) -> Array:
-    """Return ``(K, K)`` covariance G^-1 (M + P) G^-1, G = X^T X + P.
-
-    Args:
-        gram: ``(K, K)`` X^T X of the whitened columns.
-        meat: ``(K, K)`` M = X^T R X, R the covariance of the whitened errors.
-        precision: ``(K,)`` diagonal of the priors' precision P.
-    """
-    inverse = posterior(gram, precision)
-    result: Array = inverse @ (meat + np.diag(precision)) @ inverse
-    return result
 
 
 def with_covariance(fit: Fit, covariance: Array) -> Fit:

@@ -20,20 +20,12 @@ from numpy.typing import NDArray
 
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.levels import BLOCK_NUMBERS, NEW
 from robacc.fitting.normal_equations import blocks_of
-from robacc.fitting.visits import places
+from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import observed_jacobian, residuals
-
-LEAST_GROUPS = 6
-"""Places that held-out errors need at least."""
-_ALONE = 1.0 - 1e-6
-"""Leverage of a place, of any combination of its components, above which the others do not determine it."""
-_LARGE = 0.1
-"""Leverage of a place up to which the normal matrix of the fit's last step, exact to 1e-6, is enough."""
-_MOST_NUMBERS = 2**21
-"""Numbers of a Jacobian that are held at a time; of more, blocks of an eighth stay in the cache."""
 
 
 @dataclass(frozen=True)
@@ -60,7 +52,7 @@ class HoldOut:
     @cached_property
     def folds(self) -> int:
         """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
-        if self.validation is not None or different(places(self.data)) < LEAST_GROUPS:
+        if self.validation is not None or different(places(self.data)) < LEAST_PLACES:
             return 0
         return different(self.groups)
 
@@ -97,7 +89,6 @@ def held_out_poses(
     lacking: Sequence[Collection[int]] = ((),),
     undetermined: Callable[[NDArray[np.int64]], None] = lambda rows: None,
     components: int = 6,
-    exact: bool = False,
 ) -> list[Poses | None]:
     """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
 
@@ -111,8 +102,6 @@ def held_out_poses(
         lacking: Numbers of the absent effects of each model, among the free ones.
         undetermined: Called with the rows of a group that alone determines a coefficient.
         components: 6 for poses, 3 for positions alone.
-        exact: Form the normal matrix again at the solution; of many rows it is that of the fit's last step, which is
-            enough unless a group determines a coefficient nearly alone.
 
     Returns:
         The poses by each model; None where the arm without its absent effects has no equilibrium.
@@ -126,7 +115,7 @@ def held_out_poses(
         poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
     if not size:
         return poses
-    most = _MOST_NUMBERS // (rows_of * size)
+    most = BLOCK_NUMBERS // (rows_of * size)
     blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -135,9 +124,9 @@ def held_out_poses(
         observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
         return jacobian, fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
 
-    exact = exact or len(blocks) == 1
-    normal, latest = np.diag(fit.precision) + (0.0 if exact else fit.gram), None
-    for rows in blocks if exact else ():
+    # The fit's own normal matrix is that of the step before the last.
+    normal, latest = np.diag(fit.precision), None
+    for rows in blocks:
         latest = linearised(rows)
         flat = latest[1].reshape(size, -1)
         normal = normal + flat @ flat.T
@@ -154,9 +143,6 @@ def held_out_poses(
     for rows in blocks:
         jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
         ahead, scaled = root @ jacobian, (root @ white.reshape(size, -1)).reshape(white.shape)
-        share = np.bincount(groups[rows] - groups[rows].min(), np.einsum("kmn,kmn->n", scaled, scaled))
-        if not exact and share.max() > _LARGE:
-            return held_out_poses(fit, data, groups, lacking, undetermined, components, exact=True)
         scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
         for predicted, directions, whole, error in models:
             part = scaled - (scaled @ directions) @ directions.T if directions.size else scaled
@@ -199,21 +185,15 @@ def _changes(columns: Array, white: Array, whole: Array) -> tuple[Array, list[in
         ``(G, 1, K)`` changes, and numbers of groups.
     """
     jacobian, residual = columns.reshape(len(columns), -1, whole.size), white.reshape(len(white), -1, 1)
-    is_short = jacobian.shape[1] < whole.size
-    left, right = jacobian, jacobian.swapaxes(1, 2)
-    leverage = left @ right if is_short else right @ left
-    high = np.flatnonzero(np.trace(leverage, axis1=1, axis2=2) > _ALONE)
-    high = high[np.linalg.eigvalsh(leverage[high])[:, -1] > _ALONE] if high.size else high
-    leverage[high] = 0.0
-    remaining = np.eye(leverage.shape[1]) - leverage
-    if is_short:
-        change = -(right @ np.linalg.solve(remaining, residual))
+    across = jacobian.swapaxes(1, 2)
+    # Right singular vectors, or those times the singular values, by the smaller of the two products.
+    if jacobian.shape[1] < whole.size:
+        share, vectors = np.linalg.eigh(jacobian @ across)
+        basis, along = across @ vectors, vectors.swapaxes(1, 2) @ residual
     else:
-        change = -np.linalg.solve(remaining, right @ residual)
-    for group in high.tolist():
-        share, vectors = np.linalg.eigh(right[group] @ left[group])
-        along = vectors.T @ (right[group] @ residual[group, :, 0])
-        alone = share > _ALONE
-        kept = np.where(alone, vectors.T @ whole, along / np.where(alone, 1.0, 1.0 - share))
-        change[group, :, 0] = -vectors @ kept
-    return change.swapaxes(1, 2), high.tolist()
+        share, basis = np.linalg.eigh(across @ jacobian)
+        along = basis.swapaxes(1, 2) @ (across @ residual)
+    alone = (1.0 - share < NEW)[:, :, None]
+    left = along / np.where(alone, 1.0, 1.0 - share[:, :, None])
+    change = -basis @ np.where(alone, basis.swapaxes(1, 2) @ whole[:, None], left)
+    return change.swapaxes(1, 2), np.flatnonzero(alone.any(axis=1)).tolist()

@@ -13,6 +13,7 @@ from robacc.effects.base import Effect, Term
 from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
 from robacc.fitting.fit_result import Fit, Options, with_covariance
+from robacc.fitting.levels import DECISIVE, FEW, MANY, ROUNDING, SETTLED, STEPS
 from robacc.fitting.normal_equations import solved
 from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import fit
@@ -87,8 +88,6 @@ def weight_columns(fit: Fit, data: Measurements, springs: Sequence[JointComplian
 
 DEFAULT = 0.1
 """Relative standard deviation of a link's mass where the robot file states none."""
-_MOST_ROWS = 4096
-"""Rows that the sensitivity to a mass is taken from: a mean over random poses, known to some per cent."""
 _STEP = 1e-3
 """Relative change of a mass for the central difference; the prediction is almost linear in a mass."""
 
@@ -99,23 +98,13 @@ def relative_std(fit: Fit) -> float:
     return DEFAULT if stated is None else stated
 
 
-def mass_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a sentence about the default uncertainty if compliances depend on it; else empty."""
-    if fit.model.arm.robot.mass_uncertainty is not None or not any(effect.uses_masses for effect in fit.model.free):
-        return ()
-    return (
-        f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; state "
-        "mass_uncertainty in the robot file if the masses are better or worse known",
-    )
-
-
 def with_mass_uncertainty(fit: Fit, data: Measurements) -> Fit:
     """Return the fit with the uncertainty of the masses in its covariance; unchanged without elastic effects."""
     std, columns, arm = relative_std(fit), fit.identifiability.columns, fit.model.arm
     if std == 0.0 or not columns.size or not any(effect.uses_masses for effect in fit.model.free):
         return fit
     inliers = np.flatnonzero(fit.inliers)
-    rows = inliers[random_rows(data.subset(inliers), _MOST_ROWS)]
+    rows = inliers[random_rows(data.subset(inliers), MANY)]
     part = data.subset(rows)
     weighted = fit.jacobian(rows, len(fit.residual)) * np.square(fit.weight[:, rows])[:, None, :]
     joints = [arm.robot.joints[owner] for owner in dict.fromkeys(body.owner for body in arm.chain.bodies)]
@@ -151,13 +140,12 @@ def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float)
 #
 # A real arm is in equilibrium. Poses that a program made, or that a controller corrected, may follow the first-order
 # form instead; on an arm that sags by millimetres the two differ by micrometres. They have the same coefficients, so
-# the larger likelihood decides, and equilibrium stands unless the other form is significantly better.
+# the larger likelihood decides, and equilibrium stands unless the other form is far better. Forms whose whitened
+# predictions are less than one apart over all rows are not distinguishable: twice the log-likelihood gains about the
+# square of that where the rigid form is the true one.
 
-_DISTINGUISHABLE = 1.0
-"""Length of the whitened difference between the forms, over all rows, below which no data of such noise distinguish
-them: twice the log-likelihood gains about its square where the rigid form is the true one."""
-BETTER = 10.83
-"""Twice the log-likelihood by which the rigid form has to be better: chi-square of one degree at 0.001."""
+BETTER = 2.0 * DECISIVE
+"""Twice the log-likelihood by which the rigid form has to be better."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,7 +176,7 @@ def choose_form(
         rigid_model = dataclasses.replace(chosen.model, free=with_deflection(chosen.model.free, "rigid"))
         moved = (residuals(data, rigid_model.bind(data).poses(chosen.theta)) - chosen.residual) * chosen.inliers
         separation, gain = float(np.linalg.norm(chosen.whitening.apply(moved))), None
-        if separation >= _DISTINGUISHABLE:
+        if separation >= 1.0:
             start = dataclasses.replace(options, start=chosen.theta, group_stds=chosen.group_stds)
             fits = chosen, fit(rigid_model, data, start)
             rows = fits[0].inliers & fits[1].inliers
@@ -222,27 +210,15 @@ def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect
 # integrated out by Laplace's method, the relative error and the load's mass on grids. A load is named only if its
 # marginal likelihood is far above that of errors of the masses alone.
 
-NAMED = 5.0
-"""Log Bayes factor from which a load is named, and within which other links are alternatives (odds of 150 to 1)."""
-_ERRORS = np.array([1.0, 1.6, 2.5, 4.0])
-"""Relative errors of the masses, in units of the stated or default one …"""
-_ERRORS_STD = math.log(2.0)
-"""… and standard deviation of their logarithm."""
-_LEAST_ERROR = 0.01
-"""Least relative standard deviation of the masses: a first moment is not known better than that."""
+_ERRORS = 2.0 ** np.array([0.0, 2.0 / 3.0, 4.0 / 3.0, 2.0])
+"""Relative errors of the masses, in units of the stated or default one, whose logarithm has a standard deviation of
+log 2."""
 _LOADS = np.geomspace(0.005, 0.5, 15)
 """Loads as shares of the mass that the joints carry."""
 _OFFSETS = np.array([0.02, 0.06, 0.15])
 """Distances of a load from its link's frame (standard deviation along each axis), as shares of the arm's length."""
 _LEAST_REACH = 0.1
 """Least distance (m) that the error of a link's centre of mass is in proportion to."""
-_STEPS = 25
-_LEAST_DAMPING = 1e-9
-_CONVERGED = 1e-3
-_LEAST_START = 0.05
-"""Least compliance to start from, as a share of the largest: with the masses of the prior it may seem negative."""
-_LEAST_CURVATURE = 1.0
-"""Least curvature in a compliance's logarithm: with less, the joint does not deflect at all."""
 _INTERVAL = (0.025, 0.5, 0.975)
 
 
@@ -305,9 +281,9 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     for body in arm.chain.bodies:
         for label in (f"{axis}{body.owner + 1}" for axis in ("hx", "hy", "hz")):
             usual[label] = max(usual[label], _LEAST_REACH * body.mass)
-    error = max(relative_std(fit), _LEAST_ERROR)
+    error = relative_std(fit)
     stds = error * _ERRORS[:, None] * np.array([usual[label] for label in columns.labels])
-    log_prior = -0.5 * np.square(np.log(_ERRORS) / _ERRORS_STD)
+    log_prior = -0.5 * np.square(np.log2(_ERRORS))
     log_prior -= math.log(np.sum(np.exp(log_prior)))
     none = _log_evidence(columns, np.zeros_like(stds), stds) + log_prior
     evidence_of_none = float(np.logaddexp.reduce(none))
@@ -346,8 +322,8 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
         return None
     best = places[0].log_bayes_factor
     # Each hypothesis is as likely as the others before the poses are seen.
-    is_named = best - math.log(len(places)) > NAMED
-    near = [place for place in places if place.log_bayes_factor > best - NAMED] if is_named else places[:1]
+    is_named = best - math.log(len(places)) > DECISIVE
+    near = [place for place in places if place.log_bayes_factor > best - DECISIVE] if is_named else places[:1]
     return UndeclaredLoad(columns.joints, tuple(near), is_named, error * float(_ERRORS[int(np.argmax(none))]))
 
 
@@ -355,17 +331,17 @@ def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
     """Return the log marginal likelihood ``(Q,)`` of priors ``(Q, K)`` of the masses and first moments.
 
     It is Laplace's: the mode over the logarithms of the compliances and the masses, and the curvature there. Where a
-    joint would rise with the weight, there is none, and the likelihood is zero. The compliances start from least
-    squares at the prior's masses, all of them positive.
+    joint would rise with the weight, or hardly deflects (a curvature below 1), there is none, and the likelihood is
+    zero. The compliances start from least squares at the prior's masses, all of them positive.
     """
     n, shares = len(columns.joints), np.insert(mean, 0, 1.0, axis=1)
     rhs = columns.rhs.reshape(n, -1)
     normal = np.einsum("jakb,qa,qb->qjk", columns.gram.reshape(*rhs.shape, *rhs.shape), shares, shares)
     start = np.linalg.solve(normal, (shares @ rhs.T)[..., None])[..., 0]
-    start = np.maximum(start, _LEAST_START * np.abs(start).max())
+    start = np.maximum(start, FEW * np.abs(start).max())
     state = np.concatenate((np.log(start), np.zeros_like(mean)), axis=1)
-    best, damping = _objective(columns, mean, std, state), np.full(len(mean), _LEAST_DAMPING)
-    for _ in range(_STEPS):
+    best, damping = _objective(columns, mean, std, state), np.full(len(mean), ROUNDING)
+    for _ in range(STEPS):
         squares, gradient, hessian = best
         damped = hessian + damping[:, None, None] * np.eye(state.shape[1]) * np.einsum("qii->qi", hessian)[:, None]
         step = np.linalg.solve(damped, gradient[..., None])[..., 0]
@@ -375,11 +351,11 @@ def _log_evidence(columns: WeightColumns, mean: Array, std: Array) -> Array:
         state[better] += step[better]
         for old, new in zip(best, tried, strict=True):
             old[better] = new[better]
-        damping = np.maximum(damping * np.where(better, 0.1, 10.0), _LEAST_DAMPING)
-        if float(np.max(np.abs(step), initial=0.0)) < _CONVERGED:
+        damping = np.maximum(damping * np.where(better, 0.1, 10.0), ROUNDING)
+        if float(np.max(np.abs(step), initial=0.0)) < SETTLED:
             break
     squares, _, hessian = best
-    possible = np.all(hessian[:, range(n), range(n)] > _LEAST_CURVATURE, axis=1)
+    possible = np.all(hessian[:, range(n), range(n)] > 1.0, axis=1)
     return np.where(possible, -0.5 * squares - 0.5 * np.linalg.slogdet(hessian)[1], -np.inf)
 
 

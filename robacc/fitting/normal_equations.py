@@ -16,24 +16,19 @@ unchanged.
 
 from __future__ import annotations
 
-import dataclasses
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.frames import JointOffset
+from robacc.fitting.levels import BLOCK_NUMBERS
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.robots.arm import BLOCK
 
 # Positive semidefinite systems that rounding or absent data can make singular, solved with a diagonal of one.
-
-_RIDGE = 1e-11
-"""Added to a unit diagonal that is singular to rounding: far below any weight that data give."""
-_LARGE = 250
-"""Coefficients from which Cholesky's factor, in half of the time, is worth the import of SciPy."""
 
 
 def unit_diagonal(matrix: Array) -> tuple[Array, Array]:
@@ -54,32 +49,20 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     """
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
+    matrix += damping * np.eye(len(matrix))
     try:
-        result = np.linalg.solve(matrix + damping * np.eye(len(matrix)), scale * rhs)
+        result = np.linalg.solve(matrix, scale * rhs)
     except np.linalg.LinAlgError:
-        ridge = np.where(np.diag(matrix) == 0.0, 1.0, _RIDGE)
-        result = np.linalg.solve(matrix + np.diag(ridge), scale * rhs)
+        result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
     return np.asarray(scale * result, dtype=np.float64)
 
 
 def posterior(gram: Array, prior: Array) -> Array:
     """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``."""
-    whole = gram + np.diag(prior)
-    if len(gram) >= _LARGE:
-        from scipy.linalg.lapack import dpotrf, dpotri
-
-        matrix, scale = unit_diagonal(whole)
-        factor, failed = dpotrf(matrix, lower=True)
-        if not failed:
-            lower = np.tril(dpotri(factor, lower=True)[0])
-            return np.asarray(scale[:, None] * (lower + np.tril(lower, -1).T) * scale, dtype=np.float64)
-    return solved(whole, np.eye(len(whole)))
+    return solved(gram + np.diag(prior), np.eye(len(gram)))
 
 
 # Whitening.
-
-_MOST_NUMBERS = 2**21
-"""Numbers of which copies are made at a time."""
 
 
 @dataclass(frozen=True)
@@ -115,7 +98,7 @@ class Whitening:
 
     def cost(self, values: Array) -> float:
         """Return the sum of the squares of ``(M, N)`` whitened."""
-        total, step = 0.0, values.shape[1] if self.blocks else _MOST_NUMBERS // 32
+        total, step = 0.0, values.shape[1] if self.blocks else BLOCK_NUMBERS // 32
         for start in range(0, values.shape[1], step):
             rows = slice(start, start + step)
             white = (self if self.blocks else self.subset(rows)).apply(values[:, rows])
@@ -125,7 +108,7 @@ class Whitening:
     def _mix(self, scaled: Array) -> None:
         """Multiply scaled values ``(L, M, N)`` in place by the factors of the visits."""
         for rows, factor in self.blocks:
-            step = max(1, _MOST_NUMBERS // (len(scaled) * factor.shape[1]))
+            step = max(1, BLOCK_NUMBERS // (len(scaled) * factor.shape[1]))
             for start in range(0, len(rows), step):
                 part = rows[start : start + step]
                 stacked = scaled[:, :, part].transpose(2, 1, 3, 0)
@@ -210,11 +193,6 @@ class NormalEquations:
         """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; see :func:`solved`."""
         return solved(self.gram + np.diag(prior), self.gradient - prior * self.theta, damping)
 
-    def moved_to(self, theta: Array, cost: float) -> NormalEquations:
-        """Return the same linearisation at coefficients ``theta`` ``(K,)`` nearby, where the cost is ``cost``."""
-        gradient = self.gradient - self.gram @ (theta - self.theta)
-        return dataclasses.replace(self, theta=theta, gradient=gradient, cost=cost)
-
     def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Return the equations of some of the coefficients, the others fixed."""
         own = np.ix_(columns, columns)
@@ -228,14 +206,9 @@ class NormalEquations:
         root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * np.sqrt(np.diag(self.gram))
         return root
 
-    def expected_cost(self, theta: Array) -> float:
-        """Return the cost that the linearisation predicts at ``theta`` ``(K,)``."""
-        step = theta - self.theta
-        return float(self.cost - 2.0 * step @ self.gradient + step @ self.gram @ step)
-
 
 class PoseEquations:
-    """A model and measured poses, in blocks; the Jacobian of a single block is kept while coefficients stay."""
+    """A model and measured poses, in blocks."""
 
     def __init__(self, model: Model, data: Measurements) -> None:
         """Bind every block."""
@@ -248,16 +221,13 @@ class PoseEquations:
         """Scalars of the nominal chain at the poses of the first block."""
         self.columns: NDArray[np.int64] = np.arange(len(self.terms))
         """Numbers of the sought coefficients: all at first, then the identifiable ones."""
-        self._latest: tuple[Array, NDArray[np.int64], Array, Array] | None = None
 
-    def residual(self, theta: Array, *, ahead: bool = False) -> Array:
-        """Return ``(M, N)`` measured minus predicted; ``ahead`` if the equations at the same ``theta`` come next.
+    def residual(self, theta: Array) -> Array:
+        """Return ``(M, N)`` measured minus predicted.
 
         Raises:
             EquilibriumError: the arm is softer than its weight allows.
         """
-        if ahead and len(self._blocks) == 1:
-            return self._linearised(theta, 0)[0]
         residual = np.empty((self.components, self.n))
         for rows, part, bound in self._blocks:
             residual[:, rows] = residuals(part, bound.poses(theta))
@@ -274,29 +244,15 @@ class PoseEquations:
         residual, size = np.empty((self.components, self.n)), self.columns.size
         # Gram matrices of positions and of orientations, with the residual as the last column.
         grams = np.zeros((2, size + 1, size + 1))
-        for index, (rows, *_) in enumerate(self._blocks):
-            residual[:, rows], jacobian = self._linearised(theta, index)
+        for rows, part, bound in self._blocks:
+            poses, jacobian = bound.linearise(theta, self.columns, self.components)
+            residual[:, rows] = residuals(part, poses)
             of_block = white if len(self._blocks) == 1 else white.subset(rows)
             for number, component in enumerate(of_block.rows(jacobian, residual[:, rows])):
                 grams[number // 3] += component @ component.T
         whole, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
         gradient, cost = whole[:-1, -1], float(whole[-1, -1])
         return residual, NormalEquations(theta[self.columns], whole[:-1, :-1], of_position, gradient, cost)
-
-    def _linearised(self, theta: Array, index: int) -> tuple[Array, Array]:
-        """Return the residual ``(M, n)`` and the Jacobian ``(M, K, n)`` of the sought coefficients of a block."""
-        if self._latest is not None and np.array_equal(self._latest[0], theta):
-            columns, residual, jacobian = self._latest[1:]
-            if np.array_equal(columns, self.columns):
-                return residual, jacobian
-            if np.isin(self.columns, columns).all():
-                return residual, jacobian[:, np.searchsorted(columns, self.columns)]
-        _, part, bound = self._blocks[index]
-        poses, jacobian = bound.linearise(theta, self.columns, self.components)
-        residual = residuals(part, poses)
-        if len(self._blocks) == 1:
-            self._latest = theta, self.columns, residual, jacobian
-        return residual, jacobian
 
 
 def joint_columns(model: Model, data: Measurements) -> Array:

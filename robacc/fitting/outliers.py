@@ -7,6 +7,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.levels import FEW, ROUNDING, SIGNIFICANT, STEPS
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
@@ -14,16 +15,8 @@ from robacc.robots.arm import BLOCK
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
-_ROUNDING = 1e-9
-"""m or rad: below any instrument, above rounding; a row within it is never an outlier."""
-_LEAST_DOF = 0.05
-"""Least degrees of freedom, as a share of the residuals, if coefficients use up nearly all."""
 _LEAST_INLIERS = 0.8
 """Least share of inliers: if more rows deviate, the model is wrong."""
-_BISECTIONS = 60
-"""Halvings of the interval that holds a misfit: beyond them a float has no digits left."""
-_MEDIAN = np.array([np.nan, 0.4549, 1.3863 / 2, 2.3660 / 3, np.nan, np.nan, 5.3481 / 6])
-"""Median of a chi-square variable over its degrees of freedom."""
 
 
 def estimate(
@@ -49,14 +42,14 @@ def _misfit(residual: Array, known: Array | float, used: float, count: int) -> f
 
     ``count`` numbers were measured.
     """
-    dof = max(count - used, _LEAST_DOF * count)
+    dof = max(count - used, FEW * count)
     if isinstance(known, float):
         return float(np.sqrt(np.vdot(residual, residual) / dof))
     square = np.square(residual)
     if np.all(known > 0.0) and float((square / known).sum()) <= dof:
         return 0.0
     low, high = 0.0, float(square.sum() / dof)
-    for _ in range(_BISECTIONS):
+    for _ in range(STEPS):
         middle = 0.5 * (low + high)
         if float((square / (known + middle)).sum()) > dof:
             low = middle
@@ -68,15 +61,15 @@ def _misfit(residual: Array, known: Array | float, used: float, count: int) -> f
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
     """Return ``(M, N)`` reciprocal standard deviations of measuring uncertainty and a misfit common to all poses.
 
-    The misfit is at least :data:`_ROUNDING`. This gives data without noise finite weights, and keeps the weights of
+    The misfit is at least :data:`ROUNDING`. This gives data without noise finite weights, and keeps the weights of
     noisy position and exact orientation within what the normal equations can hold. Correlated noise is not part of the
     weights. The array is read-only: without uncertainties of rows, these share one column.
     """
     rows = 3 if data.rotation is None else 6
     variance = np.empty((rows, 1 if data.sigma_position is None and data.sigma_rotation is None else data.n))
     known = data.position_variance if data.correlated_noise is None else None
-    variance[:3] = max(misfit[0], _ROUNDING) ** 2 + (0.0 if known is None else known)
-    variance[3:] = max(misfit[1], _ROUNDING) ** 2
+    variance[:3] = max(misfit[0], ROUNDING) ** 2 + (0.0 if known is None else known)
+    variance[3:] = max(misfit[1], ROUNDING) ** 2
     if data.sigma_rotation is not None:
         variance[3:] += np.square(data.sigma_rotation)
     return np.broadcast_to(1.0 / np.sqrt(variance), (rows, data.n))
@@ -92,20 +85,21 @@ def inlier_mask(
 ) -> NDArray[np.bool_]:
     """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
 
-    The limit of the mean whitened square is Wilson and Hilferty's quantile of the chi-square distribution at a tail of
-    1e-7 / N, that is some six standard deviations: a structured residual that the model lacks is bounded and stays
-    within it, a beam break does not. ``tolerance`` multiplies the limit of the length; ``shown`` ``(3, N)`` are the
-    components that were measured, by default all.
+    The median and the limit of the mean whitened square are Wilson and Hilferty's quantiles of the chi-square
+    distribution, the limit at a tail of 1e-7 / N, that is some six standard deviations: a structured residual that the
+    model lacks is bounded and stays within it, a beam break does not. ``tolerance`` multiplies the limit of the length;
+    ``shown`` ``(3, N)`` are the components that were measured, by default all.
     """
     rows = np.array(len(residual)) if shown is None else shown.sum(axis=0)
     distance = np.square(residual * weight).sum(axis=0) / rows
-    scale = float(np.median(distance / _MEDIAN[rows]))
+    cube_root_var = 2.0 / (9.0 * rows)
+    scale = float(np.median(distance / (1.0 - cube_root_var) ** 3))
     if scale <= 0:
         return inliers
-    tail, cube_root_var = 5.2 + 0.2 * math.log10(max(distance.size, 10)), 2.0 / (9.0 * rows)
+    tail = 5.2 + 0.2 * math.log10(max(distance.size, 10))
     limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3
     mask: NDArray[np.bool_] = (distance <= limit) | (
-        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= _ROUNDING
+        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= ROUNDING
     )
     return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
 
@@ -123,17 +117,8 @@ def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) ->
 # Circumstance that outliers share: rows that a lacking effect displaces, and no accidents of the instrument.
 #
 # A beam break strikes rows at random. Rows that all lie at large angles of one joint, in one corner, or at one time
-# have a common cause. Each circumstance is tested by ranks: all outliers among the extreme rows (hypergeometric), or
-# their rank sum (Mann and Whitney). Significance is for all circumstances together (Bonferroni).
-
-_FEWEST = 3
-"""Outliers from which a common circumstance is looked for."""
-_FEWEST_RANKED = 8
-"""Outliers from which their rank sum is close to normal."""
-_SIGNIFICANT = 1e-3
-"""Probability of a pattern by chance, over all circumstances, below which it is reported."""
-_MOST_OF_ALL = 0.5
-"""Share of all rows up to which rows beyond a limit are a particular circumstance."""
+# have a common cause. Beyond each outlier lie so many outliers and such a share of all rows: the binomial probability
+# of so many is significant for all outliers and all circumstances together (Bonferroni).
 
 
 def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tuple[str, ...]) -> str | None:
@@ -144,32 +129,16 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         outliers: ``(N,)`` mask of the outliers.
         names: Names of the joints, in the order of ``data.q``.
     """
+    from scipy.special import bdtrc
+
     count = int(np.count_nonzero(outliers))
-    if count < _FEWEST or count == outliers.size:
+    if count < 3 or count == outliers.size:
         return None
-    tested = _quantities(data, names)
-    best, least = None, _SIGNIFICANT
-    for quantity, unit, values in tested:
-        for side, ordered in (("above", values), ("below", -values)):
-            p_value = min(1.0, _by_chance(ordered, outliers) * 2.0 * len(tested))
-            if p_value <= _SIGNIFICANT and (best is None or p_value < least):
-                best, least = _pattern(quantity, unit, side, ordered, outliers), p_value
-    return best
-
-
-def _quantities(data: Measurements, names: tuple[str, ...]) -> list[tuple[str, str, Array]]:
-    """Return name, unit and value per row of every circumstance that varies."""
     joints = [] if data.q is None else list(zip(names, data.q, strict=True))
     from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
-    columns: list[tuple[str, str, Array | None]] = [
-        *(
-            (quantity, "(rad or m)", values)
-            for name, q in joints
-            for quantity, values in (
-                (name, q),
-                (f"the distance of {name} from its median", np.abs(q - np.median(q))),
-            )
-        ),
+    quantities: list[tuple[str, str, Array | None]] = [
+        *((name, "(rad or m)", q) for name, q in joints),
+        *((f"the distance of {name} from its median", "(rad or m)", np.abs(q - np.median(q))) for name, q in joints),
         *((name, "m", values) for name, values in zip("xyz", data.position, strict=True)),
         ("the distance from the centre of the poses", "m", from_centre),
         ("time", "s", data.time),
@@ -177,35 +146,21 @@ def _quantities(data: Measurements, names: tuple[str, ...]) -> list[tuple[str, s
         ("payload", "kg", data.payload),
         ("row number", "", np.arange(1.0, data.n + 1.0)),
     ]
-    return [(name, unit, values) for name, unit, values in columns if values is not None and np.ptp(values) > 0]
-
-
-def _by_chance(values: Array, outliers: NDArray[np.bool_]) -> float:
-    """Return the probability that as many random rows lie as high as the outliers do."""
-    n, k = values.size, int(np.count_nonzero(outliers))
-    beyond = int(np.count_nonzero(values >= values[outliers].min()))
-    # All of them among the extreme rows: the ratio of the binomial coefficients.
-    ways = math.lgamma(beyond + 1) - math.lgamma(beyond - k + 1) - math.lgamma(n + 1) + math.lgamma(n - k + 1)
-    all_extreme = math.exp(ways)
-    if k < _FEWEST_RANKED:
-        return 2.0 * all_extreme
-    _, place, size = np.unique(values, return_inverse=True, return_counts=True)
-    rank = (np.cumsum(size) - 0.5 * (size - 1))[place]  # equal values share their mean rank
-    std = math.sqrt(k * (n - k) * (n + 1) / 12.0)
-    z = (float(rank[outliers].sum()) - k * (n + 1) / 2.0) / std
-    return 2.0 * min(all_extreme, 0.5 * math.erfc(z / math.sqrt(2.0)))
-
-
-def _pattern(quantity: str, unit: str, side: str, ordered: Array, outliers: NDArray[np.bool_]) -> str | None:
-    """Return the range that holds most outliers and few other rows; None if it holds most rows."""
-    levels = np.sort(ordered[outliers])
-    inside = np.array([np.count_nonzero(levels >= level) for level in levels])
-    share = np.array([np.mean(ordered >= level) for level in levels])
-    best = int(np.argmax(inside / levels.size - share))
-    if share[best] > _MOST_OF_ALL:
+    tested = [(name, unit, values) for name, unit, values in quantities if values is not None and np.ptp(values) > 0]
+    least, found = SIGNIFICANT / (2.0 * len(tested) * count), None
+    for name, unit, values in tested:
+        for side, sign in (("above", 1.0), ("below", -1.0)):
+            levels, ordered = np.sort(sign * values[outliers])[::-1], np.sort(sign * values)
+            inside = count - np.searchsorted(levels[::-1], levels)
+            share = 1.0 - np.searchsorted(ordered, levels) / data.n
+            by_chance = bdtrc(inside - 1, count, share)
+            best = int(np.argmin(by_chance))
+            if by_chance[best] <= least:
+                least, found = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
+    if found is None:
         return None
-    limit = levels[best] if side == "above" else -levels[best]
+    name, unit, side, limit, beyond, part = found
     return (
-        f"{inside[best]} of {levels.size} outliers have {quantity} {side} {limit:.4g} {unit}, "
-        f"but only {100 * share[best]:.0f} % of all rows have: the outliers have a common cause"
+        f"{beyond} of {count} outliers have {name} {side} {limit:.4g} {unit}, "
+        f"but only {100 * part:.0f} % of all rows have: the outliers have a common cause"
     )

@@ -75,18 +75,15 @@ def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) 
 
 # Leverage: the share of a row in its own prediction.
 
-_HIGH_LEVERAGE = 0.5
-"""Share of a row in its own prediction above which the row is reported."""
-
 
 def high_leverage(fit: Fit) -> tuple[tuple[int, float], ...]:
-    """Return the rows with high leverage: index and mean diagonal of the hat matrix over the components."""
+    """Return the rows that decide half of their own prediction: index and mean diagonal of the hat matrix."""
     inverse, share = posterior(fit.gram, fit.precision), np.empty(fit.data.n)
     for start in range(0, fit.data.n, BLOCK):
         block = np.arange(start, min(start + BLOCK, fit.data.n))
         columns = fit.jacobian(block, len(fit.residual)) * fit.weight[:, None, block]
         share[block] = np.einsum("mpn,mpn->n", inverse @ columns, columns) / len(fit.residual)
-    high = np.flatnonzero((share > _HIGH_LEVERAGE) & fit.inliers)
+    high = np.flatnonzero((share > 0.5) & fit.inliers)
     return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
 
@@ -188,9 +185,14 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
         if f"{prefix}.roll" not in fit.names:
             continue
         angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
+        # The matrix from turns about a frame's axes to rates of its angles; at a pole the pitch's.
+        (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
         if _is_at_pole(frame):
             known[angles] = [False, known[angles].all(), False]
-        rates[np.ix_(angles, angles)] = _rates(frame)
+            rates[np.ix_(angles, angles)] = [[0.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, 0.0, 0.0]]
+        else:
+            turns = [[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]]
+            rates[np.ix_(angles, angles)] = np.linalg.inv(turns)
     result: Array = rates @ np.nan_to_num(fit.covariance) @ rates.T
     result[~known] = result[:, ~known] = np.nan
     return result
@@ -198,14 +200,6 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
 
 def _is_at_pole(frame: Frame) -> bool:
     return abs(float(np.cos(frame.rpy[1]))) < _POLE
-
-
-def _rates(frame: Frame) -> Array:
-    """Return the matrix ``(3, 3)`` from turns about a frame's axes to rates of its angles; at a pole the pitch's."""
-    (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
-    if _is_at_pole(frame):
-        return np.array([[0.0, 0.0, 0.0], [0.0, cr, -sr], [0.0, 0.0, 0.0]])
-    return np.asarray(np.linalg.inv([[1.0, 0.0, -sp], [0.0, cr, cp * sr], [0.0, -sr, cp * cr]]), dtype=np.float64)
 
 
 def _frames(fit: Fit) -> dict[str, Frame]:

@@ -33,6 +33,7 @@ import numpy as np
 
 from robacc.effects.frames import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.levels import ROUNDING, SETTLED, SIGNIFICANT, STEPS
 from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
@@ -42,7 +43,8 @@ from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf
 
 WEAK = 0.3
-"""Share of the broad prior's standard deviation above which a standard error makes a constant weakly identifiable."""
+"""Share of the broad prior's standard deviation above which a standard error makes a constant weakly identifiable: the
+poses alone would leave the usual size, 1 / sqrt(1 + 3^2)."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -74,13 +76,13 @@ def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
 
 def tolerance_priors(robot: Robot) -> dict[str, float]:
     """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
-    priors = {}
-    for joint in robot.joints:
-        for label, deviation in joint.tolerance.items():
-            is_offset = label == joint.offset_parameter
-            name = f"joint_offset.{joint.name}" if is_offset else f"link_geometry.{joint.name}.{label}"
-            priors[name] = deviation
-    return priors
+    return {
+        f"joint_offset.{joint.name}"
+        if label == joint.offset_parameter
+        else f"link_geometry.{joint.name}.{label}": deviation
+        for joint in robot.joints
+        for label, deviation in joint.tolerance.items()
+    }
 
 
 # Sparse prior.
@@ -89,11 +91,6 @@ _FEWEST = 4
 """Constants of a kind that estimates of pi and w need at least; shrinking fewer than three never pays (Stein)."""
 _MOST = 2.0 / 3.0
 """Share of a kind's constants that differ, up to which the kind is shrunk."""
-_ROUNDS = 200
-_SETTLED = 1e-3
-"""Change of a constant, over its standard error, at which the iteration ends."""
-_SMALLEST = 1e-9
-"""m or rad: least standard deviation of the slab."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -166,8 +163,8 @@ def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, 
     mean, odds, slab_std = solved(gram, rhs), np.zeros(indices.size), np.empty(indices.size)
     probability, slab_mean = np.empty(indices.size), np.empty(indices.size)
     for kind in places:
-        slab_std[kind] = max(float(np.sqrt(np.mean(np.square(mean[kind])))), _SMALLEST)
-    for _ in range(_ROUNDS):
+        slab_std[kind] = max(float(np.sqrt(np.mean(np.square(mean[kind])))), ROUNDING)
+    for _ in range(STEPS):
         before, total = mean.copy(), diagonal + 1.0 / np.square(slab_std)
         evidence = odds - 0.5 * np.log(np.square(slab_std) * total)
         for i in range(indices.size):
@@ -178,9 +175,9 @@ def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, 
         for kind in places:
             differ = float(probability[kind].sum())
             second_moment = float(probability[kind] @ (np.square(slab_mean[kind]) + 1.0 / total[kind]))
-            slab_std[kind] = max(np.sqrt(second_moment / max(differ, 1e-3)), _SMALLEST)
+            slab_std[kind] = max(np.sqrt(second_moment / max(differ, 1e-3)), ROUNDING)
             odds[kind] = np.log((differ + 0.5) / (kind.size - differ + 0.5))
-        if np.max(np.abs(mean - before) * np.sqrt(diagonal)) < _SETTLED:
+        if np.max(np.abs(mean - before) * np.sqrt(diagonal)) < SETTLED:
             break
     precision = diagonal * (1.0 / probability - 1.0) + 1.0 / (probability * np.square(slab_std))
     return {
@@ -196,9 +193,6 @@ def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, 
 # measured. So if the whole geometry is fitted, the rotations are put to a joint Wald test once everything else is in
 # the model, and left out if they are not significant.
 
-_SIGNIFICANCE = 0.001
-"""The rotations stay if their p-value is at most this."""
-
 
 def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, options: Options) -> Fit:
     """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole."""
@@ -212,7 +206,7 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
     if not rotations or not np.isfinite(covariance).all():
         return fitted
-    if chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= _SIGNIFICANCE:
+    if chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
         return fitted
     labels = ("theta", "d", "a", "alpha")
     effects = (LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free))

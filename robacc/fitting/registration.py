@@ -21,6 +21,7 @@ from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import held_out_poses
+from robacc.fitting.levels import DECISIVE, MANY
 from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
@@ -38,13 +39,10 @@ from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Robot, Ve
 # up; registration then finds the base tilted. Either the robot leans or the measuring frame does, and the deflections
 # of the arm under its own weight tell which, if the poses show them.
 
-_DECISIVE = 10.0
-"""Log likelihood ratio that decides against the robot file (odds of 20,000 to 1) …"""
 _PER_COMPONENT = 0.07
-"""… if it is also so much for each measured component: errors lower by 7 %. In frames turned by 20 and 90 degrees, arms
-of a physics engine reach 0.05 by errors that are not white noise, and 0.1 or more by springs."""
-_MOST_ROWS = 20_000
-"""Rows that decide; of so many, a thousandth of what decides already has odds of 20,000 to 1."""
+"""Log likelihood ratio for each measured component that decides against the robot file: errors lower by 7 %. In frames
+turned by 20 and 90 degrees, arms of a physics engine reach 0.05 by errors that are not white noise, and 0.1 or more by
+springs."""
 
 
 def with_gravity_direction(model: Model, data: Measurements) -> Model:
@@ -52,14 +50,14 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
 
     Springs at all joints are fitted with the free effects, with gravity as the robot file states it in the measuring
     frame, with gravity turned as registration turned the base, and along the base's own axis. The robot file holds
-    unless another direction fits better by odds of 20,000 to 1 and leaves errors at least 7 % smaller.
+    unless another direction fits better by odds of 150 to 1 and leaves errors at least 7 % smaller.
 
     Raises:
         InputError: There are too few poses for the free effects.
     """
     names = {effect.name for effect in model.free}
-    if data.n > _MOST_ROWS:
-        data = data.subset(random_rows(data, _MOST_ROWS))
+    if data.n > MANY:
+        data = data.subset(random_rows(data, MANY))
     turned = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
     others = list(_other_directions(model.arm.robot, turned))
     first = _with_springs(model, data, None) if others else None
@@ -75,10 +73,13 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
 def _likeliest(fits: Sequence[Fit | None], data: Measurements) -> int:
     """Return which fit has the right gravity: the first, unless another is better by odds that decide."""
     best, stated = 0, fits[0]
-    most = max(_DECISIVE, _PER_COMPONENT * data.n * (3 if data.rotation is None else 6))
+    most = max(DECISIVE, _PER_COMPONENT * data.n * (3 if data.rotation is None else 6))
     for number, other in enumerate(fits[1:], 1):
-        if stated is not None and other is not None and (worth := _worth(stated, other)) >= most:
-            best, most = number, worth
+        if stated is not None and other is not None:
+            rows = stated.inliers & other.inliers
+            before, after = (_log_likelihood(one, stated.weight * rows) for one in (stated, other))
+            if (worth := after - before) >= most:
+                best, most = number, worth
     return best
 
 
@@ -110,32 +111,24 @@ def _with_springs(model: Model, data: Measurements, like: Fit | None) -> Fit | N
     """
     springs = dataclasses.replace(JointCompliance.default(model.arm, data), deflection="rigid")  # type: ignore[call-arg]
     free = (*(effect for effect in model.free if effect.name != springs.name), springs)
-    options = Options(tolerance=1e-4) if like is None else Options(tolerance=1e-4, misfit=like.misfit, robust=False)
+    options = Options() if like is None else Options(misfit=like.misfit, robust=False)
     try:
         return fit(dataclasses.replace(model, free=free), data, options)
     except RobaccError:
         return None
 
 
-def _worth(stated: Fit, other: Fit) -> float:
-    """Return the log likelihood ratio of ``other`` over ``stated`` on the rows that both keep.
+def _log_likelihood(one: Fit, weight: Array) -> float:
+    """Return the log likelihood with relative weights, up to a constant, less the cost of negative compliances.
 
-    Upside down, the same deflections need springs of negative compliance, which none is.
+    Upside down, the same deflections need springs of negative compliance, which none is, if the masses are
+    known. The cost is that of setting each to zero.
     """
-    rows = stated.inliers & other.inliers
-    before, after = (float(np.sum(np.square(one.residual * stated.weight)[:, rows])) for one in (stated, other))
-    components = float(np.count_nonzero(rows) * stated.residual.shape[0])
-    ratio = 0.5 * components * math.log(max(before, 1e-300) / max(after, 1e-300))
-    return ratio + _cost_of_signs(stated) - _cost_of_signs(other)
-
-
-def _cost_of_signs(one: Fit) -> float:
-    """Return what it costs in log likelihood to set each negative compliance of known masses to zero."""
-    if not one.model.arm.chain.bodies:
-        return 0.0
-    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names}
+    squares = float(np.sum(np.square(one.residual * weight)))
+    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names if one.model.arm.chain.bodies}
     values = zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True)
-    return math.fsum(0.5 * value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
+    cost = math.fsum(value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
+    return -0.5 * (float(np.count_nonzero(weight)) * math.log(max(squares, 1e-300)) + cost)
 
 
 def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:
@@ -152,8 +145,6 @@ def gravity_warning(stated: Vector, shown: Vector) -> tuple[str, ...]:
 
 
 ALIGNABLE = ("base_frame", "tool_frame")
-_LEAST_LEFT = 3
-"""Degrees of freedom that held-out errors need: one for each axis."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -226,11 +217,11 @@ def _measured_components(data: Measurements, frames: Sequence[str]) -> int:
     size, kind = (3, "position") if data.rotation is None else (6, "pose")
     measured = size * different(points)
     count = 6 * ("base_frame" in frames) + size * n_targets * ("tool_frame" in frames)
-    if measured < count + _LEAST_LEFT:
-        needed = math.ceil((count + _LEAST_LEFT) * n_poses / max(measured, 1))
+    if measured < count + 3:
+        needed = math.ceil((count + 3) * n_poses / max(measured, 1))
         raise InputError(
             f"{n_poses} commanded {kind}{'s' * (n_poses != 1)}, {measured} numbers measured: the {count} parameters "
-            f"of {' and '.join(frames)} and the errors need {count + _LEAST_LEFT}; measure at least {needed} {kind}s, "
+            f"of {' and '.join(frames)} and the errors need {count + 3}; measure at least {needed} {kind}s, "
             f"{'register base_frame alone, ' * (len(frames) > 1)}or state the frames in the robot file and omit `align`"
         )
     return measured
@@ -274,9 +265,9 @@ def _gantry(data: Measurements, oriented: bool) -> Robot:
     """Return an arm whose pose at q is the commanded pose with those coordinates."""
     axes = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0), "z": (0.0, 0.0, 1.0)}
     origin = dict.fromkeys(ORIGIN_PARAMETERS, 0.0)
-    joints = [Joint(f"cmd_{name}", "prismatic", origin, axis=axes[name]) for name in axes]
-    for name, axis in (("yaw", "z"), ("pitch", "y"), ("roll", "x")) if oriented else ():
-        joints.append(Joint(f"cmd_{name}", "revolute", origin, axis=axes[axis]))
+    turns = {"yaw": axes["z"], "pitch": axes["y"], "roll": axes["x"]} if oriented else {}
+    joints = [Joint(f"cmd_{name}", "prismatic", origin, axis=axis) for name, axis in axes.items()]
+    joints += [Joint(f"cmd_{name}", "revolute", origin, axis=axis) for name, axis in turns.items()]
     targets = {} if data.target is None else {str(name): Frame() for name in np.unique(data.target)}
     return Robot("commanded poses", "urdf", tuple(joints), targets=targets)
 

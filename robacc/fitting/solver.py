@@ -18,6 +18,7 @@ from robacc.errors import EquilibriumError, InputError
 from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
+from robacc.fitting.levels import ENOUGH, EPSILON, FEW, LARGEST, MANY, NEGLIGIBLE, ROUNDS, STEPS
 from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
@@ -45,23 +46,6 @@ from robacc.robots.arm import Arm
 
 BADLY_MADE = 3.0
 """Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
-LARGEST_OF_PROFILE = 10.0
-"""Standard deviation of a profile's group that it cannot exceed, over its terms' usual size.
-
-Where poses leave gaps, large coefficients that cancel at the poses fit as well as small ones; what the effect can be
-decides then.
-"""
-_NEAR = 1.0
-"""Change of the logarithm of a variance below which a step of scoring is trusted."""
-_LEAST_INFORMATION = 1e-9
-"""Added to the information on the logarithm of a variance, which is zero for a group without any effect."""
-_ROUNDS = 60
-_SETTLED = 1e-3
-"""Change of the groups' standard deviations, as a share, at which the iteration ends."""
-_FOLLOWED = 0.1
-"""Change of a broad prior's precision, as a share, below which it is settled: it moves a constant by less."""
-_INNER = 0.1
-"""The same, over the change that counts as settled: later linearisations continue the iteration."""
 
 
 def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
@@ -94,7 +78,7 @@ class Priors:
         """Standard deviation of each group, in units of its terms' weights."""
         self._member = np.array([[term.group == name for term in terms] for name in self.group_stds], dtype=np.float64)
         self._weights, typical = np.array([(term.weight, term.typical) for term in terms]).reshape(-1, 2).T
-        self._largest = LARGEST_OF_PROFILE * np.array([np.max(typical * member) for member in self._member])
+        self._largest = LARGEST * np.array([np.max(typical * member) for member in self._member])
         sizes = [
             start.get(term.group, term.typical) * term.weight if term.group else std
             for term, std in zip(terms, given.tolist(), strict=True)
@@ -104,7 +88,7 @@ class Priors:
     def follow(self, theta: Array) -> bool:
         """Let broad priors pull as they do at ``theta`` ``(P,)``; return False, without a change, if they nearly do."""
         precision = np.where(self.is_broad, broad_precision(self._broad, theta), self.precision)
-        if np.all(np.abs(self.precision - precision) <= _FOLLOWED * precision):
+        if np.all(np.abs(self.precision - precision) <= NEGLIGIBLE * precision):
             return False
         self.precision = precision
         return True
@@ -121,14 +105,15 @@ class Priors:
     ) -> bool:
         """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
 
-        Far from the largest marginal likelihood a step is the fixed point's, near it that of Fisher's scoring in the
-        logarithms of the variances: with B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's
-        block of two groups. ``components`` is the number of residuals of the inliers.
+        Far from the largest marginal likelihood, where the logarithm of a variance would change by one or more, a step
+        is the fixed point's, near it that of Fisher's scoring in the logarithms of the variances: with
+        B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups.
+        ``components`` is the number of residuals of the inliers.
         """
         member, weights = self._member[:, columns], self._weights[columns]
         stds = before = np.array(list(self.group_stds.values()))
         noise_var = 1.0
-        for _ in range(_ROUNDS):
+        for _ in range(STEPS):
             self._set(stds, noise_var)
             prior, previous = self.precision[columns], stds
             inverse = posterior(normal.gram, prior)
@@ -136,14 +121,16 @@ class Priors:
             of_group = np.maximum(member @ determined, 1e-3)
             ratio = np.maximum(member @ np.square(theta / weights), 1e-18) / np.square(previous)
             block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
-            information = 0.5 * member @ block @ member.T + _LEAST_INFORMATION * np.eye(len(member))
+            information = 0.5 * member @ block @ member.T + 1e-300 * np.eye(len(member))
             scoring = np.linalg.solve(information, 0.5 * (ratio - of_group))
-            step = np.where(np.abs(scoring) < _NEAR, scoring, np.log(ratio / of_group))
-            stds = np.minimum(np.maximum(previous * np.exp(0.5 * step), 1e-9), self._largest)
+            change = np.where(np.abs(scoring) < 1.0, scoring, np.log(ratio / of_group))
+            stds = np.minimum(np.maximum(previous * np.exp(0.5 * change), 1e-9), self._largest)
             if not noise_known:
                 dof = max(components - float(determined.sum()), 1.0)
-                noise_var = max(normal.expected_cost(theta) / dof, 1e-12)
-            if np.all(np.abs(stds - previous) <= max(_SETTLED, _INNER * settled) * stds):
+                step = theta - normal.theta
+                cost = normal.cost - 2.0 * step @ normal.gradient + step @ normal.gram @ step
+                noise_var = max(float(cost) / dof, 1e-12)
+            if np.all(np.abs(stds - previous) <= NEGLIGIBLE * settled * stds):
                 break
         self._set(stds, noise_var)
         return bool(np.any(np.abs(stds - before) > settled * stds))
@@ -158,36 +145,19 @@ class Priors:
 #
 # Residual and Jacobian of a step are one evaluation; the last step needs the residual alone. A step that would raise
 # the cost is halved until it does not. Along a weakly identifiable direction a step is as long as its uncertainty and
-# leaves the linear range. Halving it would hold up all other directions; damping holds up only this one.
+# leaves the linear range. Halving it would hold up all other directions; damping holds up only this one. Steps that
+# shrink by a factor of ten are trusted to shrink on.
 
-_STEPS = 40
-_DAMPINGS = (1e-12, 1e-10, 1e-8, 1e-6, 1e-4, 1e-2)
 _TRIALS = (
     *((0.5**halving, 0.0) for halving in range(2)),
-    *((1.0, damping) for damping in _DAMPINGS),
+    *((1.0, 10.0**power) for power in range(-12, 0, 2)),
     *((0.5**halving, 0.0) for halving in range(2, 12)),
 )
 """Share of the step, and damping of the scaled normal matrix, whose diagonal is one; the first that serves is taken."""
-_FAST = 0.1
-"""Steps that shrink by at least this factor are trusted to shrink on."""
-_EXACT = 1e-15
-"""m or rad: rounding of a predicted position (at some metres) or orientation."""
-_EPSILON = float(np.finfo(float).eps)
-"""Rounding of a term of the cost, as a share; of a sum, it grows as the root of the number of terms."""
-_SHORT = 0.03
-"""Length of a step, over the residual's, below which a fit that cannot be improved counts as converged."""
 
 _DEFAULTS = Options()
-_REWEIGHTINGS = 6
-"""Most rounds of updates of the weights, the groups' priors and the inliers."""
 _GROSS = 5.0
 """Multiple of an outlier's limit up to which rows that share a circumstance stay in the fit."""
-_MANY = 20_000
-"""Rows from which a fit starts at that of a random part of them, so that few passes over all rows remain …"""
-_FIRST = 5_000
-"""… of so many rows."""
-_LEAST_POSES_TO_TRIM = 8
-"""Poses that the search for outliers needs at least: with fewer, a median does not single one out."""
 
 
 def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
@@ -201,8 +171,8 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         InputError: fewer measured components than coefficients.
         UsageError: the data lack what an effect needs.
     """
-    if options.start is None and options.inliers is None and data.n > _MANY:
-        first = fit(model, data.subset(random_rows(data, _FIRST)), options)
+    if options.start is None and options.inliers is None and data.n > MANY:
+        first = fit(model, data.subset(random_rows(data, MANY // 4)), options)
         model = first.model
         options = dataclasses.replace(options, start=first.theta, group_stds=first.group_stds)
     names = {effect.name for effect in model.free}
@@ -210,11 +180,11 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
-    is_trimmed = options.robust and data.n >= _LEAST_POSES_TO_TRIM
+    is_trimmed = options.robust and data.n >= ENOUGH
     if is_trimmed and options.start is None and solver.priors.is_broad.any():
         solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
     linear = solver.solve()
-    for _ in range(_REWEIGHTINGS):
+    for _ in range(ROUNDS):
         if not (is_trimmed and solver.trim()):
             break
         linear = solver.solve()
@@ -232,7 +202,7 @@ class _Solver:
         self.steps, self.converged = 0, True
         self.theta = np.zeros(len(self.equations.terms)) if options.start is None else options.start.copy()
         # The first misfit, if not given, is that of the start.
-        self.residual = self.equations.residual(self.theta, ahead=not self.theta.any())
+        self.residual = self.equations.residual(self.theta)
         self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
         self.row = outliers.row_weights(data, self.misfit)
         self.scatter, self.visits = np.zeros(0), np.arange(data.n)
@@ -336,7 +306,7 @@ class _Solver:
             # The residual of an arm far from nominal is not noise: with weights of its size, priors outweigh the data.
             self._update_misfit(self._minimise())
         self.priors.follow(self.theta)
-        for _ in range(_REWEIGHTINGS):
+        for _ in range(ROUNDS):
             linear = self._minimise()
             changed = self.priors.follow(self.theta)
             if self.priors.group_stds:
@@ -360,20 +330,20 @@ class _Solver:
             self.residual, self.normal = self.equations.linearise(self.theta, white)
         normal, previous = self.normal, 0.0
         cost = normal.cost + float(prior @ np.square(normal.theta))
-        rounding = _EXACT * float(white.weight.max(initial=0.0))
+        rounding = 4.0 * EPSILON * float(white.weight.max(initial=0.0))
         self.converged = columns.size == 0
-        for _ in range(_STEPS if columns.size else 0):
+        for _ in range(STEPS if columns.size else 0):
             self.steps += 1
             step = normal.step(prior)
             length = float(np.sqrt(max(float(step @ normal.gram @ step), 0.0)))
             # Gauss-Newton converges at a constant rate in the end and faster before: a geometric series at most.
             rate = length / previous if previous > 0.0 else np.inf
-            remaining = length * rate / (1.0 - rate) if rate <= _FAST else np.inf
+            remaining = length * rate / (1.0 - rate) if rate <= NEGLIGIBLE else np.inf
             limit = max(self.options.tolerance * (1.0 + cost**0.5), rounding * columns.size**0.5)
             is_last = min(length, remaining) <= limit
             # Near the minimum, rounding decides which of two costs is lower; a full step is then still taken.
             most = cost + 4.0 * rounding * cost**0.5 + rounding**2 * white.weight.size
-            most += cost * _EPSILON * white.weight.size**0.5
+            most += cost * EPSILON * white.weight.size**0.5
             for share, damping in _TRIALS:
                 theta, ahead = self.theta.copy(), None
                 theta[columns] += normal.step(prior, damping) if damping else share * step
@@ -389,14 +359,17 @@ class _Solver:
                 if (tried := squares + float(prior @ np.square(theta[columns]))) <= most:
                     break
             else:
-                self.converged = length <= _SHORT * (1.0 + cost**0.5)
+                self.converged = length <= FEW * (1.0 + cost**0.5)
                 break
             self.theta, self.residual, cost = theta, residual, min(tried, cost)
             if ahead is None:
                 self.converged = True
                 break
             normal, previous = ahead, length if share == 1.0 and not damping else 0.0
-        self.normal = normal.moved_to(self.theta[columns], white.cost(self.residual))
+        # The same linearisation at the coefficients of the last step.
+        gradient = normal.gradient - normal.gram @ (self.theta[columns] - normal.theta)
+        cost = white.cost(self.residual)
+        self.normal = dataclasses.replace(normal, theta=self.theta[columns], gradient=gradient, cost=cost)
         return normal
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
@@ -473,12 +446,6 @@ class _Solver:
             group_stds=self.priors.group_stds,
             validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )
-
-
-# Fits of a search: each starts at a similar fit, and converges less far than a reported one.
-
-SEARCH = Options(tolerance=1e-4, settled=1e-2)
-"""Options of the fits that a selection is made on; reported fits converge further."""
 
 
 def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:

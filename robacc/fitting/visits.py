@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.fitting.levels import FEW
 from robacc.measurements import Measurements, different
 from robacc.poses.motion import numbered, rank_among_equals, visits_in_order
 from robacc.poses.row_checks import MOST_POSES, close_groups
@@ -58,9 +59,7 @@ _NEAR = 0.03
 be."""
 _WIDEST = 4.0
 """Largest extent of a place, in multiples of that distance; a sweep of joints is longer."""
-_EVIDENT = 0.1
-"""Share of the poses that lie close to another from which places count."""
-_LEAST_PLACES = 6
+LEAST_PLACES = 6
 """Places that poses must lie in; of fewer, none could be held out."""
 
 
@@ -74,7 +73,7 @@ def places(data: Measurements) -> NDArray[np.int64]:
     extent = np.ptp(commands, axis=1)
     place = close_groups(commands[:, first] / np.where(extent > 0.0, extent, 1.0)[:, None], _NEAR, _WIDEST * _NEAR)
     count = np.bincount(place)
-    if np.mean(count[place] > 1) < _EVIDENT or np.count_nonzero(count) < _LEAST_PLACES:
+    if np.mean(count[place] > 1) < FEW or np.count_nonzero(count) < LEAST_PLACES:
         return groups
     result: NDArray[np.int64] = np.unique(place[which], return_inverse=True)[1].astype(np.int64)
     return result

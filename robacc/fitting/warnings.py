@@ -3,29 +3,27 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
+from robacc.fitting.masses import DEFAULT
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.visits import visit_numbers
+from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different
-from robacc.modelling.model import Noise, NoiseSource
+from robacc.modelling.model import Noise
 from robacc.poses.motion import numbered
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.distributions import chi2_sf, f_sf
 
 # Measurement noise: known from the file, from repeats, or only from the residual itself.
-
-_LEAST_REPEATS = 10
-"""Degrees of freedom that an estimate of the noise from repeats needs at least."""
-_NEGLIGIBLE = 0.1
-"""Ratio of misfit to noise below which the noise is the file's."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,8 +53,12 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     if fit.scatter is not None and fit.scatter.any():
         # Noise and scatter were estimated together from this residual, so it cannot be more than both.
         white = fit.whitening.apply(fit.residual * fit.inliers)[:3]
-        noise = replace(fit.noise, source=_source_beside_scatter(fit, data))
-        return LackOfFit(noise, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))), axes)
+        visits, poses = visit_numbers(data)[fit.inliers], data.groups()[fit.inliers]
+        beside = replace(fit.noise, source="repeats" if different(visits) > different(poses) else "residual")
+        if stated is not None:
+            is_stated = fit.misfit[0] <= NEGLIGIBLE * fit.noise.position
+            beside = replace(fit.noise, source="file" if is_stated else "file and misfit")
+        return LackOfFit(beside, None, float(np.sqrt(np.sum(np.square(white)) / max(dof, 1.0))), axes)
     variance, repeat_dof = _pure_error(fit, data)
     if variance > 0.0:
         remaining_dof = max(dof - repeat_dof, 1.0)
@@ -74,14 +76,6 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)
 
 
-def _source_beside_scatter(fit: Fit, data: Measurements) -> NoiseSource:
-    """Return where the noise comes from that was estimated together with the scatter of the joints."""
-    if data.sigma_position is not None:
-        return "file" if fit.misfit[0] <= _NEGLIGIBLE * fit.noise.position else "file and misfit"
-    visits, poses = visit_numbers(data)[fit.inliers], data.groups()[fit.inliers]
-    return "repeats" if different(visits) > different(poses) else "residual"
-
-
 def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     """Return the variance along an axis (m²) within repeats of a commanded pose, and its degrees of freedom.
 
@@ -92,80 +86,110 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     groups = numbered(data.groups()[rows], *named)
     counts, shown = np.bincount(groups), np.full(groups.size, 3.0) if data.shown is None else data.shown[:, rows].sum(0)
     dof = float(np.sum(shown * (1.0 - 1.0 / counts[groups])))
-    if dof < _LEAST_REPEATS or data.seen is not None:  # Images of a pose show several points of the board.
+    if dof < ENOUGH or data.seen is not None:  # Images of a pose show several points of the board.
         return 0.0, dof
     residual = fit.residual[:3, rows]
     means: Array = np.array([np.bincount(groups, weights=axis) / np.maximum(counts, 1) for axis in residual])
     return float(np.sum(np.square(residual - means[:, groups]))) / dof, dof
 
 
-_MAX_NAMES = 10
-"""Names or rows that a warning lists; the others are counted."""
-_FAR = 0.05
-"""Share of the spread of the poses above which a residual without fitted frames comes from the frames."""
-_GROSS = 0.01
-"""Share of the spread of the poses above which a residual with fitted frames comes from a mistake in the data."""
 _LARGE_CONDITION = 1e3
 """Condition number of the scaled columns from which on a warning is given."""
-_FEW_NAMES = 3
-"""Coefficients that a warning of a large condition number names."""
 _MILLI = {"m": "mm", "rad": "mrad"}
 
 
-def outliers_warning(fit: Fit, data: Measurements) -> tuple[str, ...]:
-    """Return a warning that lists the outliers; empty if there are none."""
-    if not fit.outliers.size:
-        return ()
-    lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:_MAX_NAMES])
-    pattern = outlier_pattern(data, ~fit.inliers, fit.model.arm.names)
-    several, more = "s" * (fit.outliers.size > 1), " …" * (fit.outliers.size > _MAX_NAMES)
-    counted = f"{fit.outliers.size} row{several}, on {data.counted}{several} {lines}{more}"
-    return (f"outliers left out of the fit: {counted}", *filter(None, (pattern,)))
+def fit_warnings(
+    fit: Fit,
+    data: Measurements,
+    noise: LackOfFit,
+    without_findings: Fit,
+    rms: tuple[float, float | None],
+    validation: Measurements | None = None,
+) -> Iterator[str]:
+    """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out.
 
-
-def frames_warning(declared: Fit, data: Measurements) -> tuple[str, ...]:
-    """Return a warning with the probable cause if the residual is too large for an arm; else empty."""
-    absent = [name for name in ALIGNABLE if name not in {effect.name for effect in declared.model.free}]
-    spread = float(np.sum(np.var(data.position[:, declared.inliers], axis=1)))
-    if (
-        data.kind is not None
-        or rms_length(declared.residual[:3, declared.inliers]) ** 2 <= (_FAR if absent else _GROSS) ** 2 * spread
-    ):
-        return ()
-    cause = "units, joint signs, exchanged columns or an instrument that was moved"
-    if absent:
-        cause = "frames that do not agree"
-    advice = f"; declare {','.join(absent)}" * bool(absent)
-    return (f"errors this large come from {cause} rather than from the arm{advice}",)
-
-
-def condition_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a warning that names the coefficients known least if the condition number is large; else empty."""
-    condition = fit.identifiability.condition
-    if condition <= _LARGE_CONDITION:
-        return ()
-    stds = np.sqrt(np.diag(fit.covariance))
-    known_least = [i for i in np.argsort(-np.nan_to_num(stds))[:_FEW_NAMES] if fit.terms[i].unit in _MILLI]
-    listed = ", ".join(f"{fit.names[i]} (± {1e3 * stds[i]:.2g} {_MILLI[fit.terms[i].unit]})" for i in known_least)
-    return (
-        f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses, most of all "
-        f"{listed or 'combinations of them'}; measure more poses, with more varied joint angles and orientations",
-    )
-
-
-def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
-    """Return a warning that lists the weakly identifiable constants; empty if there are none."""
+    Args:
+        fit: A fit to ``data``.
+        data: Its poses.
+        noise: Test of its residual.
+        without_findings: The fit that has no effect which nobody declared.
+        rms: Position error of the fit's poses, and of held-out poses; None without these.
+        validation: The held-out poses, if they are others.
+    """
+    if not fit.converged:
+        yield (
+            f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
+            "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
+        )
+    if not data.has_length:
+        yield (
+            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
+            "add rows of kind distance, such as between two sockets, or positions"
+        )
+    if fit.model.arm.robot.mass_uncertainty is None and any(effect.uses_masses for effect in fit.model.free):
+        yield (
+            f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; "
+            "state mass_uncertainty in the robot file if the masses are better or worse known"
+        )
+    yield from data.warnings
+    yield from data.contradicted_ids()
+    yield from places_warning(data)
+    if count := fit.outliers.size:
+        lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:LISTED])
+        several, more = "s" * (count > 1), " …" * (count > LISTED)
+        yield f"outliers left out of the fit: {count} row{several}, on {data.counted}{several} {lines}{more}"
+        yield from filter(None, (outlier_pattern(data, ~fit.inliers, fit.model.arm.names),))
+    yield from suspected_mistakes(fit)
+    absent = [name for name in ALIGNABLE if name not in {effect.name for effect in without_findings.model.free}]
+    size = np.sqrt(np.sum(np.var(data.position[:, without_findings.inliers], axis=1)))
+    far = (FEW if absent else GROSS) * size
+    if data.kind is None and rms_length(without_findings.residual[:3, without_findings.inliers]) > far:
+        cause = "units, joint signs, exchanged columns or an instrument that was moved"
+        advice = f"; declare {','.join(absent)}" * bool(absent)
+        cause = "frames that do not agree" if absent else cause
+        yield f"errors this large come from {cause} rather than from the arm{advice}"
+    if noise.noise.source == "file" and (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio * ALIKE < 1.0:
+        yield (
+            f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
+            "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"
+        )
     kinds = weak_kinds(fit)
-    names = sorted(name for kind in kinds for name in kind.names)
-    if not names:
-        return ()
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-    stds = " and ".join(dict.fromkeys(f"{1e3 * kind.std:.3g} {_MILLI[kind.unit]}" for kind in kinds))
-    return (
-        f"weakly identifiable on these poses: {', '.join(names[:_MAX_NAMES])}{more}; a prior about the nominal values "
-        f"limits them (standard deviation {stds}, that of a badly made arm); measure poses with more different "
-        "orientations",
-    )
+    if names := sorted(name for kind in kinds for name in kind.names):
+        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
+        stds = " and ".join(dict.fromkeys(f"{1e3 * kind.std:.3g} {_MILLI[kind.unit]}" for kind in kinds))
+        yield (
+            f"weakly identifiable on these poses: {', '.join(names[:LISTED])}{more}; a prior about the nominal values "
+            f"limits them (standard deviation {stds}, that of a badly made arm); measure poses with more different "
+            "orientations"
+        )
+    n_coefficients = int(fit.identifiability.columns.size)
+    surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
+    if surplus < n_coefficients and not fit.group_stds:
+        yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
+    if (condition := without_findings.identifiability.condition) > _LARGE_CONDITION:
+        terms, errors = without_findings.terms, np.sqrt(np.diag(without_findings.covariance))
+        worst = [i for i in np.argsort(-np.nan_to_num(errors))[:EXAMPLES] if terms[i].unit in _MILLI]
+        listed = ", ".join(f"{terms[i].name} (± {1e3 * errors[i]:.2g} {_MILLI[terms[i].unit]})" for i in worst)
+        yield (
+            f"condition number {condition:.3g}: some coefficients are weakly identifiable on these poses, most of all "
+            f"{listed or 'combinations of them'}; measure more poses, with more varied joint angles and orientations"
+        )
+    fitted, held_out = rms
+    if held_out is None:
+        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
+        yield f"{poses} too few to hold any out: all errors are of calibration poses"
+    elif validation is None and held_out > ALIKE * fitted:
+        yield (
+            "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more poses"
+        )
+    elif validation is not None and (moved := moved_frames(without_findings, validation)) is not None:
+        yield moved
+    elif validation is not None and held_out > _ALIKE * fitted:
+        yield (
+            f"the error of the validation poses is {held_out / max(fitted, 1e-300):.2g} times that of the calibration "
+            "poses: the arm, its load, its zeros or the setup changed between the files, the poses are in another "
+            "region, or the fit has too many effects for its poses"
+        )
 
 
 # Validation poses whose base or target does not stand where it stood for the calibration poses.
@@ -173,18 +197,14 @@ def weak_parameters_warning(fit: Fit) -> tuple[str, ...]:
 # An instrument that was set up anew, a base that was moved or a reflector that was mounted again moves all predicted
 # positions by one rigid motion, or by one vector in the target's frame. Held-out errors are then those of the setup.
 
-_FEWEST = 10
-"""Smallest number of poses that are judged."""
-_LEAST_GAIN = 3.0
-"""Factor by which registration lowers the median error. Chance gives 1.2 on ten poses, with nine coefficients."""
 _ALIKE = 2.0
 """Ratio of the errors of validation and calibration poses up to which what remains is the arm's. Above it a warning is
-given, and from twice as much the setup is suspected."""
+given, and from twice as much the setup is suspected. Registration by chance gains 1.2 on ten poses."""
 
 
 def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     """Return what moved between the poses of a fit and the validation poses, and how far; None if the frames agree."""
-    if holdout.n < _FEWEST:
+    if holdout.n < ENOUGH:
         return None
     predicted = fit.predict(holdout)
     residual = holdout.position - predicted.translation
@@ -196,8 +216,7 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     for targets, (what, cause) in enumerate(causes):
         found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
         vectors, turn = found.vectors[0].T, found.rotation[0]
-        gain = float(np.median(np.linalg.norm(residual, axis=0))) / max(float(found.median[0]), 1e-300)
-        if gain >= _LEAST_GAIN and rms_length(vectors) <= _ALIKE * of_fit:
+        if rms_length(vectors) <= _ALIKE * of_fit:
             # The residual in the measuring frame is R^T times that in the base.
             shift = (residual - rotate_back(turn, vectors)).mean(axis=1)
             return (
@@ -211,17 +230,6 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     return None
 
 
-def larger_error_warning(fitted: float, held_out: float) -> str | None:
-    """Return a warning of validation poses whose rms error is much larger than that of the calibration poses, m."""
-    if held_out <= _ALIKE * fitted:
-        return None
-    return (
-        f"the error of the validation poses is {held_out / max(fitted, 1e-300):.2g} times that of the calibration "
-        "poses: the arm, its load, its zeros or the setup changed between the files, the poses are in another region, "
-        "or the fit has too many effects for its poses"
-    )
-
-
 # Corrections that no arm has, and a remaining error that no instrument has.
 
 _LARGEST = {
@@ -232,11 +240,8 @@ _LARGEST = {
 }
 """Corrections of angles (rad) that no assembled arm needs, and of ratios: a gear's is known, and a coupling of one half
 is an interaction."""
-_LONGEST = 0.05
-"""Correction of a length that no assembled arm needs, as a share of the reach."""
-_ORIENTATION = 3.0
-"""Remaining orientation error that no instrument leaves, degrees."""
-_LISTED = 4
+_TOO_LARGE = 0.05
+"""The same of a length, as a share of the reach; and a remaining orientation error that no instrument leaves, rad."""
 
 
 def suspected_mistakes(fit: Fit) -> tuple[str, ...]:
@@ -249,22 +254,22 @@ def suspected_mistakes(fit: Fit) -> tuple[str, ...]:
         if term.unit == "rad":
             text = f"is corrected by {math.degrees(value):.3g} degrees"
         elif term.unit == "m":
-            limit = _LONGEST * length if limit < np.inf else limit
+            limit = _TOO_LARGE * length if limit < np.inf else limit
             text = f"is corrected by {1e3 * value:.4g} mm ({100 * abs(value) / length:.0f} % of the reach)"
         # Three standard errors leave no doubt.
         if abs(value) - 3.0 * error > limit:
             corrections.append(f"{term.name} {text}")
     texts = []
     if corrections:
-        more = "" if len(corrections) <= _LISTED else f", and {len(corrections) - _LISTED} more"
+        more = "" if len(corrections) <= EXAMPLES else f", and {len(corrections) - EXAMPLES} more"
         texts.append(
-            f"suspected data mistake: {', '.join(corrections[:_LISTED])}{more}; no assembled arm deviates this far; "
+            f"suspected data mistake: {', '.join(corrections[:EXAMPLES])}{more}; no assembled arm deviates this far; "
             "check the table's convention and lengths, the signs and zeros of the joints, and interactions of joints"
         )
-    error = math.degrees(float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0))))
-    if error > _ORIENTATION:
+    error = float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0)))
+    if error > _TOO_LARGE:
         texts.append(
-            f"suspected data mistake: a median orientation error of {error:.3g} degrees remains; "
+            f"suspected data mistake: a median orientation error of {math.degrees(error):.3g} degrees remains; "
             "check the convention of the orientation columns (order of a quaternion, angles, unit)"
         )
     return tuple(texts)

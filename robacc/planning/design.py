@@ -23,7 +23,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.error_model.covariance import ACCEPTED
+from robacc.fitting.levels import ACCEPTED
 from robacc.geometry import Array
 from robacc.measurements import motion_between_rows
 

@@ -18,8 +18,8 @@ from numpy.typing import NDArray
 from robacc.effects.base import REGISTRY, Effect, Term
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
-from robacc.error_model.covariance import ACCEPTED
 from robacc.fitting.fit_result import Dropped, identify_terms
+from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.normal_equations import joint_columns, whitening
 from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.solver import BADLY_MADE, broad_stds

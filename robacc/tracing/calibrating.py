@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeVar
@@ -22,7 +22,8 @@ from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repea
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Identifiability, Options
 from robacc.fitting.held_out import HoldOut
-from robacc.fitting.masses import DeflectionChoice, choose_form, mass_warning, with_mass_uncertainty
+from robacc.fitting.levels import NORMAL_95
+from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.parameters import (
     Correlation,
@@ -37,18 +38,8 @@ from robacc.fitting.parameters import (
 from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
 from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity_direction
 from robacc.fitting.solver import fit, refit
-from robacc.fitting.visits import places, places_warning
-from robacc.fitting.warnings import (
-    LackOfFit,
-    condition_warning,
-    frames_warning,
-    lack_of_fit,
-    larger_error_warning,
-    moved_frames,
-    outliers_warning,
-    suspected_mistakes,
-    weak_parameters_warning,
-)
+from robacc.fitting.visits import places
+from robacc.fitting.warnings import LackOfFit, fit_warnings, lack_of_fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -61,8 +52,6 @@ from robacc.tracing.search import search
 # To first order, an effect with the coefficients c moves the target by J_c c. If it is left out and the rest fitted
 # again, the coefficients change by -C_:c C_cc^-1 c, C the inverse of the normal equations' matrix, and the error
 # grows by the part that nothing else in the model can describe.
-
-_NORMAL_95 = 1.96
 
 
 @dataclass(frozen=True, slots=True)
@@ -119,7 +108,7 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         square, noise = float(values @ pull), float(np.sum(moved[own] * covariance[own]))
         size = float(np.sqrt(max(square, 1e-300)))
         std = float(np.sqrt(max(float(pull @ covariance[own] @ pull), 0.0))) / size
-        interval = (float(np.sqrt(max(square - noise, 0.0))) - _NORMAL_95 * std, size + _NORMAL_95 * std)
+        interval = (float(np.sqrt(max(square - noise, 0.0))) - NORMAL_95 * std, size + NORMAL_95 * std)
         change = inverse[:, indices] @ np.linalg.solve(inverse[own], values)
         left = float(change @ moved @ change)
         share = min(left / nominal_rms**2, 1.0) if nominal_rms > 0.0 else None
@@ -159,6 +148,11 @@ class Stage:
         """Metrics at held-out poses; None where no pose was held out."""
         return None if self.held_out_residual is None else pose_metrics(self.held_out_residual)
 
+    @property
+    def held_out_rms(self) -> float | None:
+        """Position error at held-out poses, m rms; None where no pose was held out."""
+        return None if self.held_out is None else self.held_out.position.rms
+
     @cached_property
     def fitted_inliers(self) -> PoseMetrics | None:
         """Metrics without the outliers; None if there are none."""
@@ -184,7 +178,7 @@ def registered_residuals(robot: Robot, data: Measurements, how: HoldOut) -> tupl
     model is not registered.
     """
     try:
-        registered = fit(Model.of(robot, default_frames(robot, data)), data, Options(tolerance=1e-6))
+        registered = fit(Model.of(robot, default_frames(robot, data)), data)
     except InputError:
         return residuals(data, predict(robot, data)), None
     return registered.residual, how.residuals(registered)[0]
@@ -198,12 +192,6 @@ def default_frames(robot: Robot, data: Measurements) -> list[Effect]:
 
 Progress = Callable[[str, int, int], None]
 """Called with a label of the work, the number of steps done, and the number of all steps."""
-_OVERFIT_RATIO = 1.5
-"""Ratio of the held-out RMS error to the fitted RMS error above which a warning is given."""
-_SURE = 0.999
-"""Probability of a larger residual, beyond which the stated uncertainty is taken to be too large …"""
-_SMALL = 0.7
-"""… if the residual is also less than this part of it, which is more than the rounding of a sigma explains."""
 
 
 @dataclass(frozen=True)
@@ -282,6 +270,7 @@ def judge(
     fitted = unregistered, registered, before.residual, fit.residual
     stages = [Stage(own, fit.inliers, apart, judged) for own, apart in zip(fitted, held_out, strict=True)]
     basis = stages[any(each.traits.is_frame for each in fit.model.free)]
+    rms = stages[3].fitted.position.rms, stages[3].held_out_rms
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)
     rounding = evident_rounding(fit, data)
     return Judged(
@@ -304,66 +293,11 @@ def judge(
         warnings=(
             *mistakes,
             *gravity_warning(robot.gravity, gravity),
-            *_warnings(fit, without_findings, noise, rounding, stages[-1], data, how.validation),
+            *fit_warnings(fit, data, noise, without_findings, rms, poses),
+            *(() if rounding is None else (rounding.warning,)),
+            *read_back_warning(fit, data),
         ),
     )
-
-
-def _warnings(
-    fit: Fit,
-    without_findings: Fit,
-    noise: LackOfFit,
-    rounding: Rounding | None,
-    after: Stage,
-    data: Measurements,
-    validation: Measurements | None,
-) -> Iterator[str]:
-    """Yield what limits the figures: convergence, poses, outliers, noise, weak coefficients, errors held out."""
-    if not fit.converged:
-        yield (
-            f"the fit did not converge in {fit.steps} steps, so its figures are provisional and no model is written; "
-            "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
-        )
-    if not data.has_length:
-        yield (
-            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
-            "add rows of kind distance, such as between two sockets, or positions"
-        )
-    yield from mass_warning(fit)
-    yield from data.warnings
-    yield from data.contradicted_ids()
-    yield from places_warning(data)
-    yield from outliers_warning(fit, data)
-    yield from () if rounding is None else (rounding.warning,)
-    yield from read_back_warning(fit, data)
-    yield from suspected_mistakes(fit)
-    yield from frames_warning(without_findings, data)
-    if noise.noise.source == "file" and (noise.p_value or 0.0) > _SURE and noise.ratio < _SMALL:
-        yield (
-            f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
-            "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"
-        )
-    yield from weak_parameters_warning(fit)
-    n_coefficients = int(fit.identifiability.columns.size)
-    surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
-    if surplus < n_coefficients and not fit.group_stds:
-        yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
-    yield from condition_warning(without_findings)
-    if after.held_out is None:
-        poses = "1 pose is" if data.n == 1 else f"{data.n} poses are"
-        yield f"{poses} too few to hold any out: all errors are of calibration poses"
-        return
-    fitted, held_out = after.fitted.position.rms, after.held_out.position.rms
-    if validation is None:
-        if held_out > _OVERFIT_RATIO * fitted:
-            yield (
-                "error on held-out poses is much larger than on calibration poses: fit fewer effects or measure more "
-                "poses"
-            )
-    elif (moved := moved_frames(without_findings, validation)) is not None:
-        yield moved
-    elif (larger := larger_error_warning(fitted, held_out)) is not None:
-        yield larger
 
 
 # Weights by direction, where the noise is larger along one direction than along others (a camera's depth).
@@ -458,89 +392,69 @@ def calibrate(
         InputError: The data contain a mistake, or there are too few poses.
         UsageError: An effect cannot be fitted to this robot and these data.
     """
+    options, priors, stated, poses = options or Options(), priors or {}, robot, data
 
-    def run(weighted: Measurements) -> Calibration:
-        how = HoldOut.of(weighted, holdout, n_folds, seed)
-        return _calibrate(robot, requests, weighted, options or Options(), priors or {}, shrink, how, progress)
+    def run(data: Measurements) -> Calibration:
+        mistakes = check_data(stated, data)
+        how = HoldOut.of(data, holdout, n_folds, seed)
+        effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
+        robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
+        progress("fitting", 0, 1)
+        if searched := [request for request in requests if is_searched(request)]:
+            build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
+            effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
+        model = Model.of(robot, effects)
+        settings = options
+        if priors:
+            names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
+            settings = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
+        unshrunk, deflection = choose_form(fit(model, data, settings), model, data, settings)
 
-    return with_directional_weights(run, data, holdout)
+        def refitted(scattered: Options) -> Fit:
+            nonlocal deflection
+            again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
+            return again
 
-
-def _calibrate(
-    stated: Robot,
-    requests: Sequence[Request],
-    data: Measurements,
-    options: Options,
-    priors: Mapping[str, float],
-    shrink: bool,
-    how: HoldOut,
-    progress: Progress,
-) -> Calibration:
-    """Return the result of :func:`calibrate` with weights as the poses have them."""
-    mistakes = check_data(stated, data)
-    effects = tuple(build([request for request in requests if not is_searched(request)], Arm.of(stated), data))
-    robot = with_gravity_direction(Model.of(stated, effects), data).arm.robot
-    progress("fitting", 0, 1)
-    if searched := [request for request in requests if is_searched(request)]:
-        build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
-        effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
-    model = Model.of(robot, effects)
-    if priors:
-        names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
-        options = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
-    unshrunk, deflection = choose_form(fit(model, data, options), model, data, options)
-
-    def refitted(scattered: Options) -> Fit:
-        nonlocal deflection
-        again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
-        return again
-
-    structure = with_error_structure(unshrunk, data, options, refitted)
-    final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
-    if shrink and not priors:
-        everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
-        final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
-    structure = dataclasses.replace(structure, fit=final)
-    effects = final.model.free
-    frames = tuple(effect for effect in effects if effect.traits.is_frame)
-    registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
-    keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
-    is_nominal = options.robust and keys[0] == keys[1]
-    judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
-    kept = final.identifiability.columns
-    warnings = (
-        *judged.warnings,
-        *_request_warnings(requests, final, judged.nominal, judged.after),
-        *structure.warnings,
-    )
-    return Calibration(
-        **vars(dataclasses.replace(judged, warnings=warnings)),
-        effects=effects,
-        shrunk=shrunk,
-        correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
-        identifiability=final.identifiability,
-        leverage=high_leverage(final),
-        partial_residuals=tuple(
-            (effect, curve)
-            for effect in effects
-            if not effect.traits.is_constant
-            for curve in partial_residuals(effect, final, data)
-        ),
-    )
-
-
-def _request_warnings(requests: Sequence[Request], final: Fit, registered: Stage, after: Stage) -> Iterator[str]:
-    """Yield a warning about requested effects that no joint shows, and about frames that were not fitted."""
-    names = {effect.name for effect in final.model.free}
-    unsupported = [request.name for request in requests if is_searched(request) and request.name not in names]
-    if unsupported:
-        yield (
-            f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, as "
-            f"in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+        structure = with_error_structure(unshrunk, data, settings, refitted)
+        final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
+        if shrink and not priors:
+            everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
+            final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
+        structure = dataclasses.replace(structure, fit=final)
+        effects = final.model.free
+        frames = tuple(effect for effect in effects if effect.traits.is_frame)
+        registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
+        keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
+        is_nominal = options.robust and keys[0] == keys[1]
+        judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
+        kept = final.identifiability.columns
+        present, warnings = {effect.name for effect in final.model.free}, list(judged.warnings)
+        if unsupported := [request.name for request in searched if request.name not in present]:
+            warnings.append(
+                f"no joint shows {' or '.join(unsupported)} on these poses, so it is not fitted; joints in brackets, "
+                f"as in {unsupported[0]}[{final.model.arm.names[0]}], fit it all the same"
+            )
+        after, nominal = judged.after.fitted.position.rms, judged.nominal.fitted.position.rms
+        absent = [name for name in ALIGNABLE if name not in present]
+        if absent and after > nominal:
+            warnings.append(
+                f"the calibrated model is worse ({1e3 * after:.3g} mm rms) than the nominal model with base and tool "
+                f"registered ({1e3 * nominal:.3g} mm): add {','.join(absent)} to `fit`"
+            )
+        warnings += structure.warnings
+        return Calibration(
+            **vars(dataclasses.replace(judged, warnings=tuple(warnings))),
+            effects=effects,
+            shrunk=shrunk,
+            correlations=correlations([final.names[i] for i in kept], final.covariance[np.ix_(kept, kept)]),
+            identifiability=final.identifiability,
+            leverage=high_leverage(final),
+            partial_residuals=tuple(
+                (effect, curve)
+                for effect in effects
+                if not effect.traits.is_constant
+                for curve in partial_residuals(effect, final, data)
+            ),
         )
-    frames = [name for name in ALIGNABLE if name not in names]
-    if frames and after.fitted.position.rms > registered.fitted.position.rms:
-        yield (
-            f"the calibrated model is worse ({1e3 * after.fitted.position.rms:.3g} mm rms) than the nominal model with "
-            f"base and tool registered ({1e3 * registered.fitted.position.rms:.3g} mm): add {','.join(frames)} to `fit`"
-        )
+
+    return with_directional_weights(run, poses, holdout)

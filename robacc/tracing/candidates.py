@@ -41,8 +41,9 @@ from robacc.effects.periodic import (
     searched_order,
     supported_orders,
 )
-from robacc.error_model.covariance import ACCEPTED, Whitened
+from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
+from robacc.fitting.levels import ACCEPTED, BEST, NEW, STEPS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -55,13 +56,9 @@ PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Orders of a joint's complete profile in a model file."""
 _STEP_PLACES = 40
 """Largest number of places at which a step is tried first; those between them are tried beside a step that is found."""
-_PEAKS = 6
-"""Peaks of a joint's spectrum that become candidates."""
-_LEAST_GAIN = 1.0
-"""Gain of a peak, in units of log likelihood, below which it is noise."""
-_TIME_FACTORS = (0.7, 0.9, 1.1, 1.4)
+_TIME_FACTORS = 2.0 ** np.array([-0.5, -0.125, 0.125, 0.5])
 """Factors of a time constant that are tried beside one in the model; the first tried are a factor of 2 apart."""
-_PLACE_STEPS = (0.25, 0.06, 0.015)
+_PLACE_STEPS = 0.25 ** np.arange(1, 4)
 """Steps of the refinement of an instrument's place, rad and log distance; the grid's spacing is twice the first."""
 
 
@@ -183,7 +180,7 @@ class OrderGrid:
         return np.exp(1j * np.multiply.outer(self.orders, self.angle))
 
     def peaks(self, residual: Array, square: Array) -> Array:
-        """Return the orders where the residual's spectrum has its largest peaks.
+        """Return the orders where the residual's spectrum has its largest peaks; a gain below 1 is noise.
 
         Args:
             residual: ``(N,)`` J'P y, the weighted residual along the joint.
@@ -192,8 +189,8 @@ class OrderGrid:
         """
         gain = np.square(np.abs(self._wave @ residual)) / max(float(np.sum(square)), 1e-300)
         ends = np.concatenate(([-1.0], gain, [-1.0]))
-        at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > _LEAST_GAIN))
-        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:_PEAKS]]])
+        at = np.flatnonzero((gain >= ends[:-2]) & (gain >= ends[2:]) & (gain > 1.0))
+        return np.asarray(self.orders[at[np.argsort(-gain[at], kind="stable")[:BEST]]])
 
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
@@ -306,11 +303,6 @@ def _rounded(place: Array) -> Place:
 #
 # averaged over a grid of t (:attr:`Candidate.scales`); for one column it depends on one t statistic.
 
-_NEW = 1e-6
-"""Share of a column's square below which its new part is rounding: the model has the column already."""
-_SCALE_ROUNDS = 3
-"""Rounds in which the noise's scale follows the candidate; each changes the evidence less than the one before."""
-
 
 @dataclass(frozen=True)
 class Scores:
@@ -338,7 +330,7 @@ class Scores:
         """Return the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
         at = self.evidence.places[number]
         new = self.evidence.new(self.reduced, at, at)
-        return np.asarray(np.linalg.pinv(new, rcond=_NEW, hermitian=True) @ self.products[at])
+        return np.asarray(np.linalg.pinv(new, rcond=NEW, hermitian=True) @ self.products[at])
 
     def similarity(self, *pair: int) -> float:
         """Return the cosine between the least-squares fits of two candidates to the residual beside the model."""
@@ -401,10 +393,10 @@ class Evidence:
         for numbers, at, gram, scales, log_prior in self._groups:
             values, vectors = np.linalg.eigh(gram - _products(reduced[:, at]))
             along = np.einsum("cqr,cq->cr", vectors, products[at])
-            seen = values > _NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
+            seen = values > NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
             noise = np.full(scales.shape, square / dof)
-            for _ in range(_SCALE_ROUNDS):
+            for _ in range(3):
                 precision = (noise / np.square(scales))[:, :, None]
                 explained = np.sum(np.square(along) / (values + precision), axis=2)
                 noise = np.maximum(square - explained, 1e-9 * square) / dof
@@ -434,9 +426,6 @@ def _products(columns: Array) -> Array:
 # the statistic t^2 by c' G c over the noise variance. A search accepts q coefficients from the t^2 on at which the
 # evidence at the best prior size, (t^2 - q)/2 - q/2 log(t^2/q), exceeds the prior odds and :data:`ACCEPTED`; an effect
 # has its detection limit where the noise takes it there with probability 1/2.
-
-_LEAST_NEW = 1e-6
-"""Share of its squared length below which the new part of a direction counts as explained by the present model."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -470,7 +459,7 @@ def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:
     needed = ACCEPTED - log_prior
     # The evidence grows with the statistic by (1 - q / t^2) / 2: Newton steps from above converge.
     statistic = 2.0 * (needed + rank)
-    for _ in range(50):
+    for _ in range(STEPS):
         evidence = 0.5 * (statistic - rank) - 0.5 * rank * math.log(statistic / rank)
         statistic += (needed - evidence) / (0.5 * (1.0 - rank / statistic))
     return DecisiveTest(max(chi2_sf(statistic, float(rank)), 1e-300), (float(rank), float(round(dof) - rank)))
@@ -482,4 +471,4 @@ def visible(blocks: Array, lengths: Array) -> tuple[Array, Array]:
     ``lengths`` ``(Q,)`` are the squared lengths of the complete columns.
     """
     values, vectors = np.linalg.eigh(blocks)
-    return np.where(values > _LEAST_NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors
+    return np.where(values > NEW * max(float(lengths.max()), 1e-300), values, 0.0), vectors

@@ -21,9 +21,10 @@ from robacc.effects.campaign import is_step, place_of, same_form
 from robacc.effects.correction import PoseCorrection
 from robacc.effects.periodic import are_separable, of_order, orders_of, profile, searched_order
 from robacc.error_model.covariance import (
-    ACCEPTED,
-    LEAST,
+    TERMS,
     CovarianceParameters,
+    Linearised,
+    Rows,
     Whitened,
     by_row,
     estimated,
@@ -37,9 +38,19 @@ from robacc.error_model.covariance import (
     with_terms_that_gain,
     without_idle_terms,
 )
-from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
+from robacc.fitting.levels import (
+    ACCEPTED,
+    EXAMPLES,
+    LARGEST,
+    NEGLIGIBLE,
+    NORMAL_95,
+    RESOLUTION,
+    ROUNDS,
+    SHORTLIST,
+    STEPS,
+)
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -56,28 +67,13 @@ from robacc.tracing.candidates import (
     visible,
 )
 
-MOST_FINDINGS = 12
-"""Largest number of findings."""
 MOST_COMPONENTS = 1200
 """Components that a search uses: the covariance of all rows is never larger."""
 PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_geometry": 2e-3}
-"""Prior standard deviation of declared constants, m and rad; frames are registered first."""
-_OTHER_DECLARED = 10.0
-"""The same of other declared effects, in usual sizes."""
-_MOST_ALIASES = 3
-_SWAPS = 1.0
-"""Least gain of a swap: log odds below it are not worth more than a bare mention (Kass and Raftery 1995)."""
-_SHORTLIST = 60
-"""Candidates that are scored after a swap or a drop, the best beside the model and beside it without each effect.
-
-It decides about time, not about the result: before a search ends, all candidates are scored.
-"""
-_MOST_MOVES = 30
+"""Prior standard deviation of declared constants, m and rad; frames are registered first. Those of other declared
+effects are :data:`LARGEST` usual sizes."""
 _NEAR_ENOUGH = 1e-2
 """Length of the last step of a fit, in standard deviations of all rows together."""
-
-_INTERVAL = 1.92
-"""Log likelihood within which a place is in the 95 % interval: half the quantile of chi-square with one degree."""
 
 Progress = Callable[[int, int], None]
 
@@ -204,7 +200,7 @@ class _Search:
             # They may show what the model lacks: a backlash, whose smaller side looks like gross errors.
             noise = estimated(dataclasses.replace(start.noise, factor=np.ones(self.data.n)), start.linear)
             ends += self._search_from(dataclasses.replace(start, noise=noise))
-        best = self._fitted(max(ends, key=self._log_posterior), rounds=20)
+        best = self._fitted(max(ends, key=self._log_posterior), rounds=STEPS)
         scores, without = self._scores(best)
         identified = [
             self._identified(candidate, beside, best.chosen)
@@ -230,7 +226,7 @@ class _Search:
             if owner >= len(declared):
                 stds.append(size * scales[owner - len(declared)])
             else:
-                stds.append(PRIOR_STDS.get(declared[owner].name, _OTHER_DECLARED * size))
+                stds.append(PRIOR_STDS.get(declared[owner].name, LARGEST * size))
         return Linearised.at(bound, theta, np.array(stds), self.rows, self.data)
 
     def _start(self) -> State:
@@ -243,16 +239,16 @@ class _Search:
         if shown is not None:
             usual = np.where(shown.all(axis=0), 1.54, 0.674)
         stds = np.sqrt(np.mean(np.square(kinds), axis=(1, 2)))
-        noise = CovarianceParameters(np.log(np.maximum(stds, math.exp(LEAST))), np.ones(self.data.n))
+        noise = CovarianceParameters(np.log(np.maximum(stds, RESOLUTION)), np.ones(self.data.n))
         state = State(noise, bound, theta, self._linearised(bound, theta, ()))
         free = min(0.9, theta.size / kinds.size)
-        for _ in range(12):
+        for _ in range(STEPS):
             state, moved = self._step(state)
             lengths = np.linalg.norm(residuals(self.data, bound.poses(state.theta)).reshape(kinds.shape), axis=1)
-            stds = np.maximum(np.median(lengths / usual, axis=1), math.exp(LEAST)) / math.sqrt(1.0 - free)
+            stds = np.maximum(np.median(lengths / usual, axis=1), RESOLUTION) / math.sqrt(1.0 - free)
             noise = CovarianceParameters(np.log(stds), np.sqrt(1.0 + np.square(lengths[0] / (3.0 * stds[0]))))
             state = dataclasses.replace(state, noise=noise)
-            if moved < 0.1:
+            if moved < NEGLIGIBLE:
                 break
         return self._fitted(dataclasses.replace(state, noise=with_gross_errors(noise, state.linear)))
 
@@ -279,7 +275,7 @@ class _Search:
         moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
         return dataclasses.replace(state, theta=theta, linear=linear), moved
 
-    def _fitted(self, state: State, rounds: int = 6) -> State:
+    def _fitted(self, state: State, rounds: int = ROUNDS) -> State:
         """Return a state whose effects are fitted to convergence, with its noise estimated again."""
         for _ in range(rounds):
             state, moved = self._step(state)
@@ -385,7 +381,11 @@ class _Search:
         if has_term_that_gains(plain.noise, plain.linear) or self._terms_rival(plain):
             noise, beside = with_terms_that_gain(start.noise, start.linear), start
             while noise.terms.keys() != beside.noise.terms.keys():
-                beside = self._settled(self._with_noise(beside, noise))
+                now, earlier = set(noise.terms), set(beside.noise.terms)
+                changes = [("add", name) for name in sorted(now - earlier)]
+                changes += [("drop", name) for name in sorted(earlier - now)]
+                moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
+                beside = self._settled(dataclasses.replace(beside, noise=noise, steps=(*beside.steps, *moves)))
                 noise = without_idle_terms(beside.noise, beside.linear)
             ends += [] if beside is start else [beside]
         return ends
@@ -405,7 +405,7 @@ class _Search:
         """Return the state from which no effect that is added, dropped or swapped gains."""
         visited = {frozenset(candidate.key for candidate in state.chosen)}
         shortlist: NDArray[np.int64] | None = None
-        while len(visited) <= _MOST_MOVES:
+        while len(visited) <= STEPS:
             scores, without = self._scores(state, shortlist)
             own = [self.pool.number(candidate) for candidate in state.chosen]
             scales = tuple(float(beside.scale[i]) for beside, i in zip(without, own, strict=True))
@@ -417,8 +417,10 @@ class _Search:
                 shortlist = None
                 continue
             action, chosen, scales, names, beside = move
-            # A new effect may show what it hid; a swap, mostly of an order or a place, changes little.
-            shortlist = np.unique(np.concatenate([s.ranking()[:_SHORTLIST] for s in (scores, *without)]))
+            # The best beside the model, and beside it without each effect, are scored after a swap or a drop, mostly of
+            # an order or a place, which changes little. That decides about time, not about the result: before a search
+            # ends, all candidates are scored. A new effect may show what it hid.
+            shortlist = np.unique(np.concatenate([s.ranking()[:SHORTLIST] for s in (scores, *without)]))
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             state = self._with_effects(self._logged(state, action, names, beside), chosen, scales)
@@ -434,18 +436,18 @@ class _Search:
     ) -> tuple[str, tuple[Candidate, ...], tuple[float, ...], str, Scores] | None:
         """Return the move that gains most to effects not yet visited; None if none gains."""
         count = len(state.chosen)
+        # A swap gains 1 at least: log odds below that are not worth more than a bare mention (Kass and Raftery 1995).
         # Gain and least gain, action, places of the effects that leave, candidates that come, and scores without them.
         moves: list[tuple[float, float, str, slice, list[int], Scores]] = []
-        if count < MOST_FINDINGS:
-            for best in self._best(scores, state.chosen):
-                gain = float(scores.log_odds[best]) - ACCEPTED
-                moves.append((gain, 0.0, "add", slice(count, count), [best], scores))
+        for best in self._best(scores, state.chosen):
+            gain = float(scores.log_odds[best]) - ACCEPTED
+            moves.append((gain, 0.0, "add", slice(count, count), [best], scores))
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
             own = float(beside.log_odds[self.pool.number(candidate)])
             moves.append((ACCEPTED - own, 0.0, "drop", slice(k, k + 1), [], beside))
             for rival in self._best(beside, [other for other in state.chosen if other is not candidate], candidate):
                 gain = float(beside.log_odds[rival]) - own
-                moves.append((gain, _SWAPS, "swap", slice(k, k + 1), [rival], beside))
+                moves.append((gain, 1.0, "swap", slice(k, k + 1), [rival], beside))
         for gain, least, action, at, numbers, beside in sorted(moves, key=lambda move: -move[0]):
             new = [self.pool.all[number] for number in numbers]
             chosen, scales = list(state.chosen), list(state.scales)
@@ -504,17 +506,6 @@ class _Search:
         candidate, log_bayes = self.pool.all[number], float(scores.log_bayes[number])
         return Ranked(candidate.effect, log_bayes, candidate.log_prior, float(scores.gain[number]))
 
-    def _with_noise(self, start: State, noise: CovarianceParameters) -> State:
-        """Return a state with another covariance."""
-        now, earlier = set(noise.terms), set(start.noise.terms)
-        moves = [
-            (action, name)
-            for action, names in (("add", now - earlier), ("drop", earlier - now))
-            for name in sorted(names)
-        ]
-        steps = (SearchStep(action, f"covariance: {name}", ()) for action, name in moves)
-        return dataclasses.replace(start, noise=noise, steps=(*start.steps, *steps))
-
     # -- result
 
     def _identified(self, candidate: Candidate, scores: Scores, chosen: Sequence[Candidate]) -> Identified:
@@ -528,7 +519,7 @@ class _Search:
                 break
             effect = rival.effect
             if is_step(effect) and is_step(candidate.effect) and same_form(effect, candidate.effect):
-                at += [place_of(effect)] if behind <= _INTERVAL else []
+                at += [place_of(effect)] if behind <= 0.5 * NORMAL_95**2 else []
             elif rival.effect_name == candidate.effect_name:
                 if searched_order(effect) is not None and self._are_separable(rival, candidate):
                     aliases.append(orders_of(effect)[0])
@@ -539,7 +530,7 @@ class _Search:
         return Identified(
             **vars(self._rank(scores, own)),
             alternatives=tuple(alternatives.values()),
-            aliases=tuple(aliases[:_MOST_ALIASES]),
+            aliases=tuple(aliases[:EXAMPLES]),
             places=(min(at), max(at)) if at else None,
         )
 
@@ -566,9 +557,6 @@ class _Search:
 
 
 # Detection limits of effects on the measured poses.
-
-_LARGEST = 300.0
-"""Largest limit, in multiples of the usual size; an effect that needs more has no detection limit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -602,7 +590,7 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
         if values[0] > 0 and dof > 0:
             needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
             multiple = math.sqrt(needed * square / dof / float(values[0]))
-            size = multiple * float(candidate.sizes[0]) if multiple <= _LARGEST else None
+            size = multiple * float(candidate.sizes[0]) if multiple <= candidate.scales[0][-1] else None
             if size is not None:
                 moved = by_row(own @ vectors[:, 0], found.state.linear.rows, len(weight)).T[:3] / weight[:3]
                 rms = multiple * rms_length(moved)

@@ -19,29 +19,29 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.request import CONSTANTS
-from robacc.error_model.covariance import ACCEPTED
+from robacc.error_model.covariance import ErrorPart
 from robacc.error_model.structure import (
     ErrorStructure,
     Repeatability,
     correction_of_position,
     with_error_structure,
 )
-from robacc.error_model.terms import ErrorPart
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.held_out import HoldOut
+from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
-from robacc.fitting.solver import SEARCH, fit, refit
+from robacc.fitting.solver import fit, refit
 from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.tracing.calibrating import Judged, Progress, Stage, judge, with_directional_weights
+from robacc.tracing.calibrating import Judged, Progress, judge, with_directional_weights
 from robacc.tracing.search import (
     Alternative,
     DetectionLimit,
@@ -53,13 +53,6 @@ from robacc.tracing.search import (
 )
 
 # Harmonics of a joint's periodic error, each with its amplitude and phase.
-
-_MOST_NAMED = 6
-"""Largest number of harmonics named."""
-_OF_COUNTERBALANCE = 2.5
-"""Order up to which a periodic error may come from a counterbalance."""
-_CLEAR = 2.0
-"""Standard errors from which a harmonic of a profile is named: about 95 % confidence."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -88,7 +81,8 @@ def fitted_harmonics(
 ) -> tuple[Harmonic, ...]:
     """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
 
-    Of a profile, those are named that are clear. Standard errors follow by the law of propagation (JCGM 100, 5.2.2).
+    Of a profile, those are named whose amplitude is two standard errors or more. Standard errors follow by the law of
+    propagation (JCGM 100, 5.2.2).
 
     Args:
         effect: A periodic error of a joint that turns.
@@ -107,13 +101,13 @@ def fitted_harmonics(
         along = across = None
         if amplitude > 0.0 and np.all(variance >= 0.0):
             along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
-        if not effect.is_profile() or (along is not None and amplitude > _CLEAR * along):
+        if not effect.is_profile() or (along is not None and amplitude > 2.0 * along):
             origin = origin_of(order, arm.joint(joint).gear_ratio, order_tolerance(extent))
             harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across, origin))
     harmonics.sort(key=lambda harmonic: -harmonic.amplitude)
     if len(harmonics) == 1:
         harmonics[0] = dataclasses.replace(harmonics[0], aliases=tuple(aliases))
-    return tuple(harmonics[:_MOST_NAMED] if effect.is_profile() else harmonics)
+    return tuple(harmonics[:LISTED] if effect.is_profile() else harmonics)
 
 
 def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
@@ -125,7 +119,7 @@ def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: S
     orders 1 and 2 describe over a range of 2 rad.
     """
     springs = [other for other in effects if other.traits.is_spring and set(effect.joints) <= set(other.joints)]
-    if springs and harmonics and all(harmonic.order <= _OF_COUNTERBALANCE for harmonic in harmonics):
+    if springs and harmonics and all(harmonic.order < 3.0 for harmonic in harmonics):
         return (
             f"with {springs[0]}, a counterbalance across {effect.joints[0]} has the same shape: a spring or cylinder "
             "that the robot file does not state, whose torque follows the joint's angle"
@@ -139,12 +133,6 @@ def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: S
     if others:
         origins.append(f"orders {', '.join(others)} are not distinguishable from it on these poses")
     return "; ".join(origins) or None
-
-
-_FEW_POSES = 8
-"""Rows below which a finding gets a warning, if they carry more than half of its contribution."""
-_FEW_SHARE = 0.1
-"""The same limit as a share of all rows, for small sets."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -228,13 +216,24 @@ def describe_finding(
         statement = periodic_statement(effect, harmonics, others) if harmonics else statement
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     warnings = [] if implausible is None else [implausible]
-    moved, turned = _motion(number, final, data)
-    if moved is not None and moved.any():
+    # Distances and angles by which the effect alone moves the target at the inliers.
+    of_position: tuple[float | None, float | None] = (None, None)
+    of_orientation, moved = of_position, np.zeros(0)
+    try:
+        alone = final.model.bind(data).poses(np.where(np.array(final.owners) == number, 0.0, final.theta))
+    except RobaccError:
+        pass
+    else:
+        moved = np.linalg.norm((alone.translation - final.poses.translation)[:, final.inliers], axis=0)
+        of_position = _rms_and_largest(moved)
+        if data.rotation is not None:
+            turned = log_between(alone.rotation, final.poses.rotation)[:, final.inliers]
+            of_orientation = _rms_and_largest(np.linalg.norm(turned, axis=0))
+    if moved.any():
         share = np.sort(np.square(moved))[::-1]
         count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
-        if count < min(_FEW_POSES, _FEW_SHARE * share.size):
+        if count < min(ENOUGH, NEGLIGIBLE * share.size):
             warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
-    of_position, of_orientation = _rms_and_largest(moved), _rms_and_largest(turned)
     return Finding(
         effect.name,
         effect.joints,
@@ -268,49 +267,22 @@ def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
-def _rms_and_largest(sizes: Array | None) -> tuple[float | None, float | None]:
-    return (None, None) if sizes is None else (float(np.sqrt(np.mean(np.square(sizes)))), float(np.max(sizes)))
-
-
-def _motion(number: int, final: Fit, data: Measurements) -> tuple[Array | None, Array | None]:
-    """Return the distances (m) and angles (rad) ``(n,)`` by which an effect alone moves the target at the inliers.
-
-    The angles are None where orientation is not measured; both are None if the arm cannot be evaluated without it.
-    """
-    theta_without = np.where(np.array(final.owners) == number, 0.0, final.theta)
-    try:
-        without = final.model.bind(data).poses(theta_without)
-    except RobaccError:
-        return None, None
-    distances: Array = np.linalg.norm((without.translation - final.poses.translation)[:, final.inliers], axis=0)
-    if data.rotation is None:
-        return distances, None
-    angles: Array = np.linalg.norm(log_between(without.rotation, final.poses.rotation)[:, final.inliers], axis=0)
-    return distances, angles
+def _rms_and_largest(sizes: Array) -> tuple[float, float]:
+    return float(np.sqrt(np.mean(np.square(sizes)))), float(np.max(sizes))
 
 
 # Error that remains after the findings of a trace, and hints on its cause.
 
-_CHANCE = 0.002
-"""Probability below which a structure of the remaining error is no chance: some five tests share one in a hundred."""
 _OF_EVERY_ARM = ("joint_offset", "link_geometry")
 """Effects by which every nominal model deviates."""
-_MOST_REPEATABILITY = 1e-4
-"""Largest plausible repeatability at the target, m (data sheets: 0.02 to 0.1 mm)."""
-_MOST_PRESUMED = 1.2e-4
-"""Remaining error, m rms, up to which noise that nothing confirms may be presumed: a laser tracker at some metres
-(0.03 to 0.05 mm along each axis) and a data sheet's repeatability together."""
-_UNCERTAIN = 1.2
-"""Factor by which an estimate of scatter from some hundred rows exceeds the rounding that causes it."""
-_SMALL_POSE_ERROR = 1e-5
-"""Error common to all visits of a pose that no instrument resolves, m."""
+_USUAL = 1.2e-4
+"""Remaining error, m rms, that a laser tracker at some metres (0.03 to 0.05 mm along each axis) and a data sheet's
+repeatability (0.02 to 0.1 mm) leave together."""
 _LOOKS_LIKE: Mapping[ErrorPart, tuple[str, tuple[str, ...]]] = {
     "scatter": ("scatters from visit to visit", ("backlash", "friction_windup", "approach_lag")),
     "wander": ("wanders over time", ("thermal_expansion", "joint_warmup", "frame_drift")),
 }
 """Parts of the error, what they look like, and effects that look so where their columns are missing."""
-_MANY_OUTLIERS = 0.05
-"""Share of the rows from which outliers are not accidental."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -356,7 +328,7 @@ def remaining_error(
     playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
     memories = memory_of_play(final, data, tuple(playing))
     for joint, p_value in memories.items():
-        if p_value * len(memories) <= _CHANCE:
+        if p_value * len(memories) <= SIGNIFICANT:
             p_values.append(p_value * len(memories))
             hints.append(
                 f"in addition to {playing[joint]}, the errors of {joint} follow the change of its torque since the "
@@ -367,15 +339,15 @@ def remaining_error(
         hints.insert(0, loads.text)
     rms, repeatability = rms_length(final.residual[:3, final.inliers]), structure.repeatability
     of_residual = repeatability is not None and repeatability.source == "residual"
-    rounded = 0.0 if rounding is None else _UNCERTAIN * rounding.position
+    rounded = 0.0 if rounding is None else ALIKE * rounding.position
     if repeatability is not None:
-        if of_residual and repeatability.position > math.hypot(_MOST_REPEATABILITY, rounded):
+        if of_residual and repeatability.position > math.hypot(_USUAL, rounded):
             hints.append(
                 f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
                 "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
                 "measure some poses repeatedly to distinguish these"
             )
-        if repeatability.pose_position > max(repeatability.position, _SMALL_POSE_ERROR):
+        if repeatability.pose_position > max(repeatability.position, NEGLIGIBLE * _USUAL):
             hints.append(
                 "visits of a pose, or of poses close together, share an error of "
                 f"{1e3 * repeatability.pose_position:.3g} mm rms that no candidate explains"
@@ -384,16 +356,16 @@ def remaining_error(
     pattern, share = outlier_pattern(data, ~final.inliers, final.model.arm.names), final.outliers.size / data.n
     if pattern is not None:
         hints.append(pattern)
-    if share > _MANY_OUTLIERS:
+    if share > FEW:
         hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
     is_unconfirmed = noise.p_value is None and (repeatability is None or of_residual)
-    if findings and is_unconfirmed and rms > math.hypot(_MOST_PRESUMED, rounded):
+    if findings and is_unconfirmed and rms > math.hypot(_USUAL, rounded):
         hints.append(
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
             "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
             "the model"
         )
-    if noise.p_value is not None and noise.p_value <= _CHANCE:
+    if noise.p_value is not None and noise.p_value <= SIGNIFICANT:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"
         hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
@@ -419,8 +391,6 @@ def remaining_error(
 # Verdict of a trace, the assumption that it rests on, and the share of the error that the findings explain.
 
 Verdict = Literal["clean", "explained", "partly_explained", "unexplained"]
-HIDDEN_NOISE = 0.1
-"""Ratio of noise to repeatability, of one residual, below which the noise is not resolved."""
 
 
 def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict:
@@ -436,7 +406,7 @@ def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bo
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
     if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
         return False
-    return noise.rms < HIDDEN_NOISE * repeatability.position
+    return noise.rms < NEGLIGIBLE * repeatability.position
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
@@ -459,30 +429,10 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
     return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
 
 
-def explained_share(before: Stage, after: Stage, noise: LackOfFit, repeatability: Repeatability | None) -> float | None:
-    """Return the share of the explainable held-out variance of the baseline that the findings explain, 0 to 1."""
-    if before.held_out is None or after.held_out is None:
-        return None
-    floor = noise.rms**2 + (0.0 if repeatability is None else repeatability.position**2)
-    total = before.held_out.position.rms**2 - floor
-    if total <= 0.0:
-        return None
-    share = (before.held_out.position.rms**2 - after.held_out.position.rms**2) / total
-    return float(min(max(share, 0.0), 1.0))
-
-
 # Poses to measure next: poses at which two rival effects predict most differently (T-optimal discrimination).
 #
 # Source of the criterion: A. C. Atkinson and V. V. Fedorov, "The design of experiments for discriminating between two
 # rival models", Biometrika 62, 1975.
-
-_TRIAL_POSES = 600
-"""Random poses among which those of largest difference are sought."""
-_ADVISED = 4
-_ELIGIBLE_SHARE = 0.6
-"""Share of the largest difference from which a pose is eligible."""
-_LEAST_DIFFERENCE = 0.5
-"""Share of the noise below which a difference is not worth a pose."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -516,43 +466,34 @@ def advise(
     for i, joint in enumerate(declared.model.arm.robot.variables):
         if joint.limits is not None:
             low[i], high[i] = joint.limits
-    rows = generator.integers(0, data.n, _TRIAL_POSES)
-    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, _TRIAL_POSES))
+    rows = generator.integers(0, data.n, SAMPLE)
+    q = low[:, None] + (high - low)[:, None] * generator.random((low.size, SAMPLE))
     trial = dataclasses.replace(data.subset(rows), q=q)
     try:
-        first = fit(declared.model.with_free(*others, finding), data, SEARCH)
-        second = fit(declared.model.with_free(*others, rival), data, SEARCH)
+        first = fit(declared.model.with_free(*others, finding), data)
+        second = fit(declared.model.with_free(*others, rival), data)
         predicted = [fitted.model.bind(trial).poses(fitted.theta).translation for fitted in (first, second)]
     except RobaccError:
         return None
     difference = np.linalg.norm(predicted[0] - predicted[1], axis=0)
-    if difference.max() < _LEAST_DIFFERENCE * noise:
+    if difference.max() < 0.5 * noise:
         return Advice(
             f"{finding} and {rival} are not distinguishable at any pose within the joint limits: they differ by "
             f"at most {difference.max() * 1e3:.2g} mm; measure other data (another payload, an indicator on the base)",
             (),
             (),
         )
-    chosen = _choose_poses(q, difference)
+    # The pose of largest difference, then eligible poses that are far from those already chosen.
+    scaled = q / np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
+    eligible, chosen = np.flatnonzero(difference >= 0.5 * difference.max()), [int(np.argmax(difference))]
+    while len(chosen) < min(EXAMPLES, eligible.size):
+        gaps = np.linalg.norm(scaled[:, eligible, None] - scaled[:, None, chosen], axis=0).min(axis=1)
+        chosen.append(int(eligible[np.argmax(gaps)]))
     return Advice(
         f"to distinguish {finding} from {rival}, measure:",
         tuple(tuple(pose) for pose in q[:, chosen].T.tolist()),
         tuple(difference[chosen].tolist()),
     )
-
-
-def _choose_poses(q: Array, difference: Array) -> list[int]:
-    """Return the pose of largest difference, then eligible poses that are far from those already chosen."""
-    ranges = np.maximum(np.ptp(q, axis=1), 1e-9)[:, None]
-    eligible = np.flatnonzero(difference >= _ELIGIBLE_SHARE * difference.max())
-    chosen = [int(np.argmax(difference))]
-    while len(chosen) < min(_ADVISED, eligible.size):
-        gaps = np.min(
-            [np.linalg.norm((q[:, eligible] - q[:, [i]]) / ranges, axis=0) for i in chosen],
-            axis=0,
-        )
-        chosen.append(int(eligible[np.argmax(gaps)]))
-    return chosen
 
 
 # The trace: search, fits, and the result.
@@ -582,10 +523,6 @@ class Trace(Judged):
     """Poses that distinguish a finding from its nearest rival."""
 
 
-_MOST_TO_ADVISE = 200
-"""Coefficients beyond which rivals are not fitted to choose the next poses."""
-
-
 def trace(
     model: Model,
     data: Measurements,
@@ -605,80 +542,83 @@ def trace(
         InputError: the data contain a mistake that no effect should explain, or are too few.
         UsageError: the data lack a quantity that a declared effect needs.
     """
+    declaring, poses, stated = model, data, model.arm.robot
 
-    def run(weighted: Measurements) -> Trace:
-        return _trace(model, weighted, HoldOut.of(weighted, holdout, n_folds, seed), empirical, seed, progress)
+    def run(data: Measurements) -> Trace:
+        how, mistakes = HoldOut.of(data, holdout, n_folds, seed), check_data(stated, data)
+        model = with_gravity_direction(declaring, data)
 
-    return with_directional_weights(run, data, holdout)
+        def searching(moves: int, count: int) -> None:
+            progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
 
+        declared, declared_form = choose_form(fit(model, data), model, data, Options())
+        found = search(model, data, progress=searching)
+        identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
+        own_places = HoldOut.of(data, None, None, seed)
 
-def _trace(model: Model, data: Measurements, how: HoldOut, empirical: bool, seed: int, progress: Progress) -> Trace:
-    """Return the result of :func:`trace` with weights as the poses have them."""
-    stated, mistakes = model.arm.robot, check_data(model.arm.robot, data)
-    model = with_gravity_direction(model, data)
+        def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
+            """Return the fit with some effects, elastic ones in the form that the data support, or in equilibrium."""
+            if not some:
+                return declared, declared_form
+            # Frames are first, so that they keep their parameters if poses cannot distinguish two.
+            extended = model.with_free(
+                *sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame)
+            )
+            again = refit(declared, extended.free, data, Options())
+            return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
 
-    def searching(moves: int, count: int) -> None:
-        progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
-
-    declared, declared_form = choose_form(fit(model, data), model, data, Options())
-    found = search(model, data, progress=searching)
-    identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
-    own_places = HoldOut.of(data, None, None, seed)
-
-    def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
-        """Return the fit with some effects, elastic ones in the form that the data support; shrunk, in equilibrium."""
-        if not some:
-            return declared, declared_form
-        # Frames are first, so that they keep their parameters if poses cannot distinguish two.
-        extended = model.with_free(*sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame))
-        again = refit(declared, extended.free, data, Options())
-        return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
-
-    final, form = fitted(identified)
-    while (useless := _useless(final, identified, own_places)) is not None:
-        identified.remove(useless)
         final, form = fitted(identified)
-    if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
-        correction = Identified(left[0], left[1], -left[2], 0.0)
-        corrected, corrected_form = fitted([*identified, correction])
-        if _useless(corrected, [correction], own_places) is None:
-            identified.append(correction)
-            final, form = corrected, corrected_form
-    effects = [one.effect for one in identified]
-    refitted = functools.partial(refit, final, final.model.free, data)
-    structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
-    constants = [
-        one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
-    ]
-    final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
-    before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
-    structured = dataclasses.replace(structured, fit=final)
-    numbers = [number_of(effect, final) for effect in effects]
-    fitted_effects = [final.model.free[number] for number in numbers]
-    judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
-    noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
-    for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
-        findings.append(finding := describe_finding(one, effects, judged, without, data))
-        if finding.alternatives and final.theta.size <= _MOST_TO_ADVISE:
-            rival = finding.alternatives[0]
-            poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
-            advice += [] if poses is None else [poses]
-    unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
-    return Trace(
-        **vars(judged if findings else dataclasses.replace(judged, gain=None)),
-        verdict=(verdict := verdict_of(findings, unexplained)),
-        assumption=assumption_of(verdict, noise, repeatability),
-        declared=declared,
-        findings=tuple(findings),
-        undeclared_load=undeclared_load(final, data),
-        unexplained=unexplained,
-        explained_share=explained_share(judged.before, judged.after, noise, repeatability),
-        steps=found.state.steps,
-        settled=found.settled,
-        missing=found.pool.missing,
-        detection=tuple(detection_limits(found)),
-        next_poses=tuple(advice),
-    )
+        while (useless := _useless(final, identified, own_places)) is not None:
+            identified.remove(useless)
+            final, form = fitted(identified)
+        if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
+            correction = Identified(left[0], left[1], -left[2], 0.0)
+            corrected, corrected_form = fitted([*identified, correction])
+            if _useless(corrected, [correction], own_places) is None:
+                identified.append(correction)
+                final, form = corrected, corrected_form
+        effects = [one.effect for one in identified]
+        refitted = functools.partial(refit, final, final.model.free, data)
+        structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
+        constants = [
+            one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
+        ]
+        final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
+        before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
+        structured = dataclasses.replace(structured, fit=final)
+        numbers = [number_of(effect, final) for effect in effects]
+        fitted_effects = [final.model.free[number] for number in numbers]
+        judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
+        noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
+        for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
+            findings.append(finding := describe_finding(one, effects, judged, without, data))
+            if finding.alternatives and final.theta.size <= SAMPLE:
+                rival = finding.alternatives[0]
+                poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)
+                advice += [] if poses is None else [poses]
+        unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
+        share, before_rms, after_rms = None, *(stage.held_out_rms for stage in (judged.before, judged.after))
+        if before_rms is not None and after_rms is not None:
+            floor = noise.rms**2 + (0.0 if repeatability is None else repeatability.position**2)
+            if (total := before_rms**2 - floor) > 0.0:
+                share = float(np.clip((before_rms**2 - after_rms**2) / total, 0.0, 1.0))
+        return Trace(
+            **vars(judged if findings else dataclasses.replace(judged, gain=None)),
+            verdict=(verdict := verdict_of(findings, unexplained)),
+            assumption=assumption_of(verdict, noise, repeatability),
+            declared=declared,
+            findings=tuple(findings),
+            undeclared_load=undeclared_load(final, data),
+            unexplained=unexplained,
+            explained_share=share,
+            steps=found.state.steps,
+            settled=found.settled,
+            missing=found.pool.missing,
+            detection=tuple(detection_limits(found)),
+            next_poses=tuple(advice),
+        )
+
+    return with_directional_weights(run, poses, holdout)
 
 
 def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:

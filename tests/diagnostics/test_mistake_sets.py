@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
 
-from robacc.diagnostics.data_mistakes import check_data, find_mistake
-from robacc.diagnostics.row_mistakes import Mistake
+from robacc.diagnostics.data_mistakes import Mistake, check_data, find_mistake
 from robacc.measurements import Measurements
 
 Matrix = np.ndarray

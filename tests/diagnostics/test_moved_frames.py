@@ -14,7 +14,7 @@ import robacc
 from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import larger_error_warning, moved_frames
+from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames
 from robacc.geometry import rotate, rotation_about
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -107,6 +107,10 @@ def test_calibrate_says_that_the_setup_moved() -> None:
 
 
 def test_a_larger_error_of_validation_poses_gives_a_warning() -> None:
-    assert larger_error_warning(1e-4, 1.9e-4) is None
-    text = larger_error_warning(1e-4, 7.5e-4)
-    assert "7.5 times that of the calibration poses" in text
+    fitted, (_, data, second) = calibrated(), campaigns()
+    texts = [
+        " ".join(fit_warnings(fitted, data, lack_of_fit(fitted, data), fitted, (1e-4, error), second))
+        for error in (1.9e-4, 7.5e-4)
+    ]
+    assert "that of the calibration poses" not in texts[0]
+    assert "7.5 times that of the calibration poses" in texts[1]

@@ -9,8 +9,7 @@ import numpy as np
 import pytest
 from test_mistake_sets import made
 
-from robacc.diagnostics.data_mistakes import check_data
-from robacc.diagnostics.row_mistakes import registered_poses
+from robacc.diagnostics.data_mistakes import check_data, registered_poses
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict

@@ -13,7 +13,10 @@ from scipy.stats import multivariate_normal
 from robacc.effects.request import build, parse_requests
 from robacc.error_model.covariance import (
     GROSS_FACTORS,
+    TERMS,
     CovarianceParameters,
+    Linearised,
+    Rows,
     estimated,
     likelihood_derivatives,
     too_many_gross_errors,
@@ -21,7 +24,6 @@ from robacc.error_model.covariance import (
     whitened,
     with_gross_errors,
 )
-from robacc.error_model.terms import TERMS, Linearised, Rows
 from robacc.geometry import Array
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate

@@ -11,10 +11,11 @@ from arms import arm
 from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.masses import mass_warning, with_mass_uncertainty
+from robacc.fitting.masses import with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.parameters import parameters
 from robacc.fitting.solver import fit
+from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
@@ -82,7 +83,8 @@ def test_the_default_is_stated_and_the_file_can_state_another() -> None:
     robot = arm("puma560").robot
     data = measured(robot, np.random.default_rng(1))
     default = fitted(robot, data)
-    assert "an uncertainty of 10 % of each link's mass" in mass_warning(default)[0]
+    texts = list(fit_warnings(default, data, lack_of_fit(default, data), default, (1.0, 1.0)))
+    assert any("an uncertainty of 10 % of each link's mass" in text for text in texts)
     stds = []
     for share in (None, 0.1, 0.0):
         stated = dataclasses.replace(robot, mass_uncertainty=share)

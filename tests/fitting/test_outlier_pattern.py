@@ -14,7 +14,7 @@ from robacc.effects.request import build, parse_requests
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import outliers_warning
+from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 
@@ -68,6 +68,11 @@ def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:
     return data, fit(model, data)
 
 
+def outlier_warnings(fitted: Fit, data: Measurements) -> list[str]:
+    texts = fit_warnings(fitted, data, lack_of_fit(fitted, data), fitted, (1.0, 1.0))
+    return [text for text in texts if "outliers" in text]
+
+
 def test_rows_that_a_lacking_effect_displaces_stay_in_the_fit() -> None:
     q = np.random.default_rng(3).uniform(-1.5, 1.5, size=(6, 120))
     extreme = np.flatnonzero(q[1] > 1.2)
@@ -76,7 +81,7 @@ def test_rows_that_a_lacking_effect_displaces_stay_in_the_fit() -> None:
     accidents = np.array([3, 40, 77])
     data, fitted = displaced(1.5e-4, accidents)
     assert set(fitted.outliers) == set(accidents)
-    assert len(outliers_warning(fitted, data)) == 1
+    assert len(outlier_warnings(fitted, data)) == 1
 
 
 def test_gross_rows_are_left_out_and_their_circumstance_is_named() -> None:
@@ -84,4 +89,4 @@ def test_gross_rows_are_left_out_and_their_circumstance_is_named() -> None:
     extreme = np.argsort(q[1])[-4:]
     data, fitted = displaced(0.03, extreme)
     assert set(fitted.outliers) == set(extreme)
-    assert fitted.model.arm.names[1] in outliers_warning(fitted, data)[1]
+    assert fitted.model.arm.names[1] in outlier_warnings(fitted, data)[1]

@@ -98,7 +98,7 @@ def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
 def test_a_fit_that_does_not_converge_says_so_and_writes_no_model(
     monkeypatch: pytest.MonkeyPatch, tmp_path: object
 ) -> None:
-    monkeypatch.setattr(solver, "_STEPS", 1)
+    monkeypatch.setattr(solver, "STEPS", 1)
     result = robacc.calibrate(
         "sample_data/poses.csv", robot="sample_data/robot.yaml", fit="joint_offset,link_geometry", folds=2
     )

@@ -7,8 +7,9 @@ import pytest
 from scipy.optimize import minimize
 
 from robacc.effects.base import Term
+from robacc.fitting.levels import LARGEST
 from robacc.fitting.normal_equations import NormalEquations, posterior
-from robacc.fitting.solver import LARGEST_OF_PROFILE, Priors
+from robacc.fitting.solver import Priors
 from robacc.geometry import Array
 
 ORDERS = np.arange(1, 37) / 2
@@ -35,7 +36,7 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     for _ in range(5):
         priors.update(normal, columns, float(angle.size), noise_known=True, settled=0.01)
     group_std = priors.group_stds["profile"]
-    assert group_std <= LARGEST_OF_PROFILE * TYPICAL
+    assert group_std <= LARGEST * TYPICAL
     theta = posterior(gram, priors.precision[columns]) @ rhs
     in_gap = waves(np.linspace(0.5, 1.9, 200)) @ theta
     # Without the bound the coefficients are 5e10 rad, and 2e7 rad is predicted in the gap.

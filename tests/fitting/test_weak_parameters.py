@@ -14,7 +14,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
-from robacc.fitting.warnings import condition_warning, weak_parameters_warning
+from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Robot
@@ -52,6 +52,11 @@ def geometry(
     return fit(model, data, options or Options())
 
 
+def warnings(found: Fit, data: Measurements, start: str) -> list[str]:
+    texts = fit_warnings(found, data, lack_of_fit(found, data), found, (1.0, 1.0))
+    return [text for text in texts if text.startswith(start)]
+
+
 def joints(name: str, n: int, seed: int) -> np.ndarray:
     rng = np.random.default_rng(seed)
     limits = np.array([joint.limits for joint in arm(name).robot.variables])
@@ -82,12 +87,11 @@ def test_few_orientations_do_not_change_links_by_centimetres(monkeypatch: pytest
     assert set(kinds) == {("joint_offset", "rad"), ("link_geometry", "m"), ("link_geometry", "rad")}
     assert all(kind.std == 3e-3 for kind in kinds.values())
     assert all(name.startswith(f"{kind.effect}.") for kind in kinds.values() for name in kind.names)
-    (warning,) = weak_parameters_warning(found)
-    assert warning.startswith("weakly identifiable on these poses: ")
+    (warning,) = warnings(found, data, "weakly identifiable on these poses: ")
     assert "(standard deviation 3 mrad and 3 mm, that of a badly made arm)" in warning
     monkeypatch.setattr(robacc.fitting.solver, "BADLY_MADE", np.inf)
     free = geometry("ur10", data)
-    assert weak_parameters_warning(free) == ()
+    assert warnings(free, data, "weakly identifiable on these poses: ") == []
     # With priors, errors at other orientations are those of the arm as built; without, noise makes them larger.
     assert miss(found) < 4e-3
     assert miss(free) > 3 * miss(found)
@@ -188,7 +192,7 @@ def test_poses_of_nearly_one_orientation_leave_the_tool_unknown() -> None:
     q[4] = 0.6 - q[1] - q[2] + small[3]
     q[[0, 3, 5]] = small[:3]
     data = measured(dataclasses.replace(arm("irb1600").robot, effects=()), q, 1, oriented=False, noise=2e-5)
-    (warning,) = condition_warning(geometry("irb1600", data, asked="base_frame,tool_frame"))
+    (warning,) = warnings(geometry("irb1600", data, asked="base_frame,tool_frame"), data, "condition number")
     assert "weakly identifiable on these poses, most of all" in warning
     assert "tool_frame." in warning
     assert " mm)" in warning

@@ -17,7 +17,8 @@ import robacc
 from robacc.effects.base import effect_class
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import entry_of
-from robacc.error_model.covariance import ACCEPTED, Whitened
+from robacc.error_model.covariance import Whitened
+from robacc.fitting.levels import ACCEPTED
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.tracing.candidates import Candidate, Evidence, decisive_test

@@ -13,9 +13,10 @@ from arms import arm
 
 from robacc.documents.fit import FINDING, TRACE, fit_document
 from robacc.effects.request import build, parse_requests
-from robacc.error_model.covariance import ACCEPTED
+from robacc.fitting.fit_result import Options
+from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE
-from robacc.fitting.solver import SEARCH, fit, refit
+from robacc.fitting.solver import fit, refit
 from robacc.geometry import rotation_about
 from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
@@ -354,8 +355,8 @@ def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
     tilted = {"effect": "link_geometry", "joints": ["j2", "j3"], "values": {"j2.alpha": 2e-3, "j3.alpha": -3e-3}}
     data = measured("puma560", tilted)
     model = Model.of(one.robot, build(parse_requests(DECLARED), one, data))
-    found = fit(model, data, SEARCH)
-    again = refit(found, model.free, data, SEARCH)
+    found = fit(model, data, Options(tolerance=1e-4, settled=1e-2))
+    again = refit(found, model.free, data, Options(tolerance=1e-4, settled=1e-2))
     assert again.identifiability.columns.tolist() == found.identifiability.columns.tolist()
     assert np.abs(again.theta).max() < 0.1
 

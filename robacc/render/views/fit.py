@@ -483,7 +483,7 @@ def _shrinkage(kind: Document) -> str:
 
 
 def _residual(document: Document) -> str:
-    from robacc.tracing.trace import HIDDEN_NOISE
+    from robacc.fitting.levels import NEGLIGIBLE
 
     noise, repeatability = document["noise"], document["repeatability"]
     size, source = noise["rms_m"], _NOISE_SOURCES.get(noise["source"])
@@ -494,7 +494,7 @@ def _residual(document: Document) -> str:
         and noise["lack_of_fit_p_value"] is None
         and repeatability is not None
         and repeatability["source"] == "residual"
-        and size < HIDDEN_NOISE * repeatability["position_m"]
+        and size < NEGLIGIBLE * repeatability["position_m"]
     ):
         text = f"not distinguishable from the arm's repeatability (see the remaining error) {why}"
     return f"baseline: {with_unit(document['before']['fitted']['position']['rms_m'])} rms; measurement noise: {text}"

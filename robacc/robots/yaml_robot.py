@@ -196,9 +196,13 @@ def _choice(*options: str) -> Kind:
     return partial(Source.choice, options=options)
 
 
-def _tolerances(names: Iterable[str], lengths: Collection[str] = LENGTH_PARAMETERS) -> Kind:
-    """Kind of standard deviations by name, m for the ``lengths``, else rad."""
-    checks = [(lambda value: value >= 0, "a standard deviation cannot be negative, found {found}", None)]
+def tolerances(
+    names: Iterable[str],
+    lengths: Collection[str] = LENGTH_PARAMETERS,
+    message: str = "a standard deviation cannot be negative, found {found}",
+) -> Kind:
+    """Kind of standard deviations by name, m for the ``lengths``, else rad; ``message`` is of a negative one."""
+    checks = [(lambda value: value >= 0, message, None)]
     kinds = {name: partial(_checked, kind=_length if name in lengths else _angle, checks=checks) for name in names}
     return partial(_section, kinds=kinds)
 
@@ -236,7 +240,7 @@ FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
 )
 """Frames by name, of which there may be none."""
-_FRAME_WITH_TOLERANCE = partial(_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
+_FRAME_WITH_TOLERANCE = partial(_section, kinds={**_FRAME, "tolerance": tolerances(_COORDINATES)})
 _TARGETS = partial(
     _named,
     kind=partial(_section, kinds=_FRAME, required=["xyz"], into=Frame),
@@ -361,7 +365,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
         kinds, required = {"origin": _PLAIN_FRAME, "offset": kinds["offset"]}, set() if is_fixed else {"axis"}
     if not is_fixed:
         kinds |= {"axis": _axis, "limits": partial(_limits, joint_type=joint_type)}
-    values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": _tolerances(names, lengths)}, required)
+    values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": tolerances(names, lengths)}, required)
     is_passive = values.pop("passive", None) == "true"
     checks = [
         (is_continuous and "limits" in has, "limits", "a continuous joint has no limits", "make its type revolute"),

@@ -112,10 +112,14 @@ def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     return probability, density
 
 
-def _initial_square(probability: float, shares: Array) -> Array:
-    """Return Wilson and Hilferty's cube with Satterthwaite's degrees of freedom, for variances that add up to one."""
-    relative = 2.0 / 9.0 * np.sum(np.square(shares), axis=0)
-    return np.asarray(np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3)
+def _started(probability: float, distribution: Distribution, variance: Array) -> Array:
+    """Return the q ``(N,)`` of ``probability`` of squared lengths of mean 1 and ``variance`` ``(N,)``.
+
+    The start is Wilson and Hilferty's cube, with Satterthwaite's degrees of freedom.
+    """
+    relative = variance / 9.0
+    start = np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3
+    return _solved(probability, distribution, np.asarray(start), 1e-5, 1.0 / variance)
 
 
 def length_quantiles(probability: float, variances: Array) -> Array:
@@ -128,8 +132,8 @@ def length_quantiles(probability: float, variances: Array) -> Array:
     power = variances.sum(axis=0)
     scatter, result = power > 0.0, np.zeros(power.size)
     shares = np.sort(variances[:, scatter], axis=0) / power[scatter]
-    distribution, shape = partial(_cdf_and_density, variances=shares), 0.5 / np.sum(np.square(shares), axis=0)
-    square = _solved(probability, distribution, _initial_square(probability, shares), 1e-5, shape)
+    distribution = partial(_cdf_and_density, variances=shares)
+    square = _started(probability, distribution, 2.0 * np.sum(np.square(shares), axis=0))
     result[scatter] = np.sqrt(square * power[scatter])
     return result
 
@@ -147,8 +151,8 @@ def mixture_quantile(probability: float, variances: Array) -> float:
         cdf, density = parts[:, None] / power.size
         return 1.0 - shares.shape[1] / power.size + cdf, density
 
-    first = np.mean(_initial_square(probability, shares / shares.sum(axis=0)), keepdims=True)
-    return math.sqrt(_solved(probability, mixture, first, 1e-5)[0] * mean_power)
+    second_moment = np.sum(2.0 * np.sum(np.square(shares), axis=0) + np.square(shares.sum(axis=0))) / power.size
+    return math.sqrt(_started(probability, mixture, np.array([second_moment - 1.0]))[0] * mean_power)
 
 
 # The mean is E|Z| = (8 / pi)^(1/2) R_G(v_1, v_2, v_3), as R_G is the mean of the length of diag(v)^(1/2) u over all

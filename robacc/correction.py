@@ -682,8 +682,8 @@ def correction(
     targets = CorrectedTargets(setting, wanted, q, command, corrected, to_command, errors[0], errors[1], tuple(refused))
     position, orientation = None, None
     if fit is not None:
-        uncertainty = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)
-        position, orientation = uncertainty.position, uncertainty.orientation if fit.unexplained.shape[0] == 6 else None
+        position, orientation = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
+        orientation = orientation if fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
     listed = ", ".join(map(str, setting.left_out))
     notes = (

@@ -298,7 +298,7 @@ def promise_of(robot: Robot, targets: SharedTargets, noise: str | float | None) 
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, full_after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     firsts = np.array([index[0] for index in after.rows])
-    separate = model_uncertainty(arm, alone, full_after, measured=True).position[:, :, firsts]
+    separate = model_uncertainty(arm, alone, full_after, measured=True)[0][0][:, :, firsts]
     treatment: NoiseTreatment = "added" if fit.noise_is_separate else "contained"
     is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
     used = PromisedNoise(0.0 if is_in_unexplained else fit.noise[0], "model", treatment)

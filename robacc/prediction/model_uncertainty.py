@@ -19,7 +19,6 @@ import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -59,26 +58,7 @@ if TYPE_CHECKING:
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 
 
-@dataclass(frozen=True, slots=True)
-class ModelUncertainty:
-    """Covariances of the model's error at N poses, in the measuring frame."""
-
-    position: Array
-    """``(3, 3, N)`` m²."""
-    orientation: Array
-    """``(3, 3, N)`` rad²; without the unexplained error where the fit had no measured orientations."""
-    rotation: Array
-    """``(3, 3, N)`` predicted orientation of the target."""
-    shares: Array
-    """``(4, 2)`` mean trace of each of :data:`SOURCES`, of position (m²) and orientation (rad²)."""
-
-    def in_target_frame(self) -> ModelUncertainty:
-        """Return the covariances in the axes of the predicted target."""
-        position, orientation = (in_tool_frame(part, self.rotation) for part in (self.position, self.orientation))
-        return dataclasses.replace(self, position=position, orientation=orientation)
-
-
-def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measured: bool) -> ModelUncertainty:
+def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measured: bool) -> tuple[Array, Array, Array]:
     """Return the uncertainty of the model ``robot`` at the joints and circumstances of ``data``.
 
     Args:
@@ -87,21 +67,27 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measur
         data: Poses with their circumstances.
         measured: The poses are those that the instrument of the fit measures; else those of the arm itself.
 
+    Returns:
+        Covariances ``(2, 3, 3, N)`` of position (m²) and orientation (rad²) in the measuring frame, the latter without
+        the unexplained error where the fit had no measured orientations; the predicted orientation ``(3, 3, N)`` of the
+        target; and the mean trace ``(4, 2)`` of each of :data:`SOURCES`.
+
     Raises:
         UsageError: The poses lack what an effect of the model depends on.
     """
     robot = absorb_constants(robot)
-    position, orientation, rotation = (np.empty((3, 3, data.n)) for _ in range(3))
+    covariances, rotation = np.empty((2, 3, 3, data.n)), np.empty((3, 3, data.n))
     traces = np.zeros((len(SOURCES), 2))
     for start in range(0, data.n, BLOCK):
         block = slice(start, start + BLOCK)
         sources, rotation[..., block] = error_columns(robot, fit, data.subset(block), measured)
-        for part, (result, factor) in enumerate(zip((position, orientation), fit.bound_factor, strict=True)):
+        for part, factor in enumerate(fit.bound_factor):
             *within, beyond = (columns[3 * part : 3 * part + 3] for columns in sources)
             # The factors were found within the ranges of the fit.
-            result[..., block] = factor**2 * outer_sums(np.concatenate(within, axis=1)) + outer_sums(beyond)
+            known = factor**2 * outer_sums(np.concatenate(within, axis=1))
+            covariances[part, ..., block] = known + outer_sums(beyond)
             traces[:, part] += [np.sum(np.square(columns)) for columns in (*within, beyond)]
-    return ModelUncertainty(position, orientation, rotation, traces / max(data.n, 1))
+    return covariances, rotation, traces / max(data.n, 1)
 
 
 def error_columns(
@@ -301,8 +287,8 @@ _RANK = 1e-12
 
 def registered_uncertainty(
     robot: Robot, fit: ModelFit, data: Measurements, registration: Fit, used: Measurements
-) -> tuple[Array, Array]:
-    """Return covariances ``(3, 3, N)`` of position (m²) and orientation (rad²), measuring frame, noise included.
+) -> Array:
+    """Return covariances ``(2, 3, 3, N)`` of position (m²) and orientation (rad²), measuring frame, noise included.
 
     Args:
         robot: The fitted robot.
@@ -323,13 +309,13 @@ def registered_uncertainty(
         crossed = crossed + np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
     inverse = scaled_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
-    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
+    covariances = np.empty((2, 3, 3, data.n))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
         changed = correlated - np.einsum("ipn,pk->ikn", columns, moved, optimize=True)
-        for result, part in ((position, slice(0, 3)), (orientation, slice(3, 6))):
+        for result, part in zip(covariances, (slice(0, 3), slice(3, 6)), strict=True):
             result[..., block] = outer_sums(changed[part]) + independent[part, part]
             result[..., block] += np.einsum("ipn,pq,jqn->ijn", columns[part], spread, columns[part], optimize=True)
-    return position, orientation
+    return covariances
 
 
 def _blocks_with_frames(
@@ -385,9 +371,9 @@ def calibrated_accuracy(
         names = np.repeat([*robot.targets][:1], configurations.n) if robot.targets else None
         poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
     data = completed(fit, poses, seed)
-    uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
-    totals = np.sum(uncertainty.shares, axis=0)
-    shares = (uncertainty.shares / np.where(totals > 0.0, totals, 1.0)).tolist()
+    covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
+    totals = np.sum(traces, axis=0)
+    shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
     budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
@@ -401,7 +387,7 @@ def calibrated_accuracy(
         notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
     return predicted(
         configurations,
-        (uncertainty.position, uncertainty.orientation),
+        [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
         budget=tuple(sorted(budget, key=lambda share: -share.position)),
@@ -477,9 +463,9 @@ def coverage(
             arm = apply_fit(registration)
             covariances[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
         else:
-            uncertainty = model_uncertainty(robot, fit, judged, measured=True)
-            variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
-            covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
+            covariances = model_uncertainty(robot, fit, judged, measured=True)[0]
+            for covariance, variance in zip(covariances, _noise_variances(fit, judged), strict=True):
+                covariance += np.eye(3)[:, :, None] * variance
         error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
     result: dict[str, Any] = {"probability": RADIUS_PROBABILITY, "registered": aligned, "orientation": None}
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
@@ -568,14 +554,14 @@ def fit_record(
     judged = random_rows(poses, _MOST_ROWS)
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
-    unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
+    unexplained = _unexplained(residual, *model_uncertainty(robot, compared, poses, measured=True), sign, noise)
     angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
     separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
     record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
     if held_out is None or poses.n < _FEWEST:
         return record
     compared = dataclasses.replace(compared, unexplained=unexplained)
-    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True), noise)
+    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True)[0], noise)
     return dataclasses.replace(record, bound_factor=factors)
 
 
@@ -654,20 +640,20 @@ def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability |
     return 0.0, 0.0
 
 
-def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
+def _unexplained(
+    residual: Array, covariances: Array, rotation: Array, traces: Array, sign: float, noise: tuple[float, float]
+) -> Array:
     """Return the covariance ``(M, M)`` of the residual beyond the known sources, in the target's frame.
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    (rows, n), local = residual.shape, uncertainty.in_target_frame()
-    remaining = _scatter(np.concatenate([rotate_back(local.rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
-    parts = (local.position, local.orientation)[: rows // 3]
-    for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
-        block = slice(3 * i, 3 * i + 3)
-        # The first share is that of the coefficients, the second that of the scatter of the joints.
-        known = shares[0] + shares[1]
-        scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
-        explained = variance * np.eye(3) + scale * np.mean(part, axis=2)
+    rows, n = residual.shape
+    remaining = _scatter(np.concatenate([rotate_back(rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
+    parts = zip(covariances[: rows // 3], noise, *traces[:2], strict=False)
+    for i, (part, variance, of_coefficients, of_scatter) in enumerate(parts):
+        block, known = slice(3 * i, 3 * i + 3), of_coefficients + of_scatter
+        scale = (of_scatter - sign * of_coefficients) / known if known > 0 else 0.0
+        explained = variance * np.eye(3) + scale * np.mean(in_tool_frame(part, rotation), axis=2)
         remaining[block, block] -= explained
         chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
         if float(np.trace(remaining[block, block])) <= chance:
@@ -695,14 +681,13 @@ def _scatter(residual: Array) -> Array:
     return np.asarray((residual * weight) @ residual.T / n)
 
 
-def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
+def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, float]) -> tuple[float, float]:
     """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance.
 
     A factor multiplies the model's standard deviations, not those of the measurement noise.
     """
     factors = [1.0, 1.0]
-    parts = (uncertainty.position, uncertainty.orientation)
-    for i, (covariance, variance) in enumerate(zip(parts[: residual.shape[0] // 3], noise, strict=False)):
+    for i, (covariance, variance) in enumerate(zip(covariances[: residual.shape[0] // 3], noise, strict=False)):
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
         for _ in range(_FACTOR_ROUNDS):
             total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]

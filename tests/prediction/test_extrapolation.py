@@ -190,8 +190,8 @@ def fitted(values: np.ndarray, covariance: np.ndarray) -> tuple[Robot, ModelFit]
 def joint_variance(second: np.ndarray, covariance: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
     """Variance of the second joint's error that the library states, from that of the orientation (a turn of 1)."""
     robot, record = fitted(np.zeros(covariance.shape[0]) if values is None else values, covariance)
-    uncertainty = model_uncertainty(robot, record, poses_at(second), measured=True)
-    return np.einsum("iin->n", uncertainty.orientation)
+    (_, orientation), _, _ = model_uncertainty(robot, record, poses_at(second), measured=True)
+    return np.einsum("iin->n", orientation)
 
 
 TRAINED = np.random.default_rng(1).uniform(LOW, HIGH, 150)

@@ -293,8 +293,6 @@ N_WORST = 5
 
 _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
-_TURNED = np.deg2rad(5.0)
-"""Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -494,7 +492,8 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
     more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
-    turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
+    # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
+    turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
     trace = "" if data.q is None else "; a trace names the probable mistake"
     causes = (

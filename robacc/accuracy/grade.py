@@ -25,7 +25,6 @@ Quantity = Literal["position", "orientation"]
 
 VERSION = "1"
 _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
-_STEP_KEYS = ("grade", "position", "orientation")
 _WIDER = "list the best grade first"
 
 
@@ -111,7 +110,9 @@ def _scale_of(document: str | yaml.Node, file: str) -> Scale:
         for key, sizes in UNITS.items()
     )
     steps: list[GradeStep] = []
-    for section in top.sections("steps", "steps", _STEP_KEYS, "a scale needs at least one step"):
+    for section in top.sections(
+        "steps", "steps", ("grade", "position", "orientation"), "a scale needs at least one step"
+    ):
         orientation = None if section.get("orientation") is None else _positive(section, "orientation") * angle
         position, name = _positive(section, "position") * length, section.text("grade", needed=True) or ""
         better = steps[-1] if steps else GradeStep("", -math.inf, 0.0)
@@ -325,7 +326,7 @@ class Grade:
         limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]
         # More digits where rounding would move the value onto or over a limit.
         factor, digits = _FACTORS[quantity.unit], 3
-        while digits < _MOST_DIGITS and not all(
+        while digits < 6 and not all(
             (float(f"{factor * quantity.value:.{digits}g}") > factor * limit * (1 + 1e-12)) == (quantity.value > limit)
             for limit in limits
         ):

@@ -40,7 +40,6 @@ LEVELS = (0.3, 0.9, 0.99)
 """Confidences of the intervals behind a curve where the errors of every pose are available."""
 _EXTRAPOLATION_QUANTILE = 1.2
 """Normal quantile, about 88 %: a curve whose outermost bound lies beyond it may be extrapolated."""
-_AROUND_LIMIT = 5.0
 _STEPS = 20
 
 
@@ -161,7 +160,7 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     # Distances of the true value above the limit, in standard errors.
-    distances = [_AROUND_LIMIT * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
+    distances = [5.0 * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
     places = [centre + distance * error for distance in distances]
     return tuple(
         (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
@@ -344,10 +343,6 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionE
 
 # Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
 
-_MOST_RECOMPUTED = 20_000
-"""With more poses, the stored interval is as good as a recomputed one and costs nothing."""
-_DIMENSIONS = {"m": "length", "rad": "angle"}
-
 
 @dataclass(frozen=True, slots=True)
 class GateFigure:
@@ -378,12 +373,13 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
     errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
-    if errors is not None and errors.groups.size <= _MOST_RECOMPUTED:
+    # With more poses, the stored interval is as good as a recomputed one and costs nothing.
+    if errors is not None and errors.groups.size <= 20_000:
         n, seed = errors.n_groups, document.get("seed") or 0
         levels = _levels(confidence)
         statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
-    return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
+    return GateFigure(number, {"m": "length", "rad": "angle"}.get(name.rpartition("_")[2], "number"), curve, n)
 
 
 def _levels(confidence: float) -> list[float]:
@@ -442,13 +438,9 @@ def difference_to_baseline(
     return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
 
 
-COVERAGE_FACTOR = 2.0
-"""Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2)."""
 MOST_OF_TOLERANCE = 0.25
 """Share of the limit above which the instrument's expanded uncertainty gives a warning: four to one, as ANSI/NCSL
 Z540.3 and the practice of ISO 14253-2 ask."""
-_NOISE_KEYS = {"length": "position_m", "angle": "orientation_rad"}
-_EXIT_STATUS: dict[Outcome, int] = {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}
 _WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
 
 
@@ -467,7 +459,7 @@ class GateOutcome:
     @property
     def exit_status(self) -> int:
         """Return the exit status of the command: 0 pass, 4 fail, 5 undecided."""
-        return _EXIT_STATUS[self.outcome]
+        return {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}[self.outcome]
 
     @property
     def warnings(self) -> tuple[str, ...]:
@@ -594,8 +586,11 @@ def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> 
     """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
     noise, noise_std = document.get("noise"), None
     if isinstance(noise, Mapping) and noise.get("source") != "residual":
-        noise_std = finite_number(noise.get(_NOISE_KEYS.get(criterion.kind, "")))
-    return None if noise_std is None or not criterion.limit else COVERAGE_FACTOR * noise_std / abs(criterion.limit)
+        noise_std = finite_number(
+            noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
+        )
+    # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
+    return None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

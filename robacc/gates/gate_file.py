@@ -22,8 +22,6 @@ Kind = Literal["length", "angle", "number", "grade", "word"]
 _STATISTICS = ("rms", "mean_error", "p95", "max")
 _STAGES = tuple(".".join(stage) + "." for stage in product(("nominal", "before", "after"), ("fitted", "held_out")))
 _QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
-_ISO = re.compile(r"iso9283(\.[A-Za-z]\w*)+")
-"""Keys of an ISO 9283 result, which depend on the criteria that its data support."""
 
 _KEYS_OF_QUANTITY: tuple[tuple[str, Kind | None], ...] = (
     *((f"{place}*.{name}", None) for name in _STATISTICS for place in ("", "unaligned.", *_STAGES)),
@@ -56,7 +54,8 @@ LARGER_IS_BETTER = frozenset(
 
 def is_known(key: str) -> bool:
     """Return whether the result of a command can have the key."""
-    return key in KEYS or _ISO.fullmatch(key) is not None
+    # Keys of an ISO 9283 result, which depend on the criteria that its data support.
+    return key in KEYS or re.fullmatch(r"iso9283(\.[A-Za-z]\w*)+", key) is not None
 
 
 def nearest_key(key: str) -> str:
@@ -129,10 +128,6 @@ class Gate:
 
 
 VERSION = "1"
-DEFAULT_CONFIDENCE = 0.95
-DEFAULT_SHARE = 0.95
-"""Share of all poses that must lie within the limit of a largest error."""
-_TOP = ("robacc_gate", "name", "confidence", "criteria")
 _KEYS = (
     *("name", "key", "limit", "at_least", "rule", "confidence", "false_accept_risk", "false_reject_risk"),
     *("share", "baseline", "paired", "reason"),
@@ -157,9 +152,9 @@ def load_gate(text: str, file: str) -> Gate:
     """
     from robacc.io.yaml_nodes import top_section
 
-    top = top_section(text, file, _TOP)
+    top = top_section(text, file, ("robacc_gate", "name", "confidence", "criteria"))
     top.text("robacc_gate", (VERSION,), needed=True)
-    name, confidence = top.text("name", needed=True), _between(top, "confidence", DEFAULT_CONFIDENCE)
+    name, confidence = top.text("name", needed=True), _between(top, "confidence", 0.95)
     criteria: list[GateCriterion] = []
     for section in top.sections(
         "criteria", "criteria", _KEYS, "the list is empty; a gate needs at least one criterion"
@@ -260,7 +255,8 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
     if rule in ("guard_band", "guarded_rejection"):
         confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)
-    share, paired = _between(section, "share", DEFAULT_SHARE), section.text("paired", ("true", "false"))
+    # Share of all poses that must lie within the limit of a largest error.
+    share, paired = _between(section, "share", 0.95), section.text("paired", ("true", "false"))
     if len(source.problems) > n_problems or reason is None:
         return None
     return GateCriterion(

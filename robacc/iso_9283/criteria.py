@@ -353,14 +353,9 @@ def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 # Length of a mean vector with its interval: the distance between barycentres.
 
-_NONCENTRAL = "noncentral: the true distances under which the measured distance is likely, scatter as between visits"
 _BISECTIONS = 60
-_ACCURACY = 1e-7
-"""Relative accuracy of a limit."""
 _SMALLEST_PROBABILITY = 1e-15
 """Probabilities are clipped to at least this, and to at most its complement."""
-_FAR_FROM_ZERO = 20.0
-"""Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800)."""
 
 
 def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstimate:
@@ -379,7 +374,8 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
     if not np.any(variances > 0.0):
         return IntervalEstimate(value, partial(Interval.exact, value))
     components = axes.T @ difference
-    if value**2 > _FAR_FROM_ZERO**2 * float(np.sum(variances)):
+    # Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800).
+    if value**2 > 20.0**2 * float(np.sum(variances)):
         return student(value, math.sqrt(float(np.sum(variances * components**2))) / value, dof)
 
     def limit(probability: float) -> float:
@@ -394,7 +390,8 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
             return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
-        return root(excess, 0.0, furthest, _ACCURACY) if excess(0.0) < 0.0 < excess(furthest) else 0.0
+        # Relative accuracy of a limit.
+        return root(excess, 0.0, furthest, 1e-7) if excess(0.0) < 0.0 < excess(furthest) else 0.0
 
     def interval_at(confidence: float) -> Interval:
         below, above, bound = tails(confidence)
@@ -402,7 +399,13 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         # scatter along the longest axis bounds it from below.
         longest = math.sqrt(float(variances[0]))
         upper, top = (max(limit(1.0 - p), value, longest * student_quantile(p, dof)) for p in (above, bound))
-        return Interval(limit(1.0 - below), upper, top, confidence, _NONCENTRAL)
+        return Interval(
+            limit(1.0 - below),
+            upper,
+            top,
+            confidence,
+            "noncentral: the true distances under which the measured distance is likely, scatter as between visits",
+        )
 
     return IntervalEstimate(value, interval_at)
 
@@ -427,9 +430,6 @@ def _likeliest_mean(components: Array, variances: Array, length: float) -> Array
 
 DELTA = "delta method, normal"
 _DRAWS = 4000
-_PIVOT = f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws"
-_MAX_FOR_BOOTSTRAP = 300
-"""With more visits, the delta method's error is far below the scatter of the draws."""
 
 
 def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEstimate:
@@ -443,7 +443,8 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
         return without_interval(value, FEW_VISITS)
     if not np.any(lengths > 0.0):
         return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
-    if n > _MAX_FOR_BOOTSTRAP:
+    # With more visits, the delta method's error is far below the scatter of the draws.
+    if n > 300:
         # Influence of a visit on mean + 3 S: its length, and 3 times its part of dS = d(S^2) / (2 S).
         influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / length_std if length_std > 0.0 else lengths
         return student(value, float(np.std(influence, ddof=1)) / math.sqrt(n), math.inf, DELTA)
@@ -458,7 +459,13 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
 
     def interval_at(confidence: float) -> Interval:
         low, high, top = (value / ratio for ratio in quantiles(ratios, [1.0 - p for p in tails(confidence)]))
-        return Interval(low, high, top, confidence, _PIVOT)
+        return Interval(
+            low,
+            high,
+            top,
+            confidence,
+            f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws",
+        )
 
     return IntervalEstimate(value, interval_at)
 
@@ -573,8 +580,6 @@ def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-_MAX_APPROACHES = 8
-"""Largest number of approach directions at a pose; more are random moves."""
 _SAME_COMMAND = 1e-6
 """m: commanded positions closer than this are the same."""
 
@@ -619,7 +624,8 @@ def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Chara
         moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
         approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
         names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
-        if len(names) > _MAX_APPROACHES:
+        # Largest number of approach directions at a pose; more are random moves.
+        if len(names) > 8:
             why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
         elif len(names) > 1:
             rows = [moving[index.ravel() == i] for i in range(len(names))]
@@ -754,8 +760,6 @@ def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEst
 
 MIN_WINDOW_VISITS = 3
 """Smallest number of visits in a window: RP of two visits is almost entirely chance."""
-USUAL_WINDOW_VISITS = 10
-MAX_WINDOWS = 10
 
 
 def drift(
@@ -765,7 +769,7 @@ def drift(
 
     Poses with fewer than three visits in each window are left out.
     """
-    counts = [(pose, windows or min(max(pose.n // USUAL_WINDOW_VISITS, 2), MAX_WINDOWS)) for pose in poses]
+    counts = [(pose, windows or min(max(pose.n // 10, 2), 10)) for pose in poses]
     divided = [
         (pose, np.array_split(np.arange(pose.n), count))
         for pose, count in counts

@@ -49,10 +49,6 @@ _AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
 _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
 _LOADS = (1.0, 0.1)
-_VELOCITIES = (1.0, 0.5, 0.1)
-_NO_DIRECTION = "approach directions are not known; `ordered` derives them from the rows"
-_MAX_UNCERTAINTY_SHARE = 0.25
-"""Largest measuring uncertainty as a fraction of the criterion."""
 
 Finding = tuple[Status, str]
 """Whether a condition is met, and the reason."""
@@ -95,7 +91,15 @@ def protocol(
         ("diagonal plane", "6.8", diagonal),
         ("10 % from the corners", "6.8", corner_distance),
         ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not met", cycles)),
-        ("one approach", "7.2", logged("direction", _NO_DIRECTION, lambda _: _one_approach(poses))),
+        (
+            "one approach",
+            "7.2",
+            logged(
+                "direction",
+                "approach directions are not known; `ordered` derives them from the rows",
+                lambda _: _one_approach(poses),
+            ),
+        ),
         ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
     return tuple(Condition(name, clause, *finding) for name, clause, finding in findings)
@@ -120,7 +124,8 @@ def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
     reason = (
         f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
-    return "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason
+    # Largest measuring uncertainty as a fraction of the criterion.
+    return "met" if share <= 0.25 else "not met", reason
 
 
 def _load(loads: list[Array], rated: float | None) -> Finding:
@@ -145,7 +150,7 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
     if np.ptp(fastest) > _STEP_TOLERANCE:
         extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
         return "not met", f"the fastest joint's speed varies {extent}"
-    return _rated_share(float(fastest.mean()), _VELOCITIES, "the fastest joint's last motion", "velocity")
+    return _rated_share(float(fastest.mean()), (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")
 
 
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
@@ -189,8 +194,6 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
     return "not met", f"{names} approached from several directions: AP and RP include vAP"
 
 
-_HEAVY_TAIL_P_VALUE = 0.01
-"""p-value below which a note says that the scatter is not Gaussian."""
 _SAME_COMMAND = 1e-6
 """m: commands of a pose that differ by less are equal."""
 _MAX_POSES = 300
@@ -368,7 +371,8 @@ def _heavy_tails(poses: Sequence[CommandedPose]) -> str:
         if values[0] > 1e-12 * values[-1]:
             sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
-    if test is None or test.p_value is None or test.p_value > _HEAVY_TAIL_P_VALUE:
+    # p-value below which a note says that the scatter is not Gaussian.
+    if test is None or test.p_value is None or test.p_value > 0.01:
         return ""
     return (
         f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "

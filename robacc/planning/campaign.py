@@ -105,12 +105,6 @@ ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
 MOST_POSES = 2000
 RATIOS = (0.5, 0.6, 0.7, 0.8, 0.9)
-EXPECTED_RATIO = 0.8
-"""True value over the limit for which the number is planned, if no expected value is given."""
-_REPRESENTED = 500
-"""Poses, drawn at random, that stand for all in the mean distance."""
-_PERCENTILE_COST = 2.4
-"""Variance of order statistics relative to that of a Gaussian's radius, as in the decision on a gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +126,8 @@ def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
     It decides with probability 0.9 if the true value is ``expected``, and so do the numbers for other true values; None
     where more than :data:`MOST_POSES` are needed.
     """
-    ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
+    # True value over the limit for which the number is planned, if no expected value is given.
+    ratio = 0.8 if expected is None else expected / demand.limit
     by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
     return {
         "name": demand.label,
@@ -149,7 +144,8 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
     """Return the number of poses that decides if the true value is ``ratio`` times the limit, below or above it."""
     is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
-        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
+        # Variance of order statistics relative to that of a Gaussian's radius, as in the decision on a gate.
+        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), 2.4
     elif demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
 
@@ -174,7 +170,8 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
     n = q.shape[1]
     if count >= n:
         return np.arange(n)
-    sample = np.random.default_rng([seed, 3]).permutation(n)[:_REPRESENTED]
+    # Poses, drawn at random, that stand for all in the mean distance.
+    sample = np.random.default_rng([seed, 3]).permutation(n)[:500]
     spaces = []
     mean_distance, to_chosen = np.zeros(n), np.zeros(n)
     for space in (position, q):
@@ -202,10 +199,6 @@ DEFAULT_FIT: dict[Purpose, str] = {
 }
 DEFAULT_POSES: dict[Purpose, int] = {"calibrate": 30, "trace": 60, "acceptance": 60, "health": 8}
 DEFAULT_CANDIDATES = 5000
-TYPICAL_NOISE = 2e-5
-"""m; a laser tracker at some metres."""
-TYPICAL_REPEATABILITY = 2e-5
-"""m along each axis; an arm with a stated pose repeatability (mean + 3 sd of the distance) of about 0.08 mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,13 +353,15 @@ def expected_noise(
     if position is None and record is not None and record.noise[0] > 0.0:
         position, sources = record.noise[0], ["noise of the model's fit"]
     elif position is None:
-        position, sources = TYPICAL_NOISE, ["typical laser tracker"]
+        # m; a laser tracker at some metres.
+        position, sources = 2e-5, ["typical laser tracker"]
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
         joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
         sources += ["repeatability of the model's fit"] if record.repeatability else []
     else:
-        joints = joint_repeatability(model, task, TYPICAL_REPEATABILITY if size is None else size)
+        # m along each axis; an arm with a stated pose repeatability (mean + 3 sd of the distance) of about 0.08 mm.
+        joints = joint_repeatability(model, task, 2e-5 if size is None else size)
         sources.append("typical arm" if size is None else "given repeatability")
     unexplained = settings.unexplained
     if record is not None and not unexplained:
@@ -443,10 +438,6 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
         speed=data.speed if is_logged else np.zeros_like(data.q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
-
-
-_TASK_STREAM = 6
-"""Random numbers of the task's approaches, apart from those of the candidates."""
 
 
 def plan_campaign(
@@ -578,7 +569,8 @@ def _task(
     if q is None:
         raise UsageError("the poses of the task have no joint columns")
     payload = None if stated is None else stated.payload
-    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
+    # Random numbers of the task's approaches, apart from those of the candidates.
+    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
 
 
 def _count(

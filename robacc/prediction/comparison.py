@@ -229,9 +229,6 @@ def _triangles(
 DRAWS = 1999
 """Samples of the likelihood ratio's null distribution; a p-value is a multiple of 1/2000, its error at 5 % is 0.5 %."""
 SIGNIFICANT = 0.05
-_GRIDS = (np.linspace(-14.0, 14.0, 57), *(0.5**power * np.linspace(-1.0, 1.0, 9) for power in range(1, 15, 2)))
-"""Grids of log s², the first over a factor of a million in variance, each of the others about the best of those before:
-the first locates the highest of possibly several maxima."""
 
 
 def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
@@ -335,7 +332,9 @@ def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
 
     best = np.zeros((y.shape[0], 1))
     at_prediction = log_likelihood(best)[:, 0]
-    for grid in _GRIDS:
+    # Grids of log s², the first over a factor of a million in variance, each of the others about the best of those
+    # before: the first locates the highest of possibly several maxima.
+    for grid in (np.linspace(-14.0, 14.0, 57), *(0.5**power * np.linspace(-1.0, 1.0, 9) for power in range(1, 15, 2))):
         values = log_likelihood(best + grid)
         best = best + grid[np.argmax(values, axis=1)][:, None]
     # s² = 0, no effect of the parameters, is a limit that the grid cannot reach.
@@ -523,12 +522,6 @@ def _unidentified_reason(names: Sequence[str], information: Array, index: int, d
     return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"
 
 
-_MIN_REGISTERED_POSES = 3
-"""With fewer poses, base and tool absorb everything that was measured."""
-_HINT_FACTOR = 20.0
-"""Errors larger than the prediction by this factor come from frames or units, not from tolerances."""
-
-
 @dataclass(frozen=True, slots=True)
 class MeasuredComparison:
     """Result of :func:`compare_with_measured`."""
@@ -591,14 +584,16 @@ def compare_with_measured(
         raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
-    if alignment is not None and data.n < _MIN_REGISTERED_POSES:
+    # With fewer poses, base and tool absorb everything that was measured.
+    if alignment is not None and data.n < 3:
         message = f"fitting frames to {data.n} poses leaves no errors to compare"
         raise InputError(Problem(message, data.source, fix="measure more poses, or leave out `align`"))
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)
     hint = None
-    if scale is not None and scale["factor"] >= _HINT_FACTOR:
+    # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
+    if scale is not None and scale["factor"] >= 20.0:
         hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'

@@ -164,8 +164,6 @@ def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
 _SAMPLES = 200
 _SHARE = 0.1
 """Share of a range beyond its end at which nothing of the effect is known any more."""
-_WAVES = 64
-"""Pairs of waves that make up a process."""
 _COLUMNS = {"time_s": "time", "temperature_c": "temperature", "payload_kg": "payload"}
 
 
@@ -233,7 +231,8 @@ def _difference_waves(places: Array) -> Array:
     ratio, count = 2.0, len(places)
     for _ in range(50):
         ratio = (1.0 + ratio) ** (1.0 / (count + 1))
-    points = np.modf(0.5 + np.outer(np.arange(_WAVES), ratio ** -np.arange(1.0, count + 1)))[0]
+    # Pairs of waves that make up a process.
+    points = np.modf(0.5 + np.outer(np.arange(64), ratio ** -np.arange(1.0, count + 1)))[0]
     frequencies = [[normal_quantile(float(value)) for value in row] for row in np.clip(points, 1e-6, 1.0 - 1e-6)]
     phase = np.tensordot(np.array(frequencies), places / (0.5 * _SHARE), axes=1)
     waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
@@ -280,9 +279,6 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
 # Errors of the coefficients, and of effects beyond their ranges, are the same functions of the joints at all poses.
 # Their columns G change to G_i - A_i N^-1 A^T W G. Scatter of the joints, unexplained error and noise are independent
 # from pose to pose.
-
-_RANK = 1e-12
-"""Eigenvalue of the scaled normal matrix, over the largest, below which a direction of the frames is not fitted."""
 
 
 def registered_uncertainty(
@@ -346,7 +342,8 @@ def scaled_inverse(normal: Array) -> Array:
     """Return the inverse of a normal matrix without its undetermined directions."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
-    kept = values > _RANK * values[-1]
+    # Eigenvalue of the scaled normal matrix, over the largest, below which a direction of the frames is not fitted.
+    kept = values > 1e-12 * values[-1]
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T * scale[:, None] * scale)
 
 
@@ -481,14 +478,8 @@ def coverage(
 
 # Record of a fit for its model file, from the fit and its held-out residuals.
 
-_DOUBT = 2.6
-"""Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_FACTOR_ROUNDS = 4
-"""Updates of a factor: its bounds contain the noise, which it does not multiply."""
-_LEAST_SURPLUS = 0.2
-"""Least surplus of measured values over coefficients without a group, as a share of all values."""
 _MANY = 200
 """Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
 _MOST_ROWS = 20_000
@@ -580,7 +571,8 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     )
     coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
     effective = float(coefficients) / (different(visited[fit.inliers]) * rows)
-    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, _LEAST_SURPLUS))
+    # Least surplus of measured values over coefficients without a group, as a share of all values.
+    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, 0.2))
 
 
 def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
@@ -689,14 +681,17 @@ def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, floa
     factors = [1.0, 1.0]
     for i, (covariance, variance) in enumerate(zip(covariances[: residual.shape[0] // 3], noise, strict=False)):
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
-        for _ in range(_FACTOR_ROUNDS):
+        # Updates of a factor: its bounds contain the noise, which it does not multiply.
+        for _ in range(4):
             total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
             radius = length_quantiles(RADIUS_PROBABILITY, principal_variances(total))
             ratio = np.sort(length[radius > 0] / radius[radius > 0])
             n = ratio.size
             chance = math.sqrt(RADIUS_PROBABILITY * (1.0 - RADIUS_PROBABILITY) / max(n, 1))
             surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
-            if n < _FEWEST or (n < _MANY and surplus <= _DOUBT * chance):
+            # Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p =
+            # 0.01).
+            if n < _FEWEST or (n < _MANY and surplus <= 2.6 * chance):
                 break
             factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])
     return factors[0], factors[1]

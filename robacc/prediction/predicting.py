@@ -535,8 +535,6 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # with a large share are tightened most; no tolerance is widened.
 
 _SOLVED = 1e-12
-_SPARE = 5e-4
-"""Relative distance below the square of a limit that the allocation aims at."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -578,9 +576,8 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
-        target_variances = np.where(
-            excess > 1.0, target_variances / np.square(excess) * (1.0 - _SPARE), target_variances
-        )
+        # Relative distance below the square of a limit that the allocation aims at.
+        target_variances = np.where(excess > 1.0, target_variances / np.square(excess) * (1.0 - 5e-4), target_variances)
     needed = tuple(zip(prediction.parameters, (parameter.sd for parameter in verified.parameters), strict=True))
     return Allocation(grade, needed, uniform_factor, verified, bool(np.max(excess) <= 1.0))
 
@@ -609,9 +606,6 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
 
 
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.
-
-_ACROSS = 10
-"""Approximate number of voxels along the longest side of the workspace, where no edge is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -642,7 +636,8 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     """
     if edge is None:
         # 1, 2 or 5 times a power of ten.
-        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
+        # Approximate number of voxels along the longest side of the workspace, where no edge is given.
+        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / 10, 1e-3)
         power = 10.0 ** math.floor(math.log10(wanted))
         edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
     voxels, number = np.unique(np.floor(position / edge).astype(np.int64), axis=1, return_inverse=True)

@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.errors import InputError, Note, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
@@ -161,10 +161,8 @@ def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> 
     Raises:
         UsageError: The frame is "tool", but no orientation was commanded.
     """
-    if frame == "tool" and not commanded.oriented:
-        raise UsageError(
-            "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
-        )
+    missing = "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
+    refuse((frame == "tool" and not commanded.oriented, missing))
     position = np.empty((3, data.n))
     rotation = np.empty((3, data.n)) if data.rotation is not None and commanded.oriented else None
     for start in range(0, data.n, _BLOCK):
@@ -421,8 +419,8 @@ def estimate(
 
 def check_confidence(confidence: float) -> None:
     """Raise UsageError if the confidence is not in [0.5, 1)."""
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
+    text = f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"
+    refuse((not 0.5 <= confidence < 1.0, text))
 
 
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:

@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -225,11 +225,14 @@ def propose(
         InputError: No cube fits, or a prismatic joint has no limits.
         UsageError: The robot has no such target, or the edge is not a length above zero.
     """
-    if edge is not None and not 0.0 < edge < math.inf:
-        raise UsageError(f"the cube's edge is a length above 0, not {edge:g} m")
-    if target is not None and target not in robot.targets:
-        names = ", ".join(robot.targets) or "one tool without a name"
-        raise UsageError(f"no target {target!r}; the robot file has {names}")
+    names = ", ".join(robot.targets) or "one tool without a name"
+    refuse(
+        (
+            edge is not None and not 0.0 < edge < math.inf,
+            f"the cube's edge is a length above 0, not {edge or 0.0:g} m",
+        ),
+        (target is not None and target not in robot.targets, f"no target {target!r}; the robot file has {names}"),
+    )
     name = target or next(iter(robot.targets), None)
     tool = robot.tool if name is None else robot.targets[name]
     # In the base's axes, to which the cube's edges are parallel.

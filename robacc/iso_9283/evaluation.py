@@ -16,7 +16,7 @@ from robacc.accuracy.estimation import (
     register,
     too_far,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
 from robacc.iso_9283.criteria import (
@@ -227,7 +227,7 @@ def iso9283(
         InputError: The data lack something that the call needs.
     """
     check_confidence(confidence)
-    mistakes = (
+    refuse(
         (not files, "no file of measured poses is given; give at least one"),
         (
             windows is not None and windows < 2,
@@ -237,10 +237,11 @@ def iso9283(
             rated_load is not None and not 0.0 < rated_load < np.inf,
             f"`rated_load` is above 0 kg, not {rated_load or 0:g}",
         ),
+        (
+            bool(align) and robot is None and any(data.commanded_position is None for data in files),
+            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z",
+        ),
     )
-    for applies, message in mistakes:
-        if applies:
-            raise UsageError(message)
     names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
@@ -259,10 +260,6 @@ def iso9283(
     ]
     if problems:
         raise InputError(problems)
-    if align and robot is None and any(data.commanded_position is None for data in files):
-        raise UsageError(
-            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-        )
     alignments = [register(data, robot, align) for data in files] if align else []
     poses_by_file = nominal_poses
     # Registered robots were measured in different frames: positions move from the registered to the nominal base.

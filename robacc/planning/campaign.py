@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
@@ -368,8 +368,8 @@ def expected_noise(
         variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
         unexplained = math.sqrt(max(variance - (0.0 if record.noise_is_separate else record.noise[0] ** 2), 0.0))
         sources += ["unexplained error of the model's fit"] if unexplained else []
-    if position == 0.0 and unexplained == 0.0:
-        raise UsageError("`noise` is zero; give the standard deviation of the instrument along each axis")
+    no_noise = "`noise` is zero; give the standard deviation of the instrument along each axis"
+    refuse((position == 0.0 and unexplained == 0.0, no_noise))
     return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
 
 
@@ -585,10 +585,9 @@ def _count(
             f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
         )
     count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
-    if count > candidates.n:
-        most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
-        number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
-        raise UsageError(f"{count} poses are planned, but {number}{most}")
+    most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
+    number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
+    refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
     return int(count)
 
 
@@ -597,11 +596,8 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
     n, region = candidates.n_poses, settings.region
     position, q = candidates.position[:, :n], candidates.q[:, :n]
     allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
-    if allowed.size < count:
-        raise UsageError(
-            f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-            "give a larger region or more `candidates`"
-        )
+    text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+    refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
     return allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)] + n * (
         np.arange(count) % candidates.n_payloads
@@ -615,8 +611,7 @@ def _validation(model: Model, conditions: Conditions, settings: CampaignSettings
         return None
     constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
     pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
-    if pool.n < count:
-        raise UsageError(f"only {pool.n} of {count} validation poses are feasible")
+    refuse((pool.n < count, f"only {pool.n} of {count} validation poses are feasible"))
     q, payload = pool.q[:, :count], conditions.in_turn(count)
     visits = route(q, payload, 0, 0, settings.seed).visits
     ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])

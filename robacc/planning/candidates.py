@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -111,8 +111,7 @@ def parse_box(text: str, name: str) -> Zone:
             raise UsageError(f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}")
         axis, *sides = match.groups()
         low, high = (length(side, name) if side.strip() else end for side, end in zip(sides, ends[axis], strict=True))
-        if low >= high:
-            raise UsageError(f"`{name}`: {axis} ends before it begins in {text!r}")
+        refuse((low >= high, f"`{name}`: {axis} ends before it begins in {text!r}"))
         ends[axis] = low, high
     lows, highs = np.array([*ends.values()]).T
     return Zone(np.concatenate((np.eye(3), -np.eye(3))), np.concatenate((highs, -lows)), text)
@@ -133,8 +132,7 @@ def parse_half_space(text: str, name: str) -> Zone:
     for product in products:
         normal[_AXES.index(product[3])] += side * float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
     size = float(np.linalg.norm(normal))
-    if size == 0.0:
-        raise UsageError(f"`{name}`: {text!r} names no direction")
+    refuse((size == 0.0, f"`{name}`: {text!r} names no direction"))
     return Zone(normal[None] / size, np.array([side * length(match[3], name) / size]), text)
 
 
@@ -155,16 +153,14 @@ def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float
         UsageError: The text is not that, or the farthest is not beyond the nearest.
     """
     near, far = _lengths(text, name, ":", "nearest and farthest such as 0.5:15", 2)
-    if not 0 <= near < far:
-        raise UsageError(f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}")
+    refuse((not 0 <= near < far, f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}"))
     return near, far
 
 
 def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
     """Return so many lengths, m."""
     parts = text.split(separator) if isinstance(text, str) else text
-    if len(parts) != count:
-        raise UsageError(f"`{name}`: expected {expected}, found {text!r}")
+    refuse((len(parts) != count, f"`{name}`: expected {expected}, found {text!r}"))
     return [length(part, name) for part in parts]
 
 
@@ -479,20 +475,21 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     if not payloads and any(effect.missing(arm, bare) and not effect.missing(arm, loaded) for effect in fixed):
         payloads = (0.0,)
     is_warm = any(effect.missing(arm, bare) and not effect.missing(arm, warm) for effect in fixed)
-    # Degrees Celsius; where a known effect of the model depends on the temperature.
-    result = Conditions(payloads, 20.0 if is_warm else None, seed)
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
-        if (reason := effect.missing(arm, planned)) is not None:
-            if effect.missing(arm, loaded):
-                raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
-            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
-    if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
-        raise UsageError(
-            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
-            "add payload_compliance to `fit`, or give the payload of this campaign alone"
+        reason, needs_loads = effect.missing(arm, planned), effect.missing(arm, loaded) is None
+        refuse(
+            (reason and needs_loads, f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5"),
+            (reason, f"`fit`: {effect.name} cannot be planned: {reason}; leave it out"),
         )
-    return result
+    refuse(
+        (
+            is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free),
+            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
+            "add payload_compliance to `fit`, or give the payload of this campaign alone",
+        )
+    )
+    return Conditions(payloads, 20.0 if is_warm else None, seed)
 
 
 # Joints outside the chain in a plan: they stand still at their positions of the robot file.

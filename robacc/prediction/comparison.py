@@ -15,8 +15,9 @@ from typing import Any, Literal
 
 import numpy as np
 
+from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting import registration
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
@@ -578,10 +579,9 @@ def compare_with_measured(
     if data.q is None:
         message = "has no joint columns: the comparison needs the joint values"
         raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
-    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
-        raise UsageError("`noise` is a standard deviation above 0")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
+    is_noise = [value is None or (math.isfinite(value) and value > 0.0) for value in noise]
+    refuse((not all(is_noise), "`noise` is a standard deviation above 0"))
+    check_confidence(confidence)
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     # With fewer poses, base and tool absorb everything that was measured.

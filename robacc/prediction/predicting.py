@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.chain import BASE, TOOL, Chain, Scalar
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, compose, transpose
 from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
@@ -239,8 +239,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         UsageError: ``n`` is less than one, or the robot has no such target.
         InputError: A prismatic joint has no limits.
     """
-    if n < 1:
-        raise UsageError(f"`samples` is at least 1, not {n}")
+    refuse((n < 1, f"`samples` is at least 1, not {n}"))
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
@@ -249,9 +248,8 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         notes.append(f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn")
     name = next(iter(robot.targets), None) if target is None else target
     if name is not None:
-        if name not in robot.targets:
-            known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
-            raise UsageError(f"no target {name!r}; the robot file {known}")
+        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+        refuse((name not in robot.targets, f"no target {name!r}; the robot file {known}"))
         if len(robot.targets) > 1 and target is None:
             notes.append(
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
@@ -517,8 +515,7 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
         UsageError: The scale has no step of that name.
     """
     limits = {step.grade: (step.position, step.orientation) for step in scale.steps}
-    if grade not in limits:
-        raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}")
+    refuse((grade not in limits, f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}"))
     return limits[grade]
 
 

@@ -26,8 +26,7 @@ from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, visits_in_order
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import completed, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot

@@ -70,8 +70,7 @@ from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
-from robacc.prediction.model_fit import model_fit
-from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage
+from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
 from robacc.prediction.predicting import (
     NORMAL,
     Allocation,

@@ -27,8 +27,7 @@ from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import model_fit
-from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_uncertainty
+from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile

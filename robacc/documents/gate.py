@@ -27,12 +27,11 @@ from robacc.documents.keys import (
 )
 from robacc.documents.parts import INPUT
 from robacc.errors import InputError, Problem
-from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of
 from robacc.statistics.intervals import ASSURANCE
 
 if TYPE_CHECKING:
-    from robacc.gates.evaluate import GateOutcome
+    from robacc.gates import CriterionEvaluation, Gate, GateCriterion, GateOutcome
 
 _UNITS = {"length": "m", "angle": "rad"}
 
@@ -41,6 +40,12 @@ def _limit(criterion: GateCriterion) -> list[str] | str | float | None:
     if not criterion.accepted:
         return criterion.limit
     return list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+
+
+def _rule_text(evaluation: CriterionEvaluation) -> str:
+    from robacc.gates import RULES
+
+    return RULES[evaluation.criterion.rule]
 
 
 OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
@@ -82,7 +87,7 @@ GATE_RESULT = part(
                         "rule_text": Key(
                             text,
                             "Description of the rule, with its source.",
-                            lambda evaluation: RULES[evaluation.criterion.rule],
+                            _rule_text,
                         ),
                         "confidence": Key(
                             share | None,
@@ -205,6 +210,8 @@ def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
     Raises:
         InputError: One of the files cannot be read, is not a gate, or is not a result.
     """
+    from robacc.gates import load_gate
+
     gate = load_gate(read_text(path), path)
     records = [InputFile.at(path, sha256_of(path), "gate")]
     baselines = {}

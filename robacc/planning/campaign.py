@@ -65,8 +65,7 @@ from robacc.planning.expected import (
     with_targets,
     worth_of,
 )
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import scaled_inverse
+from robacc.prediction.model_uncertainty import ModelFit, model_fit, scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
 from robacc.statistics.intervals import smallest_sufficient

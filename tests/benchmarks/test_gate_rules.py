@@ -12,8 +12,7 @@ import numpy as np
 import pytest
 
 from robacc.accuracy.error_statistics import satterthwaite, second_moment
-from robacc.gates.evaluate import LEVELS, BoundCurve, CriterionEvaluation, decide, decide_largest
-from robacc.gates.gate_file import RULES, GateCriterion, Rule
+from robacc.gates import LEVELS, RULES, BoundCurve, CriterionEvaluation, GateCriterion, Rule, decide, decide_largest
 
 LIMIT, POSES, ARMS = 1.0, 60, 1000
 SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)

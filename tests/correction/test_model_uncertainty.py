@@ -15,8 +15,7 @@ from robacc.comparison.paired_targets import Promise, PromisedNoise, paired_targ
 from robacc.effects.specification import with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import coverage, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, coverage, model_fit, model_uncertainty
 from robacc.render.plots.canvas import as_part
 from robacc.render.plots.results import chart_of
 from robacc.robots.description import Frame, Robot

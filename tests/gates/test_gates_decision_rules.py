@@ -10,16 +10,17 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals, satterthwaite, second_moment
-from robacc.gates.evaluate import (
+from robacc.gates import (
     LEVELS,
     BoundCurve,
     CriterionEvaluation,
+    GateCriterion,
+    Rule,
     decide,
     decide_largest,
     difference_curve,
     poses_to_decide,
 )
-from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
 from robacc.statistics.intervals import ASSURANCE, Interval, chi2_interval
 

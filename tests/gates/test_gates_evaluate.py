@@ -15,13 +15,7 @@ from robacc.comparison.stored_results import NoValueError, errors_behind, value_
 from robacc.documents.accuracy import GRADE
 from robacc.documents.gate import gate_document
 from robacc.documents.parts import STATISTICS
-from robacc.gates.evaluate import (
-    CriterionEvaluation,
-    GateOutcome,
-    evaluate_gate,
-    figure_at,
-)
-from robacc.gates.gate_file import load_gate
+from robacc.gates import CriterionEvaluation, GateOutcome, evaluate_gate, figure_at, load_gate
 from robacc.io.json_text import json_text
 
 N = 80

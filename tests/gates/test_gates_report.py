@@ -11,8 +11,7 @@ import pytest
 from commands import missing
 
 from robacc.documents.gate import gate_document
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, Outcome
-from robacc.gates.gate_file import Gate, GateCriterion
+from robacc.gates import CriterionEvaluation, Gate, GateCriterion, GateOutcome, Outcome
 from robacc.outcomes import FileOutcome
 from robacc.render.views.elements import draw
 from robacc.render.views.gate import (

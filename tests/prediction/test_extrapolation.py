@@ -15,8 +15,7 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import _scatter, beyond_columns, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, _scatter, beyond_columns, model_uncertainty
 from robacc.prediction.predicting import outer_sums
 from robacc.robots.description import Robot
 

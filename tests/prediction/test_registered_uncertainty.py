@@ -17,8 +17,7 @@ from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict, residuals
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import coverage, model_uncertainty, registered_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, coverage, model_uncertainty, registered_uncertainty
 from robacc.robots.description import Robot
 
 LOW, HIGH, SIZE = -0.6, 0.4, 3e-4

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import UsageError
@@ -179,17 +179,6 @@ class QuantityGrade:
 
 
 @dataclass(frozen=True, slots=True)
-class NextGrade:
-    """Next better grade, and the reduction of each statistic that it requires (0: none)."""
-
-    grade: str
-    position: float
-    """m"""
-    orientation: float | None
-    """rad; None where orientation is not graded"""
-
-
-@dataclass(frozen=True, slots=True)
 class Grade:
     """Grade of position and orientation together, its basis and what limits it.
 
@@ -239,13 +228,14 @@ class Grade:
         return tuple(name for name, own in self.quantities.items() if own.grade == self.grade and self.rank > 0)
 
     @property
-    def next(self) -> NextGrade | None:
-        """Next better grade; None at the best."""
+    def next(self) -> Mapping[str, Any] | None:
+        """Next better grade and the distances to its limits, with the keys of the result; None at the best."""
         if self.rank == 0:
             return None
         step = self.scale.steps[self.rank - 1]
         excess = {name: max(0.0, own.value - (step.limit(name) or math.inf)) for name, own in self.quantities.items()}
-        return NextGrade(step.grade, excess["position"], excess.get("orientation"))
+        distances = {"position_excess_m": excess["position"], "orientation_excess_rad": excess.get("orientation")}
+        return {"grade": step.grade, **distances}
 
     @property
     def probabilities(self) -> tuple[tuple[str, float], ...]:
@@ -305,10 +295,10 @@ class Grade:
         if self.orientation is None:
             sentences.append("orientation was not measured, so the grade covers position only")
         if following is not None:
-            excesses = zip(own, (following.position, following.orientation), strict=False)
-            missing = [f"{_amount(excess, own[name].unit)} less in {name}" for name, excess in excesses if excess]
+            excesses = {name: following[f"{name}_excess_{quantity.unit}"] for name, quantity in own.items()}
+            missing = [f"{_amount(size, own[name].unit)} less in {name}" for name, size in excesses.items() if size]
             limited_by = " and ".join(self.limited_by)
-            sentences.append(f"limited by {limited_by}: grade {following.grade} needs {' and '.join(missing)}")
+            sentences.append(f"limited by {limited_by}: grade {following['grade']} needs {' and '.join(missing)}")
         at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
         known = [(name, quantity.interval.upper_bound, quantity.unit) for name, quantity in own.items()]
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)

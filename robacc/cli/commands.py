@@ -184,7 +184,7 @@ def predict(
         write(warranty_map, (result.map_csv(voxel),))
     if per_pose is not None:
         write(per_pose, (result.per_pose_csv(),))
-    source = "" if result.comparison is None else result.comparison.source
+    source = "" if result.comparison is None else result.measured.source or "the data"
     deliver(outlets, result, lambda stream: draw(prediction_view(result.payload(), source, "full"), stream))
 
 

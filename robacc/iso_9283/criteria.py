@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from itertools import combinations, pairwise
@@ -47,7 +47,6 @@ _POLE = np.cos(np.deg2rad(80.0))
 """cos(b) below which a deviation of a or c is at least six times the rotation that causes it."""
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
-Status = Literal["met", "not met", "unknown"]
 Figure = TypeVar("Figure")
 
 
@@ -137,16 +136,6 @@ class Characteristic:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """One condition of the standard's protocol, its status and the reason."""
-
-    name: str
-    clause: str
-    status: Status
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
 class Iso9283Result:
     """Result of ``robacc iso9283``."""
 
@@ -159,7 +148,8 @@ class Iso9283Result:
     poses: tuple[CommandedPose, ...]
     characteristics: tuple[Characteristic, ...]
     """In the standard's order; a criterion that the data cannot support has a reason and no number."""
-    protocol: tuple[Condition, ...]
+    protocol: Sequence[Mapping[str, str]]
+    """Conditions of the standard's protocol, their status and its reason, with the keys of the result."""
     alignments: tuple[Alignment, ...]
     """Registration of each file, if one was requested."""
     unaligned: Array | None

@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
@@ -22,9 +22,7 @@ from robacc.geometry import Array, Poses
 from robacc.iso_9283.criteria import (
     Characteristic,
     CommandedPose,
-    Condition,
     Iso9283Result,
-    Status,
     accuracy,
     distance_criteria,
     drift,
@@ -50,7 +48,7 @@ _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
 _LOADS = (1.0, 0.1)
 
-Finding = tuple[Status, str]
+Finding = tuple[Literal["met", "not_met", "unknown"], str]
 """Whether a condition is met, and the reason."""
 
 
@@ -61,8 +59,8 @@ def protocol(
     repeatability: Characteristic,
     shift: Characteristic,
     rated_load: float | None,
-) -> tuple[Condition, ...]:
-    """Return every condition, in the order of the clauses."""
+) -> Sequence[Mapping[str, str]]:
+    """Return every condition, in the order of the clauses, with the keys of the result."""
 
     def logged(column: str, missing: str, judge: Callable[[list[Any]], Finding]) -> Finding:
         """Judge the values of a column, one array for each file; unknown where a file lacks it."""
@@ -87,10 +85,10 @@ def protocol(
         ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
         ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
         ("rated velocity", "6.7", logged("speed", "no speed columns", lambda speeds: _velocity(files, speeds))),
-        ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not met", five_poses)),
+        ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not_met", five_poses)),
         ("diagonal plane", "6.8", diagonal),
         ("10 % from the corners", "6.8", corner_distance),
-        ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not met", cycles)),
+        ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not_met", cycles)),
         (
             "one approach",
             "7.2",
@@ -102,14 +100,16 @@ def protocol(
         ),
         ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
-    return tuple(Condition(name, clause, *finding) for name, clause, finding in findings)
+    return [
+        {"condition": name, "clause": clause, "status": status, "why": why} for name, clause, (status, why) in findings
+    ]
 
 
 def _temperature(logged: list[Array]) -> Finding:
     low, high = min(float(values.min()) for values in logged), max(float(values.max()) for values in logged)
     range_text = f"{low:.1f} °C to {high:.1f} °C"
     if high - low > 2.0 * _AMBIENT_TOLERANCE:
-        return "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
+        return "not_met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
     if max(abs(low - _AMBIENT), abs(high - _AMBIENT)) <= _AMBIENT_TOLERANCE:
         return "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C"
     return "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
@@ -125,13 +125,13 @@ def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
         f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
     # Largest measuring uncertainty as a fraction of the criterion.
-    return "met" if share <= 0.25 else "not met", reason
+    return "met" if share <= 0.25 else "not_met", reason
 
 
 def _load(loads: list[Array], rated: float | None) -> Finding:
     low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
     if high - low > _STEP_TOLERANCE * max(high, 1e-9):
-        return "not met", f"the load varies from {low:g} kg to {high:g} kg"
+        return "not_met", f"the load varies from {low:g} kg to {high:g} kg"
     if rated is None:
         return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
     return _rated_share(high / rated, _LOADS, f"{high:g} kg of {rated:g} kg", "load")
@@ -149,7 +149,7 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
         return "unknown", "every speed is 0"
     if np.ptp(fastest) > _STEP_TOLERANCE:
         extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
-        return "not met", f"the fastest joint's speed varies {extent}"
+        return "not_met", f"the fastest joint's speed varies {extent}"
     return _rated_share(float(fastest.mean()), (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")
 
 
@@ -159,7 +159,7 @@ def _rated_share(share: float, steps: tuple[float, ...], description: str, quant
     if step is None:
         optional = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
         required = f"the standard requires 100 %; optional steps are {optional}"
-        return "not met", f"{description}: {100 * share:.0f} %; {required}"
+        return "not_met", f"{description}: {100 * share:.0f} %; {required}"
     also = "" if step == 1.0 else f", an optional step; a test at 100 % {quantity} is needed too"
     return "met", f"{description}: {100 * step:.0f} %{also}"
 
@@ -170,12 +170,12 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     if len(points) < len(poses):
         return (("unknown", "the commanded positions are not known"),) * 2
     if len(points) != _POSE_COUNT:
-        return (("not met", "needs five commanded poses"),) * 2
+        return (("not_met", "needs five commanded poses"),) * 2
     base = _base_pose(Frame() if robot is None else robot.base)
     fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
-        return (("not met", fit),) * 2
-    plane: Finding = ("not met", "the diagonal plane is upright; the standard's planes rise at 45°")
+        return (("not_met", fit),) * 2
+    plane: Finding = ("not_met", "the diagonal plane is upright; the standard's planes rise at 45°")
     if fit.plane is not None:
         plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
     edge = f"a cube of {fit.edge * 1e3:.0f} mm"
@@ -191,7 +191,7 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
     if not labels:
         return "met", "every visit of a pose has the same approach direction"
     names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
-    return "not met", f"{names} approached from several directions: AP and RP include vAP"
+    return "not_met", f"{names} approached from several directions: AP and RP include vAP"
 
 
 _SAME_COMMAND = 1e-6

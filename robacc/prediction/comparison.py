@@ -19,7 +19,6 @@ from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting import registration
-from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -523,32 +522,6 @@ def _unidentified_reason(names: Sequence[str], information: Array, index: int, d
     return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"
 
 
-@dataclass(frozen=True, slots=True)
-class MeasuredComparison:
-    """Result of :func:`compare_with_measured`."""
-
-    source: str
-    """Source of the measured poses as text."""
-    position_rms: float
-    """RMS of the measured errors after registration, m."""
-    orientation_rms: float | None
-    """rad; None if no orientation was measured."""
-    alignment: Alignment | None
-    statistics: SufficientStatistics
-    tests: Tests
-    """Tests of the measured errors against the prediction."""
-    scale: Mapping[str, float] | None
-    """Test of a common scale of all tolerances."""
-    verdict: str
-    """Conclusion as text."""
-    components: Mapping[str, Any] | None
-    """Variance components, with notes on those that are not identifiable."""
-    hint: str | None
-    """Likely cause of errors that are too large for tolerances."""
-    one_draw: str
-    """Effect of the single robot on the tests, and how they account for it."""
-
-
 def compare_with_measured(
     robot: Robot,
     data: Measurements,
@@ -558,8 +531,10 @@ def compare_with_measured(
     noise: Noise = (None, None),
     confidence: float = 0.95,
     seed: int = 0,
-) -> MeasuredComparison:
+) -> Mapping[str, Any]:
     """Test the measured errors against the prediction, and estimate the tolerances from them.
+
+    Return the tests, the components and the verdict with the keys of the result.
 
     Args:
         robot: Nominal robot; its effects are part of the command.
@@ -597,19 +572,26 @@ def compare_with_measured(
         hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
-    return MeasuredComparison(
-        data.source or "the data",
-        rms_length(errors[:3]),
-        None if data.rotation is None else rms_length(errors[3:]),
-        alignment,
-        statistics,
-        tests,
-        scale,
-        verdict,
-        variance_components(statistics, parameters, confidence),
-        hint,
-        _one_draw(statistics),
-    )
+    registered = alignment and {
+        "what": alignment.effects,
+        "degrees_of_freedom": statistics.n_aligned,
+        "parameters": alignment.parameters,
+    }
+    return {
+        "n_poses": data.n,
+        "measured": {
+            "position_rms_m": rms_length(errors[:3]),
+            "orientation_rms_rad": None if data.rotation is None else rms_length(errors[3:]),
+        },
+        "alignment": registered,
+        "noise": statistics.noise,
+        "verdict": verdict,
+        "hint": hint,
+        "normalised_squared_error": tests,
+        "likelihood_ratio": scale,
+        "variance_components": variance_components(statistics, parameters, confidence),
+        "one_draw": _one_draw(statistics),
+    }
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:

@@ -773,8 +773,7 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         try:
             evaluations.append(_evaluate(criterion, document, baselines))
         except NoValueError as error:
-            reason = str(error)
-            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", reason, dimension=criterion.kind))
+            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", str(error), dimension=criterion.kind))
     return GateOutcome(gate, tuple(evaluations))
 
 

@@ -419,8 +419,7 @@ def estimate(
 
 def check_confidence(confidence: float) -> None:
     """Raise UsageError if the confidence is not in [0.5, 1)."""
-    text = f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"
-    refuse((not 0.5 <= confidence < 1.0, text))
+    refuse((not 0.5 <= confidence < 1.0, f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"))
 
 
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:

@@ -77,8 +77,7 @@ def default_scale() -> Scale:
     # importlib.resources loads zipfile and more: 3 ms of the 150 that an estimate may take. libyaml, where available,
     # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
     path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
-    text = path.read_text(encoding="utf-8")
-    root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
     return _scale_of(cast("yaml.Node", root), path.name)
 
 
@@ -234,8 +233,11 @@ class Grade:
             return None
         step = self.scale.steps[self.rank - 1]
         excess = {name: max(0.0, own.value - (step.limit(name) or math.inf)) for name, own in self.quantities.items()}
-        distances = {"position_excess_m": excess["position"], "orientation_excess_rad": excess.get("orientation")}
-        return {"grade": step.grade, **distances}
+        return {
+            "grade": step.grade,
+            "position_excess_m": excess["position"],
+            "orientation_excess_rad": excess.get("orientation"),
+        }
 
     @property
     def probabilities(self) -> tuple[tuple[str, float], ...]:

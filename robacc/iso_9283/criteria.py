@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
-from robacc.accuracy.estimation import Commanded
 from robacc.errors import InputError, Problem
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
@@ -163,8 +162,12 @@ class Iso9283Result:
         return next(entry for entry in self.characteristics if entry.symbol == symbol)
 
 
-def visits_of(data: Measurements, commanded: Commanded | None, source: str, number: int) -> tuple[CommandedPose, ...]:
+def visits_of(
+    data: Measurements, command: tuple[Array | None, Array | None], source: str, number: int
+) -> tuple[CommandedPose, ...]:
     """Return the commanded poses of one file in the order of their first visit; each target counts as a separate pose.
+
+    ``command`` are the commanded position and orientation of each row, as far as they are known.
 
     Raises:
         InputError: There are no poses.
@@ -177,7 +180,6 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
     if data.target is not None:
         targets = np.unique(data.target, return_inverse=True)[1]
         groups = np.unique(groups * data.n + targets, return_inverse=True)[1]
-    command = (None, None) if commanded is None else commanded.block(slice(0, data.n))
     _, first = np.unique(groups, return_index=True)
     members = np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
     poses = []

@@ -246,7 +246,8 @@ def iso9283(
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
     commands = [
-        None if robot is None and data.commanded_position is None else commanded_poses(data, robot) for data in files
+        (None, None) if robot is None and data.commanded_position is None else commanded_poses(data, robot)
+        for data in files
     ]
     nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
     problems = [
@@ -283,7 +284,7 @@ def iso9283(
     return Iso9283Result(
         n_poses=sum(data.n for data in files),
         sources=tuple(sources),
-        commanded=next((command.source for command in commands if command is not None), None),
+        commanded=None if all(position is None for position, _ in commands) else "file" if robot is None else "robot",
         poses=poses,
         characteristics=(
             accuracy(poses, confidence),

@@ -33,7 +33,7 @@ def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Mea
 def condition(name: str, data: Measurements, rated_load: float | None = None) -> Mapping[str, str]:
     """One condition, without the criteria that it does not look at."""
     commanded = data.commanded_position
-    poses = visits_of(data, None if commanded is None else commanded_poses(data, None), "poses.csv", 0)
+    poses = visits_of(data, (None, None) if commanded is None else commanded_poses(data, None), "poses.csv", 0)
     repeated = repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else characteristic("RP", [], 0.95, "")
     shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else characteristic("shift", [], 0.95, "")
     return next(

@@ -9,7 +9,7 @@ from __future__ import annotations
 import difflib
 import math
 import re
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
 from typing import TYPE_CHECKING, Any, Literal, cast
@@ -466,45 +466,54 @@ Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]
 MOST_POSES = 10_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class CriterionEvaluation:
-    """Outcome of one criterion, with its figure, bounds, margin and probability."""
-
-    criterion: GateCriterion
-    outcome: Outcome
-    why: str | None = None
-    """Explanation, where the outcome needs one."""
-    lower_bound: float | None = None
-    upper_bound: float | None = None
-    """One-sided, each at the criterion's confidence."""
-    margin: float | None = None
-    """Distance from the bound or value that the rule tests to the limit; negative beyond the limit."""
-    probability: float | None = None
-    """Conformity probability: the confidence that the true value meets the limit."""
-    method: str | None = None
-    """Method of the bounds."""
-    poses_to_decide: int | None = None
-    """Number of poses, including those measured, that decides an inconclusive criterion with :data:`ASSURANCE`."""
-    poses_if_true: int | None = None
-    """The same number if the measured value is the true value."""
-    operating_curve: tuple[tuple[float, float], ...] = ()
-    """True values and the probability to pass at each, for the same number of poses."""
-    is_by_share: bool = False
-    """A largest error, decided by the share of all poses within the limit."""
-    dimension: str = "number"
-    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
-    value: float | str | None = None
-    """Number, word or grade of the result."""
-    baseline_value: float | None = None
-    n: int | None = None
-    """Number of commanded poses behind the value."""
-    instrument_ratio: float | None = None
-    """The instrument's expanded uncertainty over the limit."""
-    warnings: tuple[str, ...] = ()
+Evaluation = dict[str, Any]
+"""Outcome of a criterion with its figure, bounds, margin and probability, with the keys of the result."""
 
 
-def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> CriterionEvaluation:
-    """Decide on a figure by its bounds.
+def evaluated(criterion: GateCriterion, dimension: str | None = None, **found: Any) -> Evaluation:
+    """Return an evaluation with all keys of the result; ``found`` are those that are known.
+
+    ``dimension`` is that of the value, its bounds and its limit: length (m), angle (rad), number, grade or word. The
+    bounds are one-sided, each at the criterion's confidence. The margin is the distance from the bound or value that
+    the rule tests to the limit, negative beyond the limit. The operating curve has true values and the probability to
+    pass at each, for the same number of poses.
+    """
+    limit: Any = criterion.limit
+    if criterion.accepted:
+        limit = list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+    return {
+        "name": criterion.name,
+        "key": criterion.key,
+        "outcome": "not_evaluated",
+        "why": None,
+        "unit": {"length": "m", "angle": "rad"}.get(dimension or criterion.kind, "1"),
+        "value": None,
+        "limit": limit,
+        "at_least": criterion.at_least,
+        "rule": criterion.rule,
+        "rule_text": RULES[criterion.rule],
+        "confidence": None if criterion.rule == "simple" else criterion.confidence,
+        "share": None,
+        "lower_bound": None,
+        "upper_bound": None,
+        "margin": None,
+        "conformity_probability": None,
+        "method": None,
+        "n_poses": None,
+        "poses_to_decide": None,
+        "poses_to_decide_if_value_is_true": None,
+        "baseline": None if criterion.baseline is None else {"file": criterion.baseline, "value": None},
+        "instrument_uncertainty_over_limit": None,
+        "reason": criterion.reason,
+        "warnings": (),
+        "operating_curve_over": "value",
+        "operating_curve": (),
+        **found,
+    }
+
+
+def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> Evaluation:
+    """Decide on a figure by its bounds; return what is found.
 
     Args:
         criterion: The criterion, with a limit.
@@ -520,8 +529,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     if curve is None:
         if rule != "simple":
             missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            return CriterionEvaluation(criterion, "not_evaluated", missing)
-        return CriterionEvaluation(criterion, "pass" if meets(value) else "fail", margin=sign * (limit - value))
+            return {"outcome": "not_evaluated", "why": missing}
+        return {"outcome": "pass" if meets(value) else "fail", "why": None, "margin": sign * (limit - value)}
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
@@ -555,19 +564,18 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
-    return CriterionEvaluation(
-        criterion,
-        outcome,
-        why,
-        low,
-        high,
-        None if tested is None else sign * (limit - tested),
-        None if below is None else 1.0 - below if criterion.at_least else below,
-        curve.method,
-        assured,
-        if_true,
-        () if error is None else operating_curve(criterion, curve, error),
-    )
+    return {
+        "outcome": outcome,
+        "why": why,
+        "lower_bound": low,
+        "upper_bound": high,
+        "margin": None if tested is None else sign * (limit - tested),
+        "conformity_probability": None if below is None else 1.0 - below if criterion.at_least else below,
+        "method": curve.method,
+        "poses_to_decide": assured,
+        "poses_to_decide_if_value_is_true": if_true,
+        "operating_curve": () if error is None else operating_curve(criterion, curve, error),
+    }
 
 
 def poses_to_decide(distance: float, z: float, n: int) -> int | None:
@@ -604,12 +612,11 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 # pose beyond the limit shows that the largest error is beyond it.
 
 
-def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionEvaluation:
-    """Decide on the largest error of ``n`` poses against an upper limit."""
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> Evaluation:
+    """Decide on the largest error of ``n`` poses against an upper limit; return what is found."""
     share, margin = criterion.share, cast("float", criterion.limit) - value
     n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
-    method = f"confidence {claim} (Wilks)"
     curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
     # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
     probability = 0.0 if margin < 0.0 else 1.0 - share**n
@@ -619,19 +626,19 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionE
         outcome = "fail" if criterion.rule == "guard_band" else "inconclusive"
         why = f"{n} poses within the limit show {claim} with a confidence of only {100 * probability:.3g} %"
         n_to_decide = n_needed if outcome == "inconclusive" else None
-    return CriterionEvaluation(
-        criterion,
-        outcome,
-        why,
-        value,
-        margin=margin,
-        probability=probability,
-        method=method,
-        poses_to_decide=n_to_decide,
-        poses_if_true=n_to_decide,
-        operating_curve=curve,
-        is_by_share=True,
-    )
+    return {
+        "outcome": outcome,
+        "why": why,
+        "share": share,
+        "lower_bound": value,
+        "margin": margin,
+        "conformity_probability": probability,
+        "method": f"confidence {claim} (Wilks)",
+        "poses_to_decide": n_to_decide,
+        "poses_to_decide_if_value_is_true": n_to_decide,
+        "operating_curve_over": "share_within_limit",
+        "operating_curve": curve,
+    }
 
 
 # Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
@@ -742,12 +749,12 @@ class GateOutcome:
     """Evaluation of every criterion of a gate on one result."""
 
     gate: Gate
-    evaluations: tuple[CriterionEvaluation, ...]
+    evaluations: Sequence[Evaluation]
 
     @property
     def outcome(self) -> Outcome:
         """Return fail if one criterion fails, pass if all criteria pass."""
-        return min((evaluation.outcome for evaluation in self.evaluations), key=_WORST_FIRST.index)
+        return min((evaluation["outcome"] for evaluation in self.evaluations), key=_WORST_FIRST.index)
 
     @property
     def exit_status(self) -> int:
@@ -757,7 +764,7 @@ class GateOutcome:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings of all criteria, without repetitions."""
-        return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation.warnings))
+        return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation["warnings"]))
 
 
 def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
@@ -773,20 +780,21 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         try:
             evaluations.append(_evaluate(criterion, document, baselines))
         except NoValueError as error:
-            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", str(error), dimension=criterion.kind))
-    return GateOutcome(gate, tuple(evaluations))
+            evaluations.append(evaluated(criterion, why=str(error)))
+    return GateOutcome(gate, evaluations)
 
 
 def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
-) -> CriterionEvaluation:
+) -> Evaluation:
     if criterion.kind == "word":
         return _evaluate_word(criterion, document)
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
-    baseline_value = ratio = None
+    compared, ratio = None, None
     if criterion.baseline is not None:
-        figure, baseline_value = difference_to_baseline(document, baselines[criterion.baseline], criterion)
+        figure, value = difference_to_baseline(document, baselines[criterion.baseline], criterion)
+        compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
         ratio = _instrument_ratio(criterion, document)
@@ -795,23 +803,23 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
-    evaluation = replace(_decide_figure(criterion, figure), baseline_value=baseline_value, instrument_ratio=ratio)
-    return replace(evaluation, dimension=figure.dimension, warnings=_warnings(criterion, ratio))
+    found = _decide_figure(criterion, figure) | {"baseline": compared, "instrument_uncertainty_over_limit": ratio}
+    return evaluated(criterion, figure.dimension, **found, warnings=_warnings(criterion, ratio))
 
 
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> CriterionEvaluation:
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
     """Return the decision on a figure, of a largest error by the share of all poses within the limit."""
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
     if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        evaluation = decide(criterion, figure.value, figure.curve, figure.n)
+        found = decide(criterion, figure.value, figure.curve, figure.n)
     else:
-        evaluation = decide_largest(criterion, figure.value, figure.n)
-    return replace(evaluation, value=figure.value, n=figure.n)
+        found = decide_largest(criterion, figure.value, figure.n)
+    return {**found, "value": figure.value, "n_poses": figure.n}
 
 
-def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
     """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
     value = value_at(document, criterion.key)[0]
     word = str(value).lower() if isinstance(value, bool | np.bool_) else value
@@ -829,10 +837,10 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Cri
                 "that no structure remains, not how large the remaining error is; add a limit on "
                 "after.held_out.position.p95",
             )
-    return CriterionEvaluation(criterion, outcome, why, dimension="word", value=word, warnings=warnings)
+    return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
 
 
-def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
     """Evaluate a grade: position and orientation must both meet its limits, each at the scale's own confidence.
 
     Each bound is within its limit at the full confidence, so both are together (an intersection-union test, R. L.
@@ -846,31 +854,32 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
         names = ", ".join(steps)
         raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
     confidence = grade.get("confidence") or criterion.confidence
-    own: list[CriterionEvaluation] = []
+    own: list[Evaluation] = []
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
             own.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
-    outcome: Outcome = min((each.outcome for each in own), key=_WORST_FIRST.index, default="pass")
-    deciding = [each for each in own if each.outcome == outcome]
-    why = "; ".join(dict.fromkeys(each.why for each in deciding if each.why)) or None
+    outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
+    deciding = [each for each in own if each["outcome"] == outcome]
+    why = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None
     if outcome == "fail" and isinstance(grade.get("reason"), str):
         why = grade["reason"].partition(". ")[0]
-    probabilities = [each.probability for each in own if each.probability is not None]
+    probabilities = [each["conformity_probability"] for each in own if each.get("conformity_probability") is not None]
     undecided = deciding if outcome == "inconclusive" else []
-    return CriterionEvaluation(
+    return evaluated(
         criterion,
-        outcome,
-        why,
-        probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
-        method=next((each.method for each in own if each.method), None),
-        poses_to_decide=largest_known([each.poses_to_decide for each in undecided]),
-        poses_if_true=largest_known([each.poses_if_true for each in undecided]),
-        dimension="grade",
+        outcome=outcome,
+        why=why,
+        conformity_probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
+        method=next((each["method"] for each in own if each.get("method")), None),
+        **{
+            key: largest_known([each.get(key) for each in undecided])
+            for key in ("poses_to_decide", "poses_to_decide_if_value_is_true")
+        },
         value=str(grade.get("grade")),
-        n=own[0].n if own else None,
+        n_poses=own[0]["n_poses"] if own else None,
     )
 
 

@@ -874,10 +874,10 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
         why=why,
         conformity_probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
         method=next((each["method"] for each in own if each.get("method")), None),
-        **{
-            key: largest_known([each.get(key) for each in undecided])
-            for key in ("poses_to_decide", "poses_to_decide_if_value_is_true")
-        },
+        poses_to_decide=largest_known([each["poses_to_decide"] for each in undecided]),
+        poses_to_decide_if_value_is_true=largest_known(
+            [each["poses_to_decide_if_value_is_true"] for each in undecided]
+        ),
         value=str(grade.get("grade")),
         n_poses=own[0]["n_poses"] if own else None,
     )

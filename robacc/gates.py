@@ -226,7 +226,7 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     setting = _SETTING.get(rule, "")
     words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
     missing = "is missing; give a maximum (limit) or a minimum (at_least)"
-    mistakes: tuple[tuple[bool, str, str, str | None], ...] = (
+    section.report_if(
         (
             len(limits) == 2,
             "at_least",
@@ -274,9 +274,6 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
         ),
         ("paired" in given and baseline is None, "paired", "applies only with a baseline", None),
     )
-    for applies, name, message, fix in mistakes:
-        if applies:
-            section.report(name, message, fix)
     confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
     if rule in ("guard_band", "guarded_rejection"):
         confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)

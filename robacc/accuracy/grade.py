@@ -78,24 +78,19 @@ def default_scale() -> Scale:
     # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
     path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
     root = yaml.compose(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    return _scale_of(cast("yaml.Node", root), path.name)
+    return load_scale(cast("yaml.Node", root), path.name)
 
 
-def load_scale(text: str, file: str) -> Scale:
-    """Read a scale.
+def load_scale(document: str | yaml.Node, file: str) -> Scale:
+    """Read a scale; a value with a problem is reported, and empty or NaN in the scale.
 
     Args:
-        text: Content of the YAML file.
+        document: Content of the YAML file, or its node.
         file: Name of the file, for messages.
 
     Raises:
         InputError: With every problem, its line and key.
     """
-    return _scale_of(text, file)
-
-
-def _scale_of(document: str | yaml.Node, file: str) -> Scale:
-    """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
     from robacc.io.yaml_nodes import top_section
 
     top = top_section(document, file, _KEYS)
@@ -115,7 +110,7 @@ def _scale_of(document: str | yaml.Node, file: str) -> Scale:
         orientation = None if section.get("orientation") is None else _positive(section, "orientation") * angle
         position, name = _positive(section, "position") * length, section.text("grade", needed=True) or ""
         better = steps[-1] if steps else GradeStep("", -math.inf, 0.0)
-        contradictions = (
+        section.report_if(
             (bool(name) and name in [s.grade for s in steps], "grade", f"the grade {name!r} is listed twice", None),
             (
                 position <= better.position,
@@ -136,9 +131,6 @@ def _scale_of(document: str | yaml.Node, file: str) -> Scale:
                 _WIDER,
             ),
         )
-        for applies, key, message, fix in contradictions:
-            if applies:
-                section.report(key, message, fix)
         steps.append(GradeStep(name, position, orientation))
     otherwise = top.text("otherwise", needed=True) or ""
     if otherwise in [step.grade for step in steps]:

@@ -367,7 +367,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
         kinds |= {"axis": _axis, "limits": partial(_limits, joint_type=joint_type)}
     values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": tolerances(names, lengths)}, required)
     is_passive = values.pop("passive", None) == "true"
-    checks = [
+    section.report_if(
         (is_continuous and "limits" in has, "limits", "a continuous joint has no limits", "make its type revolute"),
         (
             section.get("com") is not None and section.get("mass") is None,
@@ -391,10 +391,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
             (is_fixed and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
             for key in has
         ),
-    ]
-    for is_wrong, key, message, fix in checks:
-        if is_wrong:
-            section.report(key, message, fix)
+    )
     origin = values.pop("origin", Frame())
     found = dict(zip(_COORDINATES, (*origin.xyz, *origin.rpy), strict=True))
     values["parameters"] = {name: values.pop(name, found.get(name, 0.0)) for name in names}

@@ -445,7 +445,7 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     points = np.random.default_rng(seed).standard_normal((3, _DRAWS, n)) * np.sqrt(variances)[:, None, None]
     points -= points.mean(axis=2, keepdims=True)
     drawn = np.sqrt(np.sum(np.square(points), axis=0))
-    mean_length = float(mean_lengths(variances[:, None])[0])
+    mean_length = float(mean_lengths(variances[::-1, None])[0])
     truth = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
     ratios = np.asarray((drawn.mean(axis=1) + 3.0 * drawn.std(axis=1, ddof=1)) / truth)
 

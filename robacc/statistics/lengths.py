@@ -123,11 +123,11 @@ def length_quantiles(probability: float, variances: Array) -> Array:
 
     Args:
         probability: At least 0.5, below 1.
-        variances: Variances along the principal axes.
+        variances: Variances along the principal axes, ascending.
     """
     power = variances.sum(axis=0)
     scatter, result = power > 0.0, np.zeros(power.size)
-    shares = np.sort(variances[:, scatter], axis=0) / power[scatter]
+    shares = variances[:, scatter] / power[scatter]
     distribution = partial(_cdf_and_density, variances=shares)
     square = _started(probability, distribution, 2.0 * np.sum(np.square(shares), axis=0))
     result[scatter] = np.sqrt(square * power[scatter])
@@ -135,7 +135,10 @@ def length_quantiles(probability: float, variances: Array) -> Array:
 
 
 def mixture_quantile(probability: float, variances: Array) -> float:
-    """Return the radius of ``probability`` of the mixture of all N vectors in equal parts, variances ``(3, N)``."""
+    """Return the radius of ``probability`` of the mixture of all N vectors in equal parts.
+
+    Their variances ``(3, N)`` ascend.
+    """
     power = variances.sum(axis=0)
     mean_power = float(np.mean(power))
     if mean_power == 0.0:
@@ -157,10 +160,10 @@ def mixture_quantile(probability: float, variances: Array) -> float:
 
 
 def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``."""
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``, ascending."""
     power = variances.sum(axis=0)
     # With z between the others, no part of R_G cancels another.
-    x, z, y = np.sort(variances / np.where(power > 0.0, power, 1.0), axis=0)
+    x, z, y = variances / np.where(power > 0.0, power, 1.0)
     z = np.maximum(z, 1e-30)
     middle, product, square_root = z, (x - z) * (z - y) / 3.0, np.sqrt(x * y / z)
     total, weight = np.zeros(x.shape), 1.0

@@ -73,7 +73,6 @@ from robacc.prediction.comparison import Noise, compare_with_measured
 from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
 from robacc.prediction.predicting import (
     NORMAL,
-    Allocation,
     Prediction,
     allocate as allocate_tolerances,
     configurations_of,
@@ -98,8 +97,8 @@ class Predicted(Result, Prediction):
     command: ClassVar[str] = "predict"
     robot: Robot
     """Robot as its file describes it."""
-    allocation: Allocation | None
-    """Tolerances that would reach the requested grade."""
+    allocation: Mapping[str, Any] | None
+    """Tolerances that would reach the requested grade, with the keys of the result."""
     comparison: Mapping[str, Any] | None
     """Comparison of the prediction with measured poses, with the keys of the result."""
     coverage: Mapping[str, Any] | None

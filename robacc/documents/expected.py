@@ -230,22 +230,18 @@ PREDICT = part(
                         array(
                             part(
                                 {
-                                    "parameter": Key(text, "Parameter, as joint.kind.", lambda pair: pair[0].name),
-                                    "joint": Key(text | None, "Joint, or null.", lambda pair: pair[0].joint),
+                                    "parameter": Key(text, "Parameter, as joint.kind."),
+                                    "joint": Key(text | None, "Joint, or null."),
                                     "given_sd": Key(
                                         size,
                                         "Given tolerance, one standard deviation, in the unit.",
-                                        lambda pair: pair[0].sd,
                                     ),
                                     "needed_sd": Key(
                                         size,
                                         "Needed tolerance, one standard deviation, in the unit.",
-                                        lambda pair: pair[1],
                                     ),
-                                    "factor": Key(
-                                        size, "Needed over given tolerance.", lambda pair: pair[1] / pair[0].sd
-                                    ),
-                                    "unit": Key(text, "m or rad.", lambda pair: pair[0].unit),
+                                    "factor": Key(size, "Needed over given tolerance."),
+                                    "unit": Key(text, "m or rad."),
                                 }
                             )
                         ),

@@ -534,23 +534,11 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 _SOLVED = 1e-12
 
 
-@dataclass(frozen=True, slots=True)
-class Allocation:
-    """Tolerances that reach a grade, and the prediction with them."""
-
-    grade: str
-    tolerances: tuple[tuple[ToleranceParameter, float], ...]
-    """Each parameter as given, and the standard deviation that it needs, m or rad."""
-    uniform_factor: float
-    """Common factor of all tolerances that reaches the grade; 1 if it is reached already."""
-    verified: Prediction
-    """Prediction at the same poses with the needed tolerances."""
-    met: bool
-    """True if that prediction meets the grade."""
-
-
-def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
+def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, Any]:
     """Tighten the tolerances of ``prediction`` until it reaches ``grade`` of its scale.
+
+    Return, with the keys of the result, whether it does, the common factor of all tolerances that would do so too, each
+    tolerance as given and as needed, and the prediction with the needed tolerances at the same poses.
 
     Raises:
         UsageError: The scale has no such grade.
@@ -575,8 +563,24 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
         excess = _relative_excess(verified, limits)
         # Relative distance below the square of a limit that the allocation aims at.
         target_variances = np.where(excess > 1.0, target_variances / np.square(excess) * (1.0 - 5e-4), target_variances)
-    needed = tuple(zip(prediction.parameters, (parameter.sd for parameter in verified.parameters), strict=True))
-    return Allocation(grade, needed, uniform_factor, verified, bool(np.max(excess) <= 1.0))
+    tolerances = [
+        {
+            "parameter": given.name,
+            "joint": given.joint,
+            "given_sd": given.sd,
+            "needed_sd": needed.sd,
+            "factor": needed.sd / given.sd,
+            "unit": given.unit,
+        }
+        for given, needed in zip(prediction.parameters, verified.parameters, strict=True)
+    ]
+    return {
+        "grade": grade,
+        "met": bool(np.max(excess) <= 1.0),
+        "uniform_factor": uniform_factor,
+        "tolerances": tolerances,
+        "verified": verified,
+    }
 
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:

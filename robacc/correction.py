@@ -26,8 +26,7 @@ from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, visits_in_order
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import completed, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -645,8 +644,8 @@ def correction(
     corrected, command = setting.at(q, setting.motion(q)), setting.nominal_poses(q)
     position, orientation = None, None
     if fit is not None:
-        uncertainty = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)
-        position, orientation = uncertainty.position, uncertainty.orientation if fit.unexplained.shape[0] == 6 else None
+        position, orientation = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
+        orientation = orientation if fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
     listed = ", ".join(map(str, setting.left_out))
     notes = (

@@ -111,7 +111,7 @@ def _paragraphs(text: str) -> str:
 
 def _gate_keys() -> str:
     """Return the keys that a criterion may name; the four statistics of a figure share a row."""
-    from robacc.gates.gate_file import KEYS, LARGER_IS_BETTER
+    from robacc.gates import KEYS, LARGER_IS_BETTER
 
     rows = [
         f"| `{key}` | {kind}{', larger is better' if key in LARGER_IS_BETTER else ''} |"
@@ -136,7 +136,7 @@ def _folded(keys: dict[str, str]) -> Iterator[tuple[str, str]]:
 
 
 def _rules() -> str:
-    from robacc.gates.gate_file import RULES
+    from robacc.gates import RULES
 
     return "| rule | decides |\n| --- | --- |\n" + "\n".join(f"| `{k}` | {_prose(v)} |" for k, v in RULES.items())
 

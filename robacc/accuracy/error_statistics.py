@@ -306,7 +306,6 @@ SIGNIFICANCE = 0.01
 """Significance level: an assumption with a smaller p-value is rejected."""
 FEWEST_FOR_MODEL = 10
 """Fewer poses cannot contradict a Gaussian, so no interval relies on its tail."""
-_BY_SHAPE = "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
 PROBABILITY = 0.95
 """Share of poses within a radius, and level of the percentile."""
 
@@ -442,7 +441,9 @@ class _ErrorSample(PoseSampling):
         for k in (1, 2):
             large, small = float(variances[k - 1]), float(variances[k])
             # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
-            apart = math.log(large / small) > _DISTINCT * math.sqrt(4.0 / n) if small > 0.0 else large > 0.0
+            # Standard errors by which the logarithms of two neighbouring principal variances must differ to count as
+            # distinct.
+            apart = math.log(large / small) > 2.5 * math.sqrt(4.0 / n) if small > 0.0 else large > 0.0
             runs = [*runs, [k]] if apart else [*runs[:-1], [*runs[-1], k]]
         single = []
         for k in range(3):
@@ -544,7 +545,10 @@ class _ErrorSample(PoseSampling):
         if by_model and shape is not None:
             model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
             curve = dataclasses.replace(curve, model=model)
-            return dataclasses.replace(model.interval(confidence, _BY_SHAPE), curve=curve)
+            method = (
+                "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
+            )
+            return dataclasses.replace(model.interval(confidence, method), curve=curve)
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
         limits = iter(interpolated(lengths, [level * (self.n + 1) - 1.0 for level in levels if level is not None]))
         lower, upper, bound = (None if level is None else next(limits) for level in levels)

@@ -13,7 +13,7 @@ commanded target, "base" in those of the measuring frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.errors import InputError, Note, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
@@ -69,22 +69,9 @@ def length_metrics(length: Array) -> ErrorMetrics:
 
 
 ErrorFrame = Literal["tool", "base"]
-CommandSource = Literal["robot", "file"]
 
 _BLOCK = 16384
 """Poses per block: the working arrays of a block stay in the cache."""
-
-
-@dataclass(frozen=True, slots=True)
-class Commanded:
-    """Commanded poses of the target, computed block by block so that a million poses never fill the memory."""
-
-    source: CommandSource
-    """The robot model at the commanded joints, or the ``cmd_`` columns."""
-    oriented: bool
-    """An orientation was commanded, not only a position."""
-    block: Callable[[slice], tuple[Array, Array | None]]
-    """Positions ``(3, n)`` in the measuring frame, m, and rotations ``(3, 3, n)`` of a slice of the poses."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -113,8 +100,13 @@ class PoseErrors:
         return np.asarray(self.covariance - np.outer(self.mean, self.mean))
 
 
-def commanded_poses(data: Measurements, robot: Robot | None, alignment: Alignment | None = None) -> Commanded:
+def commanded_poses(
+    data: Measurements, robot: Robot | None, alignment: Alignment | None = None
+) -> tuple[Array, Array | None]:
     """Return the commanded poses after an ``alignment``, or predicted by ``robot`` if given, or else from the file.
+
+    They are positions ``(3, N)`` in the measuring frame, m, and rotations ``(3, 3, N)``, None where only positions
+    were commanded.
 
     Raises:
         UsageError: There are neither a robot nor commanded poses.
@@ -122,55 +114,44 @@ def commanded_poses(data: Measurements, robot: Robot | None, alignment: Alignmen
     """
     position, rotation, q = data.commanded_position, data.commanded_rotation, data.q
     if alignment is not None:
-        position = alignment.commanded.translation
-        rotation = None if robot is None and rotation is None else alignment.commanded.rotation
-    elif robot is not None:
+        poses = alignment.commanded
+        return poses.translation, None if robot is None and rotation is None else poses.rotation
+    if robot is not None:
         if q is None:
             fix = "add the commanded joints q1, q2, …"
             if position is not None:
                 fix += ", or omit `robot` to use the cmd_ columns of the file"
             raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
-        if not robot.effects and not robot.targets and len(q) == len(robot.variables):
+        if robot.effects or robot.targets or len(q) != len(robot.variables):
+            from robacc.modelling.model import predict
+
+            poses = predict(robot, data)
+        else:
             # An arm without effects is its chain, bit for bit; loading all effects takes longer than 10,000 poses.
             from robacc.robots.arm import build_chain
 
-            chain = build_chain(robot)
-
-            def predicted(part: slice) -> tuple[Array, Array]:
-                poses = chain.forward(q[:, part])
-                return poses.translation, poses.rotation
-
-            return Commanded("robot", True, predicted)
-        from robacc.modelling.model import predict
-
-        poses = predict(robot, data)
-        position, rotation = poses.translation, poses.rotation
+            poses = build_chain(robot).forward(q)
+        return poses.translation, poses.rotation
     if position is None:
         ways = "`robot`" if q is not None else "`commanded`, a robot program or a table of joints or poses"
         raise UsageError(f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z")
-
-    def given(part: slice) -> tuple[Array, Array | None]:
-        return position[:, part], None if rotation is None else rotation[..., part]
-
-    return Commanded("file" if robot is None else "robot", rotation is not None, given)
+    return position, rotation
 
 
-def pose_errors(data: Measurements, commanded: Commanded, frame: ErrorFrame) -> PoseErrors:
-    """Compute equations (3)-(5) in ``frame``, as written at the top of this module.
+def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame: ErrorFrame) -> PoseErrors:
+    """Compute equations (3)-(5) in ``frame``, as written at the top of this module, from the commanded poses.
 
     Raises:
         UsageError: The frame is "tool", but no orientation was commanded.
     """
-    if frame == "tool" and not commanded.oriented:
-        raise UsageError(
-            "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
-        )
+    missing = "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
+    refuse((frame == "tool" and turns is None, missing))
     position = np.empty((3, data.n))
-    rotation = np.empty((3, data.n)) if data.rotation is not None and commanded.oriented else None
+    rotation = None if data.rotation is None or turns is None else np.empty((3, data.n))
     for start in range(0, data.n, _BLOCK):
         block = slice(start, start + _BLOCK)
-        target, turn = commanded.block(block)
-        difference = data.position[:, block] - target
+        turn = None if turns is None else turns[..., block]
+        difference = data.position[:, block] - commanded[:, block]
         position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
         if rotation is not None and data.rotation is not None and turn is not None:
             attained = data.rotation[..., block]
@@ -184,14 +165,14 @@ def lengths(errors: Array) -> Array:
     return np.asarray(np.sqrt(np.einsum("in,in->n", errors, errors)))
 
 
-def position_errors(data: Measurements, commanded: Commanded) -> dict[ErrorFrame, PoseErrors]:
+def position_errors(data: Measurements, commanded: Array, turns: Array | None) -> dict[ErrorFrame, PoseErrors]:
     """Return the position errors in the measuring frame, and in the tool's where a commanded orientation is known.
 
     A cloud that is round in one frame may be long in the other: errors of the tool turn with the tool, errors of the
     base stay fixed in the room.
     """
-    frames: tuple[ErrorFrame, ...] = ("tool", "base") if commanded.oriented else ("base",)
-    return {frame: pose_errors(replace(data, rotation=None), commanded, frame) for frame in frames}
+    frames: tuple[ErrorFrame, ...] = ("base",) if turns is None else ("tool", "base")
+    return {frame: pose_errors(replace(data, rotation=None), commanded, turns, frame) for frame in frames}
 
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.
@@ -293,8 +274,6 @@ N_WORST = 5
 
 _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
-_TURNED = np.deg2rad(5.0)
-"""Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -328,7 +307,7 @@ class EstimateResult:
     """Errors, statistics and grade of measured poses."""
 
     n_poses: int
-    commanded: CommandSource
+    commanded: Literal["robot", "file"]
     errors: PoseErrors
     position: ErrorStatistics
     orientation: ErrorStatistics | None
@@ -376,15 +355,16 @@ def estimate(
     """
     check_confidence(confidence)
     commanded = commanded_poses(data, robot)
-    chosen = frame or ("tool" if commanded.oriented else "base")
-    errors = pose_errors(data, commanded, chosen)
+    oriented = commanded[1] is not None
+    chosen = frame or ("tool" if oriented else "base")
+    errors = pose_errors(data, *commanded, chosen)
     needed = frames_to_register(data, robot, _usual(errors.position)) if align is None and _moves(data) else ()
     alignment, unaligned = None, None
     if frames := align or needed:
         turned = errors.position if errors.rotation is None else np.vstack((errors.position, errors.rotation))
         alignment, unaligned = register(data, robot, frames, held_out=True), pose_metrics(turned)
         commanded = commanded_poses(data, robot, alignment)
-        errors = pose_errors(data, commanded, chosen)
+        errors = pose_errors(data, *commanded, chosen)
     repetitions, share = data.repetitions(), 1.0 if alignment is None else alignment.share
     groups = None if repetitions is None else repetitions.repeated
 
@@ -401,7 +381,7 @@ def estimate(
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
     return EstimateResult(
         n_poses=data.n,
-        commanded=commanded.source,
+        commanded="file" if robot is None else "robot",
         errors=errors,
         position=position,
         orientation=orientation,
@@ -411,7 +391,7 @@ def estimate(
         worst_position=_worst_poses(data, errors, errors.position),
         worst_orientation=() if errors.rotation is None else _worst_poses(data, errors, errors.rotation),
         targets=targets if len(targets) > 1 else (),
-        notes=_notes(data, robot, frame, chosen, commanded, alignment),
+        notes=_notes(data, robot, frame, chosen, oriented, alignment),
         warnings=(
             *data.warnings,
             *data.contradicted_ids(),
@@ -423,8 +403,7 @@ def estimate(
 
 def check_confidence(confidence: float) -> None:
     """Raise UsageError if the confidence is not in [0.5, 1)."""
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
+    refuse((not 0.5 <= confidence < 1.0, f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"))
 
 
 def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
@@ -451,7 +430,7 @@ def _notes(
     robot: Robot | None,
     requested: ErrorFrame | None,
     frame: ErrorFrame,
-    commanded: Commanded,
+    oriented: bool,
     alignment: Alignment | None,
 ) -> tuple[str, ...]:
     effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
@@ -462,7 +441,7 @@ def _notes(
             "no orientation was commanded, so the errors are in the measuring frame",
         ),
         (
-            data.rotation is None or not commanded.oriented,
+            data.rotation is None or not oriented,
             f"no orientation was {missing}, so there are no orientation errors",
         ),
         (bool(effects), f"effects of the robot file are applied: {', '.join(effects)}"),
@@ -494,7 +473,8 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
     more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
-    turned = errors.rotation is not None and rms_length(errors.rotation) > _TURNED
+    # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
+    turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
     trace = "" if data.q is None else "; a trace names the probable mistake"
     causes = (

@@ -6,7 +6,7 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import UsageError
@@ -25,7 +25,6 @@ Quantity = Literal["position", "orientation"]
 
 VERSION = "1"
 _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
-_STEP_KEYS = ("grade", "position", "orientation")
 _WIDER = "list the best grade first"
 
 
@@ -78,26 +77,20 @@ def default_scale() -> Scale:
     # importlib.resources loads zipfile and more: 3 ms of the 150 that an estimate may take. libyaml, where available,
     # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
     path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
-    text = path.read_text(encoding="utf-8")
-    root = yaml.compose(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    return _scale_of(cast("yaml.Node", root), path.name)
+    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    return load_scale(cast("yaml.Node", root), path.name)
 
 
-def load_scale(text: str, file: str) -> Scale:
-    """Read a scale.
+def load_scale(document: str | yaml.Node, file: str) -> Scale:
+    """Read a scale; a value with a problem is reported, and empty or NaN in the scale.
 
     Args:
-        text: Content of the YAML file.
+        document: Content of the YAML file, or its node.
         file: Name of the file, for messages.
 
     Raises:
         InputError: With every problem, its line and key.
     """
-    return _scale_of(text, file)
-
-
-def _scale_of(document: str | yaml.Node, file: str) -> Scale:
-    """Read the keys of a scale; a value with a problem is reported, and empty or NaN in the scale."""
     from robacc.io.yaml_nodes import top_section
 
     top = top_section(document, file, _KEYS)
@@ -111,11 +104,13 @@ def _scale_of(document: str | yaml.Node, file: str) -> Scale:
         for key, sizes in UNITS.items()
     )
     steps: list[GradeStep] = []
-    for section in top.sections("steps", "steps", _STEP_KEYS, "a scale needs at least one step"):
+    for section in top.sections(
+        "steps", "steps", ("grade", "position", "orientation"), "a scale needs at least one step"
+    ):
         orientation = None if section.get("orientation") is None else _positive(section, "orientation") * angle
         position, name = _positive(section, "position") * length, section.text("grade", needed=True) or ""
         better = steps[-1] if steps else GradeStep("", -math.inf, 0.0)
-        contradictions = (
+        section.report_if(
             (bool(name) and name in [s.grade for s in steps], "grade", f"the grade {name!r} is listed twice", None),
             (
                 position <= better.position,
@@ -136,9 +131,6 @@ def _scale_of(document: str | yaml.Node, file: str) -> Scale:
                 _WIDER,
             ),
         )
-        for applies, key, message, fix in contradictions:
-            if applies:
-                section.report(key, message, fix)
         steps.append(GradeStep(name, position, orientation))
     otherwise = top.text("otherwise", needed=True) or ""
     if otherwise in [step.grade for step in steps]:
@@ -175,17 +167,6 @@ class QuantityGrade:
     def why(self) -> str | None:
         """Reason why there is no upper bound."""
         return self.interval.why if self.interval.upper_bound is None else None
-
-
-@dataclass(frozen=True, slots=True)
-class NextGrade:
-    """Next better grade, and the reduction of each statistic that it requires (0: none)."""
-
-    grade: str
-    position: float
-    """m"""
-    orientation: float | None
-    """rad; None where orientation is not graded"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -238,13 +219,17 @@ class Grade:
         return tuple(name for name, own in self.quantities.items() if own.grade == self.grade and self.rank > 0)
 
     @property
-    def next(self) -> NextGrade | None:
-        """Next better grade; None at the best."""
+    def next(self) -> Mapping[str, Any] | None:
+        """Next better grade and the distances to its limits, with the keys of the result; None at the best."""
         if self.rank == 0:
             return None
         step = self.scale.steps[self.rank - 1]
         excess = {name: max(0.0, own.value - (step.limit(name) or math.inf)) for name, own in self.quantities.items()}
-        return NextGrade(step.grade, excess["position"], excess.get("orientation"))
+        return {
+            "grade": step.grade,
+            "position_excess_m": excess["position"],
+            "orientation_excess_rad": excess.get("orientation"),
+        }
 
     @property
     def probabilities(self) -> tuple[tuple[str, float], ...]:
@@ -304,10 +289,10 @@ class Grade:
         if self.orientation is None:
             sentences.append("orientation was not measured, so the grade covers position only")
         if following is not None:
-            excesses = zip(own, (following.position, following.orientation), strict=False)
-            missing = [f"{_amount(excess, own[name].unit)} less in {name}" for name, excess in excesses if excess]
+            excesses = {name: following[f"{name}_excess_{quantity.unit}"] for name, quantity in own.items()}
+            missing = [f"{_amount(size, own[name].unit)} less in {name}" for name, size in excesses.items() if size]
             limited_by = " and ".join(self.limited_by)
-            sentences.append(f"limited by {limited_by}: grade {following.grade} needs {' and '.join(missing)}")
+            sentences.append(f"limited by {limited_by}: grade {following['grade']} needs {' and '.join(missing)}")
         at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
         known = [(name, quantity.interval.upper_bound, quantity.unit) for name, quantity in own.items()]
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
@@ -325,7 +310,7 @@ class Grade:
         limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]
         # More digits where rounding would move the value onto or over a limit.
         factor, digits = _FACTORS[quantity.unit], 3
-        while digits < _MOST_DIGITS and not all(
+        while digits < 6 and not all(
             (float(f"{factor * quantity.value:.{digits}g}") > factor * limit * (1 + 1e-12)) == (quantity.value > limit)
             for limit in limits
         ):

@@ -77,7 +77,7 @@ class Estimate(Result, EstimateResult):
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        by_frame = position_errors(self.data, commanded_poses(self.data, self.robot, self.alignment))
+        by_frame = position_errors(self.data, *commanded_poses(self.data, self.robot, self.alignment))
         poses = pose_document(self.data, self.data.position - by_frame["base"].position)
         return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
 
@@ -189,7 +189,7 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
     rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment
-    commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot).block(slice(None))[0]
+    commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot)[0]
     error = some.position - commanded
     moved = moved_warning(some, error)
     if robot is None or data.q is None:

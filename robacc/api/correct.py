@@ -42,8 +42,7 @@ from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import standing_campaign
 from robacc.poses.csv_file import pose_pieces
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import nominal_robot
+from robacc.prediction.model_uncertainty import ModelFit, model_fit, nominal_robot
 from robacc.programs.program import Program, read_program
 from robacc.programs.targets import (
     allowed_by_status,

@@ -69,12 +69,10 @@ from robacc.planning.candidates import (
 from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
 from robacc.prediction import DEFAULT_SAMPLES
-from robacc.prediction.comparison import MeasuredComparison, Noise, compare_with_measured
-from robacc.prediction.model_fit import model_fit
-from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage
+from robacc.prediction.comparison import Noise, compare_with_measured
+from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
 from robacc.prediction.predicting import (
     NORMAL,
-    Allocation,
     Prediction,
     allocate as allocate_tolerances,
     configurations_of,
@@ -99,10 +97,10 @@ class Predicted(Result, Prediction):
     command: ClassVar[str] = "predict"
     robot: Robot
     """Robot as its file describes it."""
-    allocation: Allocation | None
-    """Tolerances that would reach the requested grade."""
-    comparison: MeasuredComparison | None
-    """Comparison of the prediction with measured poses."""
+    allocation: Mapping[str, Any] | None
+    """Tolerances that would reach the requested grade, with the keys of the result."""
+    comparison: Mapping[str, Any] | None
+    """Comparison of the prediction with measured poses, with the keys of the result."""
     coverage: Mapping[str, Any] | None
     """Measured poses within the bounds of a model file, with the keys of the result; None for tolerances."""
     planned: Measurements | None
@@ -114,13 +112,12 @@ class Predicted(Result, Prediction):
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
         fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
-        hint = None if self.comparison is None else self.comparison.hint
         return (
             *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
             *fitted_pose_warnings(self.robot, against),
             *self.made.warnings,
             *(() if fit is None else fit.warnings),
-            *(() if hint is None else (hint,)),
+            *filter(None, [(self.comparison or {}).get("hint")]),
         )
 
     def payload(self) -> dict[str, Any]:
@@ -282,8 +279,7 @@ def predict(
     else:
         prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     aligned = effect_names(align)
-    comparison: MeasuredComparison | None = None
-    covered: Mapping[str, Any] | None = None
+    comparison = covered = None
     if fit is not None and measured is not None:
         covered = coverage(arm, fit, measured, seed, aligned, noise_std)
     elif measured is not None:

@@ -33,7 +33,7 @@ from robacc.errors import MissingColumnError, Note, UsageError, refuse
 from robacc.io.files import read_text, write_text
 from robacc.modelling.campaign import resolve_campaign
 from robacc.poses.csv_file import pose_pieces
-from robacc.prediction.model_fit import model_fit
+from robacc.prediction.model_uncertainty import model_fit
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_poses

@@ -101,7 +101,7 @@ class Result:
         if gate is None:
             return self.made.document(self.command, self.payload())
         from robacc.documents.gate import gate_document, read_gate
-        from robacc.gates.evaluate import evaluate_gate
+        from robacc.gates import evaluate_gate
 
         criteria, baselines, records = read_gate(os.fspath(gate))
         made = self.made._replace(inputs=(*self.made.inputs, *records))

@@ -21,8 +21,8 @@ from robacc.documents.compare import COMPARE, COMPARE_PAIRED
 from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.gate import CHECK, read_gate
 from robacc.errors import InputError, Problem, refuse
-from robacc.gates.evaluate import GateOutcome, evaluate_gate
-from robacc.prediction.model_fit import model_fit
+from robacc.gates import GateOutcome, evaluate_gate
+from robacc.prediction.model_uncertainty import model_fit
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -176,7 +176,7 @@ def predict(
     result = call()
     write(warranty_map, lambda: result.map_csv(voxel))
     write(per_pose, result.per_pose_csv)
-    source = "" if result.comparison is None else result.comparison.source
+    source = "" if result.comparison is None else result.measured.source or "the data"
     deliver(outlets, result, lambda: prediction_view(result.payload(), source, "full"))
 
 

@@ -27,8 +27,7 @@ from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile
@@ -218,7 +217,7 @@ def _against_model(
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     firsts = np.array([own[0] for own in rows[1]])
-    separate = model_uncertainty(arm, alone, after, measured=True).position[:, :, firsts]
+    separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
     used = _noise(fit, noise, files[1].stated_noise[0])
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.

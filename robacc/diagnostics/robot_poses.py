@@ -96,7 +96,7 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     if data.q is None or data.n < 2:
         return ()
     sample = data.subset(even_rows(data.n, SAMPLE))
-    nominal, _ = commanded_poses(sample, robot).block(slice(0, sample.n))
+    nominal, _ = commanded_poses(sample, robot)
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)
     measured_range, nominal_range = (float(np.max(central_range(p))) for p in (sample.position, nominal))
@@ -118,7 +118,7 @@ def _check_both_units(data: Measurements, robot: Robot) -> None:
     if data.q is None or not revolute.any() or (largest := float(np.max(np.abs(data.q[revolute])))) > np.radians(TURN):
         return
     turned = dataclasses.replace(data, q=np.where(revolute[:, None], np.degrees(data.q), data.q))
-    nominal, _ = commanded_poses(turned, robot).block(slice(0, data.n))
+    nominal, _ = commanded_poses(turned, robot)
     if (thousandfold(data.position, nominal) or 2.0) > 1:
         return
     spread = 1e3 * float(np.max(central_range(data.position)))

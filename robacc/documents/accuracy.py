@@ -110,10 +110,8 @@ GRADE = part(
             part(
                 {
                     "grade": Key(text, "Name of the grade."),
-                    "position_excess_m": Key(size | None, "Distance of the position beyond its limit, m.", "position"),
-                    "orientation_excess_rad": Key(
-                        size | None, "Distance of the orientation beyond its limit, rad.", "orientation"
-                    ),
+                    "position_excess_m": Key(size | None, "Distance of the position beyond its limit, m."),
+                    "orientation_excess_rad": Key(size | None, "Distance of the orientation beyond its limit, rad."),
                 }
             )
             | None,
@@ -497,12 +495,11 @@ ISO9283 = part(
             array(
                 part(
                     {
-                        "condition": Key(text, "Name of the condition.", "name"),
+                        "condition": Key(text, "Name of the condition."),
                         "clause": Key(text, "Clause of the standard."),
                         "status": Key(
                             choice("met", "not_met", "unknown"),
                             "Status: met, not_met or unknown.",
-                            lambda condition: condition.status.replace(" ", "_"),
                         ),
                         "why": Key(text, "Result of the check."),
                     }

@@ -228,22 +228,18 @@ PREDICT = part(
                         array(
                             part(
                                 {
-                                    "parameter": Key(text, "Parameter, as joint.kind.", lambda pair: pair[0].name),
-                                    "joint": Key(text | None, "Joint, or null.", lambda pair: pair[0].joint),
+                                    "parameter": Key(text, "Parameter, as joint.kind."),
+                                    "joint": Key(text | None, "Joint, or null."),
                                     "given_sd": Key(
                                         size,
                                         "Given tolerance, one standard deviation, in the unit.",
-                                        lambda pair: pair[0].sd,
                                     ),
                                     "needed_sd": Key(
                                         size,
                                         "Needed tolerance, one standard deviation, in the unit.",
-                                        lambda pair: pair[1],
                                     ),
-                                    "factor": Key(
-                                        size, "Needed over given tolerance.", lambda pair: pair[1] / pair[0].sd
-                                    ),
-                                    "unit": Key(text, "m or rad.", lambda pair: pair[0].unit),
+                                    "factor": Key(size, "Needed over given tolerance."),
+                                    "unit": Key(text, "m or rad."),
                                 }
                             )
                         ),
@@ -281,7 +277,7 @@ PREDICT = part(
         "against": Key(
             part(
                 {
-                    "n_poses": Key(count, "Measured poses.", "statistics.n_poses"),
+                    "n_poses": Key(count, "Measured poses."),
                     "measured": Key(
                         part(
                             {
@@ -290,25 +286,17 @@ PREDICT = part(
                             }
                         ),
                         "Measured errors after the registration.",
-                        "",
                     ),
                     "alignment": Key(
                         part(
                             {
-                                "what": Key(
-                                    array(text), "Fitted frames: base_frame, tool_frame or both.", "alignment.effects"
-                                ),
-                                "degrees_of_freedom": Key(
-                                    count, "Degrees of freedom of the registration.", "statistics.n_aligned"
-                                ),
-                                "parameters": Key(
-                                    array(REGISTERED_PARAMETER), "Fitted coefficients.", "alignment.parameters"
-                                ),
+                                "what": Key(array(text), "Fitted frames: base_frame, tool_frame or both."),
+                                "degrees_of_freedom": Key(count, "Degrees of freedom of the registration."),
+                                "parameters": Key(array(REGISTERED_PARAMETER), "Fitted coefficients."),
                             }
                         )
                         | None,
                         "Frames registered to the poses; null without a registration.",
-                        lambda comparison: None if comparison.alignment is None else comparison,
                     ),
                     "noise": Key(
                         part(
@@ -320,7 +308,6 @@ PREDICT = part(
                             }
                         ),
                         "Measurement noise along and about an axis.",
-                        "statistics.noise",
                     ),
                     "verdict": Key(text, "Verdict on the consistency."),
                     "hint": Key(text | None, "Likely cause of errors that are too large for any tolerance."),
@@ -336,7 +323,6 @@ PREDICT = part(
                             "Normalised squared error of all numbers, of the directions that the parameters affect, "
                             "and of the other directions."
                         ),
-                        "tests",
                     ),
                     "likelihood_ratio": Key(
                         part(
@@ -355,7 +341,6 @@ PREDICT = part(
                             "Likelihood-ratio test of a common scale of all tolerances; null if no parameter is "
                             "identifiable."
                         ),
-                        "scale",
                     ),
                     "variance_components": Key(
                         part(
@@ -392,7 +377,6 @@ PREDICT = part(
                         )
                         | None,
                         "Estimated tolerance of each kind; null if none is identifiable.",
-                        "components",
                     ),
                     "one_draw": Key(text, "Limitation: the poses come from one robot."),
                 }

@@ -27,21 +27,11 @@ from robacc.documents.keys import (
     text,
 )
 from robacc.errors import InputError, Problem
-from robacc.gates.gate_file import RULES, Gate, GateCriterion, load_gate
 from robacc.io.files import read_text, sha256_of
 from robacc.statistics.intervals import ASSURANCE
 
 if TYPE_CHECKING:
-    from robacc.gates.evaluate import GateOutcome
-
-_UNITS = {"length": "m", "angle": "rad"}
-
-
-def _limit(criterion: GateCriterion) -> list[str] | str | float | None:
-    if not criterion.accepted:
-        return criterion.limit
-    return list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
-
+    from robacc.gates import Gate, GateOutcome
 
 OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
 
@@ -55,14 +45,13 @@ GATE_RESULT = part(
             array(
                 part(
                     {
-                        "name": Key(text, "Name of the criterion.", "criterion.name"),
-                        "key": Key(text, "Key of the figure, as in position.p95.", "criterion.key"),
+                        "name": Key(text, "Name of the criterion."),
+                        "key": Key(text, "Key of the figure, as in position.p95."),
                         "outcome": Key(OUTCOME),
-                        "why": Key(text | None, "Explanation of the outcome, if it needs one.", "why"),
+                        "why": Key(text | None, "Explanation of the outcome, if it needs one."),
                         "unit": Key(
                             text,
                             "Unit of value, limit, bounds and margin: m, rad or 1.",
-                            lambda evaluation: _UNITS.get(evaluation.dimension, "1"),
                         ),
                         "value": Key(
                             Kind({"type": ["number", "string"]}) | None,
@@ -71,81 +60,64 @@ GATE_RESULT = part(
                         "limit": Key(
                             anything,
                             "Limit: a number, a grade, or the words that pass.",
-                            lambda evaluation: _limit(evaluation.criterion),
                         ),
-                        "at_least": Key(flag, "True if the limit is a minimum, not a maximum.", "criterion.at_least"),
+                        "at_least": Key(flag, "True if the limit is a minimum, not a maximum."),
                         "rule": Key(
                             choice("bound", "simple", "guard_band", "guarded_rejection"),
                             "Decision rule.",
-                            "criterion.rule",
                         ),
                         "rule_text": Key(
                             text,
                             "Description of the rule, with its source.",
-                            lambda evaluation: RULES[evaluation.criterion.rule],
                         ),
                         "confidence": Key(
                             share | None,
                             "Confidence of each one-sided bound; null if the rule uses no bound.",
-                            lambda evaluation: (
-                                None if evaluation.criterion.rule == "simple" else evaluation.criterion.confidence
-                            ),
                         ),
                         "share": Key(
                             share | None,
                             "Share of all poses that must lie within the limit of a largest error; otherwise null.",
-                            lambda evaluation: evaluation.criterion.share if evaluation.is_by_share else None,
                         ),
-                        "lower_bound": Key(number | None, "One-sided lower bound at the confidence.", "lower_bound"),
-                        "upper_bound": Key(number | None, "One-sided upper bound at the confidence.", "upper_bound"),
-                        "margin": Key(number | None, "Distance to the limit; negative beyond the limit.", "margin"),
-                        "conformity_probability": Key(
-                            share | None, "Confidence that the true value meets the limit.", "probability"
-                        ),
-                        "method": Key(text | None, "Method of the bounds.", "method"),
-                        "n_poses": Key(count | None, "Number of commanded poses behind the value.", "n"),
+                        "lower_bound": Key(number | None, "One-sided lower bound at the confidence."),
+                        "upper_bound": Key(number | None, "One-sided upper bound at the confidence."),
+                        "margin": Key(number | None, "Distance to the limit; negative beyond the limit."),
+                        "conformity_probability": Key(share | None, "Confidence that the true value meets the limit."),
+                        "method": Key(text | None, "Method of the bounds."),
+                        "n_poses": Key(count | None, "Number of commanded poses behind the value."),
                         "poses_to_decide": Key(
                             count | None,
                             (
                                 "Total number of poses (of visits for ISO 9283) that would decide an inconclusive "
                                 "criterion."
                             ),
-                            "poses_to_decide",
                         ),
                         "poses_to_decide_if_value_is_true": Key(
                             count | None,
                             "The same number if the measured value is the true value.",
-                            "poses_if_true",
                         ),
                         "baseline": Key(
                             part(
                                 {
-                                    "file": Key(text, "Path from the gate file.", "criterion.baseline"),
-                                    "value": Key(
-                                        number | None, "Value of the figure in the baseline.", "baseline_value"
-                                    ),
+                                    "file": Key(text, "Path from the gate file."),
+                                    "value": Key(number | None, "Value of the figure in the baseline."),
                                 }
                             )
                             | None,
                             "Stored result that the figure is compared with; otherwise null.",
-                            lambda evaluation: evaluation if evaluation.criterion.baseline is not None else None,
                         ),
                         "instrument_uncertainty_over_limit": Key(
                             size | None,
                             "The instrument's expanded uncertainty over the limit; null if unknown.",
-                            "instrument_ratio",
                         ),
-                        "reason": Key(text, "Reason for the limit, from the gate file.", "criterion.reason"),
+                        "reason": Key(text, "Reason for the limit, from the gate file."),
                         "warnings": Key(array(text), "Warnings about this criterion."),
                         "operating_curve_over": Key(
                             choice("share_within_limit", "value"),
                             "Abscissa of the operating curve.",
-                            lambda evaluation: "share_within_limit" if evaluation.is_by_share else "value",
                         ),
                         "operating_curve": Key(
                             array(array(number, 2)),
                             "Pairs of a true value and the probability to pass at that value.",
-                            "operating_curve",
                         ),
                     }
                 )
@@ -205,6 +177,8 @@ def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
     Raises:
         InputError: One of the files cannot be read, is not a gate, or is not a result.
     """
+    from robacc.gates import load_gate
+
     gate = load_gate(read_text(path), path)
     records = [InputFile.at(path, sha256_of(path), "gate")]
     baselines = {}

@@ -246,6 +246,12 @@ class YamlSection:
         """Add a problem of the value of a key, or of the mapping where the key is missing."""
         self.source.report(self.values.get(key, self.node), self.at(key), message, fix)
 
+    def report_if(self, *cases: tuple[bool, str, str, str | None]) -> None:
+        """Add the problem of each case that holds: whether it does, the key, the message, and how to repair it."""
+        for holds, key, message, fix in cases:
+            if holds:
+                self.report(key, message, fix)
+
     def text(self, key: str, options: Collection[str] = (), *, needed: bool = False) -> str | None:
         """Return a line of text, one of ``options`` if there are any; report another value, and a missing one."""
         node = self.require(key) if needed else self.get(key)

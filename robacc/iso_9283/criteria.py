@@ -13,7 +13,7 @@ from __future__ import annotations
 
 import math
 import zlib
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from itertools import combinations, pairwise
@@ -23,7 +23,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
-from robacc.accuracy.estimation import Commanded
 from robacc.errors import InputError, Problem
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
@@ -47,7 +46,6 @@ _POLE = np.cos(np.deg2rad(80.0))
 """cos(b) below which a deviation of a or c is at least six times the rotation that causes it."""
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
-Status = Literal["met", "not met", "unknown"]
 Figure = TypeVar("Figure")
 
 
@@ -137,16 +135,6 @@ class Characteristic:
 
 
 @dataclass(frozen=True, slots=True)
-class Condition:
-    """One condition of the standard's protocol, its status and the reason."""
-
-    name: str
-    clause: str
-    status: Status
-    why: str
-
-
-@dataclass(frozen=True, slots=True)
 class Iso9283Result:
     """Result of ``robacc iso9283``."""
 
@@ -159,7 +147,8 @@ class Iso9283Result:
     poses: tuple[CommandedPose, ...]
     characteristics: tuple[Characteristic, ...]
     """In the standard's order; a criterion that the data cannot support has a reason and no number."""
-    protocol: tuple[Condition, ...]
+    protocol: Sequence[Mapping[str, str]]
+    """Conditions of the standard's protocol, their status and its reason, with the keys of the result."""
     alignments: tuple[Alignment, ...]
     """Registration of each file, if one was requested."""
     unaligned: Array | None
@@ -173,8 +162,12 @@ class Iso9283Result:
         return next(entry for entry in self.characteristics if entry.symbol == symbol)
 
 
-def visits_of(data: Measurements, commanded: Commanded | None, source: str, number: int) -> tuple[CommandedPose, ...]:
+def visits_of(
+    data: Measurements, command: tuple[Array | None, Array | None], source: str, number: int
+) -> tuple[CommandedPose, ...]:
     """Return the commanded poses of one file in the order of their first visit; each target counts as a separate pose.
+
+    ``command`` are the commanded position and orientation of each row, as far as they are known.
 
     Raises:
         InputError: There are no poses.
@@ -187,7 +180,6 @@ def visits_of(data: Measurements, commanded: Commanded | None, source: str, numb
     if data.target is not None:
         targets = np.unique(data.target, return_inverse=True)[1]
         groups = np.unique(groups * data.n + targets, return_inverse=True)[1]
-    command = (None, None) if commanded is None else commanded.block(slice(0, data.n))
     _, first = np.unique(groups, return_index=True)
     members = np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
     poses = []
@@ -353,14 +345,9 @@ def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 # Length of a mean vector with its interval: the distance between barycentres.
 
-_NONCENTRAL = "noncentral: the true distances under which the measured distance is likely, scatter as between visits"
 _BISECTIONS = 60
-_ACCURACY = 1e-7
-"""Relative accuracy of a limit."""
 _SMALLEST_PROBABILITY = 1e-15
 """Probabilities are clipped to at least this, and to at most its complement."""
-_FAR_FROM_ZERO = 20.0
-"""Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800)."""
 
 
 def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstimate:
@@ -379,7 +366,8 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
     if not np.any(variances > 0.0):
         return IntervalEstimate(value, partial(Interval.exact, value))
     components = axes.T @ difference
-    if value**2 > _FAR_FROM_ZERO**2 * float(np.sum(variances)):
+    # Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800).
+    if value**2 > 20.0**2 * float(np.sum(variances)):
         return student(value, math.sqrt(float(np.sum(variances * components**2))) / value, dof)
 
     def limit(probability: float) -> float:
@@ -394,7 +382,8 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
             return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
-        return root(excess, 0.0, furthest, _ACCURACY) if excess(0.0) < 0.0 < excess(furthest) else 0.0
+        # Relative accuracy of a limit.
+        return root(excess, 0.0, furthest, 1e-7) if excess(0.0) < 0.0 < excess(furthest) else 0.0
 
     def interval_at(confidence: float) -> Interval:
         below, above, bound = tails(confidence)
@@ -402,7 +391,13 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         # scatter along the longest axis bounds it from below.
         longest = math.sqrt(float(variances[0]))
         upper, top = (max(limit(1.0 - p), value, longest * student_quantile(p, dof)) for p in (above, bound))
-        return Interval(limit(1.0 - below), upper, top, confidence, _NONCENTRAL)
+        return Interval(
+            limit(1.0 - below),
+            upper,
+            top,
+            confidence,
+            "noncentral: the true distances under which the measured distance is likely, scatter as between visits",
+        )
 
     return IntervalEstimate(value, interval_at)
 
@@ -427,9 +422,6 @@ def _likeliest_mean(components: Array, variances: Array, length: float) -> Array
 
 DELTA = "delta method, normal"
 _DRAWS = 4000
-_PIVOT = f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws"
-_MAX_FOR_BOOTSTRAP = 300
-"""With more visits, the delta method's error is far below the scatter of the draws."""
 
 
 def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEstimate:
@@ -443,7 +435,8 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
         return without_interval(value, FEW_VISITS)
     if not np.any(lengths > 0.0):
         return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
-    if n > _MAX_FOR_BOOTSTRAP:
+    # With more visits, the delta method's error is far below the scatter of the draws.
+    if n > 300:
         # Influence of a visit on mean + 3 S: its length, and 3 times its part of dS = d(S^2) / (2 S).
         influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / length_std if length_std > 0.0 else lengths
         return student(value, float(np.std(influence, ddof=1)) / math.sqrt(n), math.inf, DELTA)
@@ -452,13 +445,19 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     points = np.random.default_rng(seed).standard_normal((3, _DRAWS, n)) * np.sqrt(variances)[:, None, None]
     points -= points.mean(axis=2, keepdims=True)
     drawn = np.sqrt(np.sum(np.square(points), axis=0))
-    mean_length = float(mean_lengths(variances[:, None])[0])
+    mean_length = float(mean_lengths(variances[::-1, None])[0])
     truth = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
     ratios = np.asarray((drawn.mean(axis=1) + 3.0 * drawn.std(axis=1, ddof=1)) / truth)
 
     def interval_at(confidence: float) -> Interval:
         low, high, top = (value / ratio for ratio in quantiles(ratios, [1.0 - p for p in tails(confidence)]))
-        return Interval(low, high, top, confidence, _PIVOT)
+        return Interval(
+            low,
+            high,
+            top,
+            confidence,
+            f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws",
+        )
 
     return IntervalEstimate(value, interval_at)
 
@@ -573,8 +572,6 @@ def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-_MAX_APPROACHES = 8
-"""Largest number of approach directions at a pose; more are random moves."""
 _SAME_COMMAND = 1e-6
 """m: commanded positions closer than this are the same."""
 
@@ -619,7 +616,8 @@ def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Chara
         moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
         approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
         names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
-        if len(names) > _MAX_APPROACHES:
+        # Largest number of approach directions at a pose; more are random moves.
+        if len(names) > 8:
             why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
         elif len(names) > 1:
             rows = [moving[index.ravel() == i] for i in range(len(names))]
@@ -754,8 +752,6 @@ def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEst
 
 MIN_WINDOW_VISITS = 3
 """Smallest number of visits in a window: RP of two visits is almost entirely chance."""
-USUAL_WINDOW_VISITS = 10
-MAX_WINDOWS = 10
 
 
 def drift(
@@ -765,7 +761,7 @@ def drift(
 
     Poses with fewer than three visits in each window are left out.
     """
-    counts = [(pose, windows or min(max(pose.n // USUAL_WINDOW_VISITS, 2), MAX_WINDOWS)) for pose in poses]
+    counts = [(pose, windows or min(max(pose.n // 10, 2), 10)) for pose in poses]
     divided = [
         (pose, np.array_split(np.arange(pose.n), count))
         for pose, count in counts

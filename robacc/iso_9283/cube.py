@@ -15,7 +15,7 @@ from typing import Literal
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -31,8 +31,6 @@ PREFERRED_SIZES = ", ".join(f"{1e3 * edge:.0f}" for edge in reversed(PREFERRED_E
 """The same in mm, as text."""
 FROM_CORNER = 0.10
 """Distance of P2 to P5 from the corners, as a fraction of the diagonal's length."""
-TOLERANCE = 0.02
-"""Tolerance of the standard on :data:`FROM_CORNER`."""
 _SIZE_TOLERANCE = 0.01
 """Relative difference below which two sizes count as equal: 1 mm in 100 mm is accepted."""
 
@@ -51,7 +49,8 @@ class CubeFit:
     @property
     def edge(self) -> float:
         """Return the preferred edge with the points 8 to 12 % from its corners, else the edge with them at 10 %, m."""
-        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - self.half / edge - FROM_CORNER) <= TOLERANCE)
+        # Tolerance of the standard on `FROM_CORNER`.
+        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - self.half / edge - FROM_CORNER) <= 0.02)
         return next(preferred, self.half / (0.5 - FROM_CORNER))
 
     @property
@@ -113,10 +112,6 @@ _MAX_CENTRES = 4
 """Number of centres with all corners in reach whose orientations are tried."""
 _GRID = 0.01
 """Step of the centres' coordinates (a tenth of the edge for small cubes), m."""
-_AXIS_ANGLE = math.radians(30.0)
-"""A front direction closer to an axis of the base than this is set to that axis."""
-_COLUMN_CLEARANCE = 0.1
-"""Clearance between cube and first joint's axis, as a fraction of the reach."""
 
 
 def reachable_centres(arm: Arm, edge: float) -> Array:
@@ -142,7 +137,8 @@ def _centres(arm: Arm, edge: float) -> Array:
     furthest = positions[:, int(np.argmax(np.hypot(positions[0], positions[1])))]
     azimuth = math.atan2(furthest[1], furthest[0])
     along = 0.5 * math.pi * round(azimuth / (0.5 * math.pi))
-    azimuth = along if abs(azimuth - along) < _AXIS_ANGLE else azimuth
+    # A front direction closer to an axis of the base than this is set to that axis.
+    azimuth = along if abs(azimuth - along) < math.radians(30.0) else azimuth
     front = np.array([math.cos(azimuth), math.sin(azimuth)])
     forward = front @ positions[:2]
     middle = np.median(forward[forward > 0.0]), np.median(positions[2, forward > 0.0])
@@ -153,7 +149,8 @@ def _centres(arm: Arm, edge: float) -> Array:
     order = np.argsort(np.hypot(radius - middle[0], height - middle[1]).ravel(), kind="stable")
     if arm.robot.variables[0].type == "revolute":
         # The column of a turning arm takes space: the cube's near side stays clear of its axis.
-        nearest = 0.5 * edge * float(np.abs(front).sum()) + _COLUMN_CLEARANCE * forward.max()
+        # Clearance between cube and first joint's axis, as a fraction of the reach.
+        nearest = 0.5 * edge * float(np.abs(front).sum()) + 0.1 * forward.max()
         order = order[radius.ravel()[order] >= nearest]
     grid = min(_GRID, 0.1 * edge)
     places = np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order]))
@@ -177,8 +174,6 @@ _ORIENTATION_TEXT: dict[Orientation, str] = {
 }
 _DECIMALS = 11
 """Decimals of joint variables, which limit how exactly the poses are met."""
-_LIMIT_CLEARANCE = 0.01
-"""Clearance between a joint and its limits, as a fraction of its range."""
 _STARTS = 8
 _ROLLS = 8
 
@@ -230,11 +225,14 @@ def propose(
         InputError: No cube fits, or a prismatic joint has no limits.
         UsageError: The robot has no such target, or the edge is not a length above zero.
     """
-    if edge is not None and not 0.0 < edge < math.inf:
-        raise UsageError(f"the cube's edge is a length above 0, not {edge:g} m")
-    if target is not None and target not in robot.targets:
-        names = ", ".join(robot.targets) or "one tool without a name"
-        raise UsageError(f"no target {target!r}; the robot file has {names}")
+    names = ", ".join(robot.targets) or "one tool without a name"
+    refuse(
+        (
+            edge is not None and not 0.0 < edge < math.inf,
+            f"the cube's edge is a length above 0, not {edge or 0.0:g} m",
+        ),
+        (target is not None and target not in robot.targets, f"no target {target!r}; the robot file has {names}"),
+    )
     name = target or next(iter(robot.targets), None)
     tool = robot.tool if name is None else robot.targets[name]
     # In the base's axes, to which the cube's edges are parallel.
@@ -340,7 +338,8 @@ def _best_plane(
         joints = np.concatenate((starts[:, None, solved], outer.q[:, nearest][:, :, solved]), axis=1)
         margins = np.round(np.min(_margins(arm, joints), axis=(0, 1)), 6)
         i = int(np.argmax(margins))
-        if margins[i] >= _LIMIT_CLEARANCE and (best is None or margins[i] > best.margin):
+        # Clearance between a joint and its limits, as a fraction of its range.
+        if margins[i] >= 0.01 and (best is None or margins[i] > best.margin):
             q = np.round(joints[..., i], _DECIMALS) + 0.0
             poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
             best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())

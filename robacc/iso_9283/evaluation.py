@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
-from typing import Any
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, Literal
 
 import numpy as np
 
@@ -16,15 +16,13 @@ from robacc.accuracy.estimation import (
     register,
     too_far,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses
 from robacc.iso_9283.criteria import (
     Characteristic,
     CommandedPose,
-    Condition,
     Iso9283Result,
-    Status,
     accuracy,
     distance_criteria,
     drift,
@@ -49,12 +47,8 @@ _AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
 _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
 _LOADS = (1.0, 0.1)
-_VELOCITIES = (1.0, 0.5, 0.1)
-_NO_DIRECTION = "approach directions are not known; `ordered` derives them from the rows"
-_MAX_UNCERTAINTY_SHARE = 0.25
-"""Largest measuring uncertainty as a fraction of the criterion."""
 
-Finding = tuple[Status, str]
+Finding = tuple[Literal["met", "not_met", "unknown"], str]
 """Whether a condition is met, and the reason."""
 
 
@@ -65,8 +59,8 @@ def protocol(
     repeatability: Characteristic,
     shift: Characteristic,
     rated_load: float | None,
-) -> tuple[Condition, ...]:
-    """Return every condition, in the order of the clauses."""
+) -> Sequence[Mapping[str, str]]:
+    """Return every condition, in the order of the clauses, with the keys of the result."""
 
     def logged(column: str, missing: str, judge: Callable[[list[Any]], Finding]) -> Finding:
         """Judge the values of a column, one array for each file; unknown where a file lacks it."""
@@ -91,21 +85,31 @@ def protocol(
         ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
         ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
         ("rated velocity", "6.7", logged("speed", "no speed columns", lambda speeds: _velocity(files, speeds))),
-        ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not met", five_poses)),
+        ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not_met", five_poses)),
         ("diagonal plane", "6.8", diagonal),
         ("10 % from the corners", "6.8", corner_distance),
-        ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not met", cycles)),
-        ("one approach", "7.2", logged("direction", _NO_DIRECTION, lambda _: _one_approach(poses))),
+        ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not_met", cycles)),
+        (
+            "one approach",
+            "7.2",
+            logged(
+                "direction",
+                "approach directions are not known; `ordered` derives them from the rows",
+                lambda _: _one_approach(poses),
+            ),
+        ),
         ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
-    return tuple(Condition(name, clause, *finding) for name, clause, finding in findings)
+    return [
+        {"condition": name, "clause": clause, "status": status, "why": why} for name, clause, (status, why) in findings
+    ]
 
 
 def _temperature(logged: list[Array]) -> Finding:
     low, high = min(float(values.min()) for values in logged), max(float(values.max()) for values in logged)
     range_text = f"{low:.1f} °C to {high:.1f} °C"
     if high - low > 2.0 * _AMBIENT_TOLERANCE:
-        return "not met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
+        return "not_met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
     if max(abs(low - _AMBIENT), abs(high - _AMBIENT)) <= _AMBIENT_TOLERANCE:
         return "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C"
     return "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
@@ -120,13 +124,14 @@ def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
     reason = (
         f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
-    return "met" if share <= _MAX_UNCERTAINTY_SHARE else "not met", reason
+    # Largest measuring uncertainty as a fraction of the criterion.
+    return "met" if share <= 0.25 else "not_met", reason
 
 
 def _load(loads: list[Array], rated: float | None) -> Finding:
     low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
     if high - low > _STEP_TOLERANCE * max(high, 1e-9):
-        return "not met", f"the load varies from {low:g} kg to {high:g} kg"
+        return "not_met", f"the load varies from {low:g} kg to {high:g} kg"
     if rated is None:
         return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
     return _rated_share(high / rated, _LOADS, f"{high:g} kg of {rated:g} kg", "load")
@@ -144,8 +149,8 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
         return "unknown", "every speed is 0"
     if np.ptp(fastest) > _STEP_TOLERANCE:
         extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
-        return "not met", f"the fastest joint's speed varies {extent}"
-    return _rated_share(float(fastest.mean()), _VELOCITIES, "the fastest joint's last motion", "velocity")
+        return "not_met", f"the fastest joint's speed varies {extent}"
+    return _rated_share(float(fastest.mean()), (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")
 
 
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
@@ -154,7 +159,7 @@ def _rated_share(share: float, steps: tuple[float, ...], description: str, quant
     if step is None:
         optional = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
         required = f"the standard requires 100 %; optional steps are {optional}"
-        return "not met", f"{description}: {100 * share:.0f} %; {required}"
+        return "not_met", f"{description}: {100 * share:.0f} %; {required}"
     also = "" if step == 1.0 else f", an optional step; a test at 100 % {quantity} is needed too"
     return "met", f"{description}: {100 * step:.0f} %{also}"
 
@@ -165,12 +170,12 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     if len(points) < len(poses):
         return (("unknown", "the commanded positions are not known"),) * 2
     if len(points) != _POSE_COUNT:
-        return (("not met", "needs five commanded poses"),) * 2
+        return (("not_met", "needs five commanded poses"),) * 2
     base = _base_pose(Frame() if robot is None else robot.base)
     fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
-        return (("not met", fit),) * 2
-    plane: Finding = ("not met", "the diagonal plane is upright; the standard's planes rise at 45°")
+        return (("not_met", fit),) * 2
+    plane: Finding = ("not_met", "the diagonal plane is upright; the standard's planes rise at 45°")
     if fit.plane is not None:
         plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
     edge = f"a cube of {fit.edge * 1e3:.0f} mm"
@@ -186,11 +191,9 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
     if not labels:
         return "met", "every visit of a pose has the same approach direction"
     names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
-    return "not met", f"{names} approached from several directions: AP and RP include vAP"
+    return "not_met", f"{names} approached from several directions: AP and RP include vAP"
 
 
-_HEAVY_TAIL_P_VALUE = 0.01
-"""p-value below which a note says that the scatter is not Gaussian."""
 _SAME_COMMAND = 1e-6
 """m: commands of a pose that differ by less are equal."""
 _MAX_POSES = 300
@@ -224,7 +227,7 @@ def iso9283(
         InputError: The data lack something that the call needs.
     """
     check_confidence(confidence)
-    mistakes = (
+    refuse(
         (not files, "no file of measured poses is given; give at least one"),
         (
             windows is not None and windows < 2,
@@ -234,15 +237,17 @@ def iso9283(
             rated_load is not None and not 0.0 < rated_load < np.inf,
             f"`rated_load` is above 0 kg, not {rated_load or 0:g}",
         ),
+        (
+            bool(align) and robot is None and any(data.commanded_position is None for data in files),
+            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z",
+        ),
     )
-    for applies, message in mistakes:
-        if applies:
-            raise UsageError(message)
     names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
     commands = [
-        None if robot is None and data.commanded_position is None else commanded_poses(data, robot) for data in files
+        (None, None) if robot is None and data.commanded_position is None else commanded_poses(data, robot)
+        for data in files
     ]
     nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
     problems = [
@@ -256,10 +261,6 @@ def iso9283(
     ]
     if problems:
         raise InputError(problems)
-    if align and robot is None and any(data.commanded_position is None for data in files):
-        raise UsageError(
-            "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-        )
     alignments = [register(data, robot, align) for data in files] if align else []
     poses_by_file = nominal_poses
     # Registered robots were measured in different frames: positions move from the registered to the nominal base.
@@ -283,7 +284,7 @@ def iso9283(
     return Iso9283Result(
         n_poses=sum(data.n for data in files),
         sources=tuple(sources),
-        commanded=next((command.source for command in commands if command is not None), None),
+        commanded=None if all(position is None for position, _ in commands) else "file" if robot is None else "robot",
         poses=poses,
         characteristics=(
             accuracy(poses, confidence),
@@ -368,7 +369,8 @@ def _heavy_tails(poses: Sequence[CommandedPose]) -> str:
         if values[0] > 1e-12 * values[-1]:
             sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
-    if test is None or test.p_value is None or test.p_value > _HEAVY_TAIL_P_VALUE:
+    # p-value below which a note says that the scatter is not Gaussian.
+    if test is None or test.p_value is None or test.p_value > 0.01:
         return ""
     return (
         f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
@@ -65,8 +65,7 @@ from robacc.planning.expected import (
     with_targets,
     worth_of,
 )
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import scaled_inverse
+from robacc.prediction.model_uncertainty import ModelFit, model_fit, scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
 from robacc.statistics.intervals import smallest_sufficient
@@ -105,12 +104,6 @@ ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
 MOST_POSES = 2000
 RATIOS = (0.5, 0.6, 0.7, 0.8, 0.9)
-EXPECTED_RATIO = 0.8
-"""True value over the limit for which the number is planned, if no expected value is given."""
-_REPRESENTED = 500
-"""Poses, drawn at random, that stand for all in the mean distance."""
-_PERCENTILE_COST = 2.4
-"""Variance of order statistics relative to that of a Gaussian's radius, as in the decision on a gate."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -132,7 +125,8 @@ def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
     It decides with probability 0.9 if the true value is ``expected``, and so do the numbers for other true values; None
     where more than :data:`MOST_POSES` are needed.
     """
-    ratio = EXPECTED_RATIO if expected is None else expected / demand.limit
+    # True value over the limit for which the number is planned, if no expected value is given.
+    ratio = 0.8 if expected is None else expected / demand.limit
     by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
     return {
         "name": demand.label,
@@ -149,7 +143,8 @@ def poses_for(demand: Demand, ratio: float) -> int | None:
     """Return the number of poses that decides if the true value is ``ratio`` times the limit, below or above it."""
     is_below, fewest, cost = ratio < 1.0, 3, 1.0
     if demand.statistic == "p95":
-        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), _PERCENTILE_COST
+        # Variance of order statistics relative to that of a Gaussian's radius, as in the decision on a gate.
+        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), 2.4
     elif demand.statistic == "max":
         return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
 
@@ -174,7 +169,8 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
     n = q.shape[1]
     if count >= n:
         return np.arange(n)
-    sample = np.random.default_rng([seed, 3]).permutation(n)[:_REPRESENTED]
+    # Poses, drawn at random, that stand for all in the mean distance.
+    sample = np.random.default_rng([seed, 3]).permutation(n)[:500]
     spaces = []
     mean_distance, to_chosen = np.zeros(n), np.zeros(n)
     for space in (position, q):
@@ -202,10 +198,6 @@ DEFAULT_FIT: dict[Purpose, str] = {
 }
 DEFAULT_POSES: dict[Purpose, int] = {"calibrate": 30, "trace": 60, "acceptance": 60, "health": 8}
 DEFAULT_CANDIDATES = 5000
-TYPICAL_NOISE = 2e-5
-"""m; a laser tracker at some metres."""
-TYPICAL_REPEATABILITY = 2e-5
-"""m along each axis; an arm with a stated pose repeatability (mean + 3 sd of the distance) of about 0.08 mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -360,21 +352,23 @@ def expected_noise(
     if position is None and record is not None and record.noise[0] > 0.0:
         position, sources = record.noise[0], ["noise of the model's fit"]
     elif position is None:
-        position, sources = TYPICAL_NOISE, ["typical laser tracker"]
+        # m; a laser tracker at some metres.
+        position, sources = 2e-5, ["typical laser tracker"]
     if size is None and record is not None:
         # A fit writes the scatter of the joints only where it is significant; the noise then includes the rest.
         joints = np.array([record.repeatability.get(name, 0.0) for name in model.arm.names])
         sources += ["repeatability of the model's fit"] if record.repeatability else []
     else:
-        joints = joint_repeatability(model, task, TYPICAL_REPEATABILITY if size is None else size)
+        # m along each axis; an arm with a stated pose repeatability (mean + 3 sd of the distance) of about 0.08 mm.
+        joints = joint_repeatability(model, task, 2e-5 if size is None else size)
         sources.append("typical arm" if size is None else "given repeatability")
     unexplained = settings.unexplained
     if record is not None and not unexplained:
         variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
         unexplained = math.sqrt(max(variance - (0.0 if record.noise_is_separate else record.noise[0] ** 2), 0.0))
         sources += ["unexplained error of the model's fit"] if unexplained else []
-    if position == 0.0 and unexplained == 0.0:
-        raise UsageError("`noise` is zero; give the standard deviation of the instrument along each axis")
+    no_noise = "`noise` is zero; give the standard deviation of the instrument along each axis"
+    refuse((position == 0.0 and unexplained == 0.0, no_noise))
     return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
 
 
@@ -443,10 +437,6 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
         speed=data.speed if is_logged else np.zeros_like(data.q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
-
-
-_TASK_STREAM = 6
-"""Random numbers of the task's approaches, apart from those of the candidates."""
 
 
 def plan_campaign(
@@ -578,7 +568,8 @@ def _task(
     if q is None:
         raise UsageError("the poses of the task have no joint columns")
     payload = None if stated is None else stated.payload
-    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, _TASK_STREAM)
+    # Random numbers of the task's approaches, apart from those of the candidates.
+    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
 
 
 def _count(
@@ -593,10 +584,9 @@ def _count(
             f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
         )
     count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
-    if count > candidates.n:
-        most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
-        number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
-        raise UsageError(f"{count} poses are planned, but {number}{most}")
+    most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
+    number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
+    refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
     return int(count)
 
 
@@ -605,11 +595,8 @@ def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) 
     n, region = candidates.n_poses, settings.region
     position, q = candidates.position[:, :n], candidates.q[:, :n]
     allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
-    if allowed.size < count:
-        raise UsageError(
-            f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-            "give a larger region or more `candidates`"
-        )
+    text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+    refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
     return allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)] + n * (
         np.arange(count) % candidates.n_payloads
@@ -623,8 +610,7 @@ def _validation(model: Model, conditions: Conditions, settings: CampaignSettings
         return None
     constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
     pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
-    if pool.n < count:
-        raise UsageError(f"only {pool.n} of {count} validation poses are feasible")
+    refuse((pool.n < count, f"only {pool.n} of {count} validation poses are feasible"))
     q, payload = pool.q[:, :count], conditions.in_turn(count)
     visits = route(q, payload, 0, 0, settings.seed).visits
     ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])

@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -27,9 +27,6 @@ from robacc.simulation.simulate import even_joints
 # joint and corner of the arm that moves; a box to stay in holds for the target.
 
 _AXES = "xyz"
-_SIDES = re.compile(r"\s*([xyz])\s*=([^:]*):([^:]*)")
-_INEQUALITY = re.compile(r"(.+?)(<=|>=)(.+)")
-_PRODUCT = re.compile(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,13 +106,12 @@ def parse_box(text: str, name: str) -> Zone:
     """
     ends = {axis: (-np.inf, np.inf) for axis in _AXES}
     for part in text.split(","):
-        match = _SIDES.fullmatch(part)
+        match = re.fullmatch(r"\s*([xyz])\s*=([^:]*):([^:]*)", part)
         if match is None:
             raise UsageError(f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}")
         axis, *sides = match.groups()
         low, high = (length(side, name) if side.strip() else end for side, end in zip(sides, ends[axis], strict=True))
-        if low >= high:
-            raise UsageError(f"`{name}`: {axis} ends before it begins in {text!r}")
+        refuse((low >= high, f"`{name}`: {axis} ends before it begins in {text!r}"))
         ends[axis] = low, high
     lows, highs = np.array([*ends.values()]).T
     return Zone(np.concatenate((np.eye(3), -np.eye(3))), np.concatenate((highs, -lows)), text)
@@ -127,8 +123,8 @@ def parse_half_space(text: str, name: str) -> Zone:
     Raises:
         UsageError: The text is not that.
     """
-    match = _INEQUALITY.fullmatch(text.replace(" ", ""))
-    products = list(_PRODUCT.finditer(match[1])) if match else []
+    match = re.fullmatch(r"(.+?)(<=|>=)(.+)", text.replace(" ", ""))
+    products = list(re.finditer(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])", match[1])) if match else []
     if match is None or not products or "".join(product[0] for product in products) != match[1]:
         raise UsageError(f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}")
     side = 1.0 if match[2] == "<=" else -1.0
@@ -136,8 +132,7 @@ def parse_half_space(text: str, name: str) -> Zone:
     for product in products:
         normal[_AXES.index(product[3])] += side * float(product[2] or 1.0) * (-1.0 if product[1] == "-" else 1.0)
     size = float(np.linalg.norm(normal))
-    if size == 0.0:
-        raise UsageError(f"`{name}`: {text!r} names no direction")
+    refuse((size == 0.0, f"`{name}`: {text!r} names no direction"))
     return Zone(normal[None] / size, np.array([side * length(match[3], name) / size]), text)
 
 
@@ -158,16 +153,14 @@ def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float
         UsageError: The text is not that, or the farthest is not beyond the nearest.
     """
     near, far = _lengths(text, name, ":", "nearest and farthest such as 0.5:15", 2)
-    if not 0 <= near < far:
-        raise UsageError(f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}")
+    refuse((not 0 <= near < far, f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}"))
     return near, far
 
 
 def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
     """Return so many lengths, m."""
     parts = text.split(separator) if isinstance(text, str) else text
-    if len(parts) != count:
-        raise UsageError(f"`{name}`: expected {expected}, found {text!r}")
+    refuse((len(parts) != count, f"`{name}`: expected {expected}, found {text!r}"))
     return [length(part, name) for part in parts]
 
 
@@ -185,16 +178,9 @@ def length(text: str | float, name: str) -> float:
 
 # Filters of candidate poses, with a count of what each excludes.
 
-_MOVES = 1e-6
-"""m; a corner of the arm that moves less stands still and is part of the pedestal."""
 
-
-Excluded = dict[str, NDArray[np.bool_]]
-"""``(N,)`` excluded poses, by reason."""
-
-
-def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, Excluded]:
-    """Return the target of joint variables ``(J, N)``, and which of them are not feasible.
+def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, dict[str, NDArray[np.bool_]]]:
+    """Return the target of joint variables ``(J, N)``, and which of them ``(N,)`` are not feasible, by reason.
 
     The target ``(3, N)`` is in the base frame, m, and the mean of several targets.
     """
@@ -264,7 +250,8 @@ def moving_points(arm: Arm, q: Array) -> Array:
     frames = arm.chain.sweep(arm.chain.scalars(q), n, (), counts).frames
     points = np.stack([frame.translation for frame in frames], axis=1) if frames else np.zeros((3, 0, n))
     if points.shape[2] > 1:
-        points = points[:, np.ptp(points, axis=2).max(axis=0) > _MOVES]
+        # m; a corner of the arm that moves less stands still and is part of the pedestal.
+        points = points[:, np.ptp(points, axis=2).max(axis=0) > 1e-6]
     to_base = arm.robot.base.pose.inverse()
     return rotate(to_base.rotation, points) + to_base.translation[:, None, None]
 
@@ -285,8 +272,6 @@ _DECIMALS = 6
 """Decimals of commanded joint variables, as in a simulation."""
 _MOST_DRAWS = 40
 """Most samples drawn, as a multiple of the candidates sought."""
-_TASK_SKIP = 7_919
-"""Place in the sequence where poses that are not candidates begin, so that none of them is a candidate too."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -411,14 +396,12 @@ def task_joints(model: Model, constraints: Constraints, region: Zone | None, see
         UsageError: None of the samples lies in the region.
     """
     free = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
-    draws = _drawn(model.arm.robot, free.margin, 5 * TASK_POSES, _TASK_SKIP, seed + 1, 2 * _MOST_DRAWS)
+    # Place in the sequence where poses that are not candidates begin, so that none of them is a candidate too.
+    draws = _drawn(model.arm.robot, free.margin, 5 * TASK_POSES, 7_919, seed + 1, 2 * _MOST_DRAWS)
     return _feasible(model, free, draws, TASK_POSES, "no pose of the task is feasible").q
 
 
 # Circumstances of planned poses before their order is known: payload, approach, temperature.
-
-_ROOM_TEMPERATURE = 20.0
-"""Degrees Celsius; where a known effect of the model depends on the temperature."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -492,19 +475,21 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     if not payloads and any(effect.missing(arm, bare) and not effect.missing(arm, loaded) for effect in fixed):
         payloads = (0.0,)
     is_warm = any(effect.missing(arm, bare) and not effect.missing(arm, warm) for effect in fixed)
-    result = Conditions(payloads, _ROOM_TEMPERATURE if is_warm else None, seed)
     planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
-        if (reason := effect.missing(arm, planned)) is not None:
-            if effect.missing(arm, loaded):
-                raise UsageError(f"`fit`: {effect.name} cannot be planned: {reason}; leave it out")
-            raise UsageError(f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5")
-    if is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free):
-        raise UsageError(
-            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
-            "add payload_compliance to `fit`, or give the payload of this campaign alone"
+        reason, needs_loads = effect.missing(arm, planned), effect.missing(arm, loaded) is None
+        refuse(
+            (reason and needs_loads, f"`fit`: {effect.name} needs loads: {reason}; give `payload`, such as 0,5"),
+            (reason, f"`fit`: {effect.name} cannot be planned: {reason}; leave it out"),
         )
-    return result
+    refuse(
+        (
+            is_for_fit and len(payloads) > 1 and not any(effect.missing(arm, bare) for effect in model.free),
+            "`payload`: no effect of `fit` depends on the payload, so any pose may have any; "
+            "add payload_compliance to `fit`, or give the payload of this campaign alone",
+        )
+    )
+    return Conditions(payloads, 20.0 if is_warm else None, seed)
 
 
 # Joints outside the chain in a plan: they stand still at their positions of the robot file.

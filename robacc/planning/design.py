@@ -31,14 +31,8 @@ Criterion = Literal["I", "G", "D", "A"]
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
-_RANDOM_STARTS = 2
-"""Random designs that exchange starts from, beside the greedy one, as it ends in a local optimum."""
-_RANDOM_DRAWS = 10
-"""Random designs that a planned one is compared with."""
 _LEAST_GAIN = 1e-3
 """Share of the cost that a pass of exchange must gain for another pass."""
-_PEAKING = 8.0
-"""Power of a task pose's error in its weight: the mean with such weights follows the worst error."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +65,8 @@ class FitCriterion:
         share = np.ones(self.region.shape[1])
         if self.name == "G":
             variance = region_variance(self.region, covariance)
-            share = np.power(variance / variance.max(), _PEAKING)
+            # Power of a task pose's error in its weight: the mean with such weights follows the worst error.
+            share = np.power(variance / variance.max(), 8.0)
         weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
         reach = turned @ weight @ np.swapaxes(turned, 1, 2)
         return np.asarray(-np.sum(np.linalg.inv(spread) * reach, axis=(1, 2)))
@@ -203,7 +198,7 @@ def exchanged(problem: DesignProblem, chosen: NDArray[np.int64], others: int = E
     return pool[design]
 
 
-def random_designs(n: int, size: int, stream: int, seed: int, times: int = _RANDOM_DRAWS) -> list[NDArray[np.int64]]:
+def random_designs(n: int, size: int, stream: int, seed: int, times: int = 10) -> list[NDArray[np.int64]]:
     """Return random sets of ``size`` different numbers below ``n``, or of all; ``stream`` keeps draws apart."""
     generator = np.random.default_rng([seed, stream])
     return [generator.choice(n, min(size, n), replace=False) for _ in range(times)]
@@ -211,7 +206,8 @@ def random_designs(n: int, size: int, stream: int, seed: int, times: int = _RAND
 
 def choose(problem: DesignProblem, start: NDArray[np.int64], seed: int, others: int = EXCHANGED) -> NDArray[np.int64]:
     """Return the best design that exchange reaches from ``start`` and from random designs of as many poses."""
-    random = random_designs(problem.rows.shape[0], start.size, 5, seed, _RANDOM_STARTS)
+    # Random designs that exchange starts from, beside the greedy one, as it ends in a local optimum.
+    random = random_designs(problem.rows.shape[0], start.size, 5, seed, 2)
     designs = [exchanged(problem, design, others) for design in (start, *random)]
     costs = np.array([problem.cost(design) for design in designs])
     # The first of equal designs: rounding makes a different one the best on different machines.
@@ -238,11 +234,6 @@ Role = Literal["pose", "repeat", "check"]
 
 LEAST_DIRECTION_SHARE = 0.3
 """Share of the approaches of each joint that each direction must have."""
-_MOST_PASSES = 4
-_TRIES = 3000
-"""Changes tried for both directions of approach."""
-_BALANCE = 4.0
-"""Weight of missing approaches against the length of the route, in mean moves."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -326,7 +317,7 @@ def _ordered(scaled: Array, repeats: int, check: int | None, every: int, seed: i
 
     repeated = nodes[greedy(nearness, nodes.size, repeats)]
     tried = []
-    for passes in range(1, min(_MOST_PASSES, max(nodes.size // 5, 1)) + 1):
+    for passes in range(1, min(4, max(nodes.size // 5, 1)) + 1):
         order = _balanced(scaled, _in_passes(scaled, nodes, repeated, passes), check, every, seed)
         visits = _with_checks(order, check, every)
         sequence = scaled[:, visits]
@@ -353,7 +344,8 @@ def _missing_approaches(scaled: Array) -> float:
 def _cost(scaled: Array) -> float:
     """Return the length, plus the weight of approaches that are missing in a direction."""
     length = _length(scaled)
-    return float(length + _BALANCE * length / max(scaled.shape[1], 1) * _missing_approaches(scaled))
+    # Weight of missing approaches against the length of the route, in mean moves.
+    return float(length + 4.0 * length / max(scaled.shape[1], 1) * _missing_approaches(scaled))
 
 
 def _tour(scaled: Array, nodes: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -404,7 +396,8 @@ def _balanced(scaled: Array, order: NDArray[np.int64], check: int | None, every:
     n = order.size
     sequence = scaled[:, _with_checks(order, check, every)]
     cost = _cost(sequence)
-    for _ in range(_TRIES if n > 3 else 0):
+    # Changes tried for both directions of approach.
+    for _ in range(3000 if n > 3 else 0):
         if _missing_approaches(sequence) == 0.0:
             break
         first = int(generator.integers(0, n - 1))

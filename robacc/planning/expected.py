@@ -39,10 +39,6 @@ from robacc.planning.design import (
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
 
-_FRAME_PRIOR = 1.0
-"""m or rad; prior standard deviation of base and tool frames, which may be anywhere."""
-_IDENTIFIED_ON = 1500
-"""Poses that decide which coefficients any poses identify."""
 _USUAL_SIZES = 10.0
 """Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses."""
 
@@ -149,13 +145,15 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     bound = [effect.terms(model.arm, every_column(model.arm)) for effect in model.free]
     terms = tuple(term for own in bound for term in own)
     owners = [number for number, own in enumerate(bound) for _ in own]
-    flat = rows[:: max(1, rows.shape[0] // _IDENTIFIED_ON)].reshape(-1, rows.shape[2])
+    # Poses that decide which coefficients any poses identify.
+    flat = rows[:: max(1, rows.shape[0] // 1500)].reshape(-1, rows.shape[2])
     identified = identify_terms(np.asarray(np.linalg.qr(flat, mode="r")), terms, flat.shape[0])
     columns = identified.columns
     tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
     broad = broad_stds(model.free, terms, owners)
+    # Base and tool frames may be anywhere: 1 m or rad.
     usual = [
-        _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else _FRAME_PRIOR
+        _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else 1.0
         for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
     ]
     prior = np.array([tolerance.get(term.name, std) for term, std in zip(terms, usual, strict=True)])
@@ -180,12 +178,8 @@ def joint_repeatability(model: Model, task: Measurements, size: float) -> Array:
 ENOUGH_GAIN = 0.1
 """Ten more poses are not worth their time if they reduce the predicted error by less than this share."""
 BATCH = 10
-_CURVE_POINTS = 8
-"""Numbers of poses, besides the planned number, that the curve has at most."""
 CURVE_EXCHANGED = 200
 """Candidates that exchange looks at for a point of the curve."""
-_SINGULAR = 1e14
-"""Condition number above which an information matrix counts as singular."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -255,7 +249,8 @@ class Expectation:
         precision = np.diag(self.planned.broad_std**-2.0)
         scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
         scaled = (normal + precision) / scale[:, None] / scale
-        if np.linalg.cond(scaled) > _SINGULAR:
+        # Condition number above which an information matrix counts as singular.
+        if np.linalg.cond(scaled) > 1e14:
             return None
         gain = np.linalg.inv(scaled) / scale[:, None] / scale
         # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
@@ -286,7 +281,8 @@ def expected_accuracy(
     """
     _, n_rows, n_coefficients = problem.rows.shape
     first = BATCH // 2 if expectation.already.any() else -(-n_coefficients // n_rows) + 2
-    numbers = np.unique(np.round(np.geomspace(min(first, order.size), order.size, _CURVE_POINTS)).astype(int))
+    # Numbers of poses, besides the planned number, that the curve has at most.
+    numbers = np.unique(np.round(np.geomspace(min(first, order.size), order.size, 8)).astype(int))
     points = {}
     for n in {*numbers.tolist(), chosen.size}:
         design = chosen if n == chosen.size else exchanged(problem, order[:n], CURVE_EXCHANGED)
@@ -355,8 +351,6 @@ _LARGEST = 300.0
 """Largest limit, in multiples of the typical size."""
 _CERTAIN = 10.0
 """Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
-_DETECTABLE = 0.5
-"""Power from which an effect counts as detectable at its usual size."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -462,7 +456,8 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
     """
     first_forms: dict[tuple[str, tuple[str, ...]], tuple[NDArray[np.int64], Mapping[str, Any]]] = {}
     for place, limit in tested:
-        if limit["power"] >= _DETECTABLE:
+        # Power from which an effect counts as detectable at its usual size.
+        if limit["power"] >= 0.5:
             first_forms.setdefault((limit["effect"], limit["joints"]), (place, limit))
     pairs = []
     for (place, limit), (other, rival) in itertools.permutations(first_forms.values(), 2):
@@ -482,7 +477,6 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
 
 _CANDIDATES = 800
 """Candidates that the search looks at, drawn at random; more gain little."""
-_EXCHANGED = 100
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
@@ -491,7 +485,7 @@ def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[n
     """Return ``count`` different candidates, chosen among some drawn at random."""
     pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
     part = dataclasses.replace(problem, rows=problem.rows[pool])
-    return pool[choose(part, part.best(count), seed, _EXCHANGED)]
+    return pool[choose(part, part.best(count), seed, 100)]
 
 
 def power_problem(

@@ -15,10 +15,10 @@ from typing import Any, Literal
 
 import numpy as np
 
+from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting import registration
-from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -229,9 +229,6 @@ def _triangles(
 DRAWS = 1999
 """Samples of the likelihood ratio's null distribution; a p-value is a multiple of 1/2000, its error at 5 % is 0.5 %."""
 SIGNIFICANT = 0.05
-_GRIDS = (np.linspace(-14.0, 14.0, 57), *(0.5**power * np.linspace(-1.0, 1.0, 9) for power in range(1, 15, 2)))
-"""Grids of log s², the first over a factor of a million in variance, each of the others about the best of those before:
-the first locates the highest of possibly several maxima."""
 
 
 def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
@@ -335,7 +332,9 @@ def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
 
     best = np.zeros((y.shape[0], 1))
     at_prediction = log_likelihood(best)[:, 0]
-    for grid in _GRIDS:
+    # Grids of log s², the first over a factor of a million in variance, each of the others about the best of those
+    # before: the first locates the highest of possibly several maxima.
+    for grid in (np.linspace(-14.0, 14.0, 57), *(0.5**power * np.linspace(-1.0, 1.0, 9) for power in range(1, 15, 2))):
         values = log_likelihood(best + grid)
         best = best + grid[np.argmax(values, axis=1)][:, None]
     # s² = 0, no effect of the parameters, is a limit that the grid cannot reach.
@@ -523,38 +522,6 @@ def _unidentified_reason(names: Sequence[str], information: Array, index: int, d
     return f"{names[index]} is not distinguishable from {' and '.join(partners)} on these poses"
 
 
-_MIN_REGISTERED_POSES = 3
-"""With fewer poses, base and tool absorb everything that was measured."""
-_HINT_FACTOR = 20.0
-"""Errors larger than the prediction by this factor come from frames or units, not from tolerances."""
-
-
-@dataclass(frozen=True, slots=True)
-class MeasuredComparison:
-    """Result of :func:`compare_with_measured`."""
-
-    source: str
-    """Source of the measured poses as text."""
-    position_rms: float
-    """RMS of the measured errors after registration, m."""
-    orientation_rms: float | None
-    """rad; None if no orientation was measured."""
-    alignment: Alignment | None
-    statistics: SufficientStatistics
-    tests: Tests
-    """Tests of the measured errors against the prediction."""
-    scale: Mapping[str, float] | None
-    """Test of a common scale of all tolerances."""
-    verdict: str
-    """Conclusion as text."""
-    components: Mapping[str, Any] | None
-    """Variance components, with notes on those that are not identifiable."""
-    hint: str | None
-    """Likely cause of errors that are too large for tolerances."""
-    one_draw: str
-    """Effect of the single robot on the tests, and how they account for it."""
-
-
 def compare_with_measured(
     robot: Robot,
     data: Measurements,
@@ -564,8 +531,10 @@ def compare_with_measured(
     noise: Noise = (None, None),
     confidence: float = 0.95,
     seed: int = 0,
-) -> MeasuredComparison:
+) -> Mapping[str, Any]:
     """Test the measured errors against the prediction, and estimate the tolerances from them.
+
+    Return the tests, the components and the verdict with the keys of the result.
 
     Args:
         robot: Nominal robot; its effects are part of the command.
@@ -585,36 +554,44 @@ def compare_with_measured(
     if data.q is None:
         message = "has no joint columns: the comparison needs the joint values"
         raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
-    if any(value is not None and not (math.isfinite(value) and value > 0.0) for value in noise):
-        raise UsageError("`noise` is a standard deviation above 0")
-    if not 0.5 <= confidence < 1.0:
-        raise UsageError(f"the confidence must be at least 0.5 and less than 1, not {confidence:g}")
+    is_noise = [value is None or (math.isfinite(value) and value > 0.0) for value in noise]
+    refuse((not all(is_noise), "`noise` is a standard deviation above 0"))
+    check_confidence(confidence)
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
-    if alignment is not None and data.n < _MIN_REGISTERED_POSES:
+    # With fewer poses, base and tool absorb everything that was measured.
+    if alignment is not None and data.n < 3:
         message = f"fitting frames to {data.n} poses leaves no errors to compare"
         raise InputError(Problem(message, data.source, fix="measure more poses, or leave out `align`"))
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)
     hint = None
-    if scale is not None and scale["factor"] >= _HINT_FACTOR:
+    # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
+    if scale is not None and scale["factor"] >= 20.0:
         hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
         if alignment is None:
             hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
-    return MeasuredComparison(
-        data.source or "the data",
-        rms_length(errors[:3]),
-        None if data.rotation is None else rms_length(errors[3:]),
-        alignment,
-        statistics,
-        tests,
-        scale,
-        verdict,
-        variance_components(statistics, parameters, confidence),
-        hint,
-        _one_draw(statistics),
-    )
+    registered = alignment and {
+        "what": alignment.effects,
+        "degrees_of_freedom": statistics.n_aligned,
+        "parameters": alignment.parameters,
+    }
+    return {
+        "n_poses": data.n,
+        "measured": {
+            "position_rms_m": rms_length(errors[:3]),
+            "orientation_rms_rad": None if data.rotation is None else rms_length(errors[3:]),
+        },
+        "alignment": registered,
+        "noise": statistics.noise,
+        "verdict": verdict,
+        "hint": hint,
+        "normalised_squared_error": tests,
+        "likelihood_ratio": scale,
+        "variance_components": variance_components(statistics, parameters, confidence),
+        "one_draw": _one_draw(statistics),
+    }
 
 
 def _one_draw(statistics: SufficientStatistics) -> str:

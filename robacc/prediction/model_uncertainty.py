@@ -1,4 +1,4 @@
-"""Uncertainty of a fitted model at given poses, the accuracy it predicts, its coverage, and the record of a fit.
+"""A fitted model: the record of its fit, its uncertainty at given poses, the accuracy it predicts, and its coverage.
 
 The error of the calibrated arm against its model has the covariance
 
@@ -25,10 +25,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robacc.accuracy.grade import Scale
-from robacc.effects.base import SCALE_OF_INSTRUMENT, Part, Term
+from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, effect_class
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
@@ -38,7 +38,6 @@ from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, predict, residuals
 from robacc.poses.motion import numbered
-from robacc.prediction.model_fit import ModelFit
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,
@@ -56,29 +55,142 @@ from robacc.statistics.lengths import length_quantiles, principal_variances
 if TYPE_CHECKING:
     from robacc.error_model.structure import Repeatability
 
+_FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
+
+
+@dataclass(frozen=True)
+class ModelFit:
+    """What a model file knows of its own fit."""
+
+    effects: tuple[Effect, ...]
+    """Effects that were fitted."""
+    coefficients: tuple[str, ...]
+    """Names of the identifiable coefficients, P of them."""
+    covariance: Array
+    """``(P, P)`` of the coefficients, SI."""
+    nominal: Mapping[str, Mapping[str, float]]
+    """Numbers of the joints before the fit, where they differ, by joint; m and rad."""
+    repeatability: Mapping[str, float]
+    """Standard deviation of the scatter of each joint, rad or m, as far as it is identifiable."""
+    unexplained: Array
+    """``(M, M)`` covariance of the unexplained error in the target's frame; M is 3 for positions alone, else 6."""
+    noise: tuple[float, float | None]
+    """Standard deviation of the measurement noise, m and rad; where it is not separate, of all that is unexplained."""
+    noise_is_separate: bool
+    """``unexplained`` has no measurement noise: the poses of the fit state it, or it was separated from the scatter."""
+    bound_factor: tuple[float, float]
+    """Factor of the bounds of position and orientation errors that gives them their coverage on held-out poses."""
+    largest_correction: tuple[float, float]
+    """Largest difference between model and nominal robot on the poses of the fit, m and rad."""
+    ranges: Mapping[str, tuple[float, float]]
+    """Lowest and highest value over the poses of the fit, by joint and by column of circumstances."""
+    n_poses: int
+    suspicions: tuple[str, ...] = ()
+    """Data mistakes that the fit made likely, in words."""
+
+    def entry(self) -> dict[str, Any]:
+        """Return the part of the robot file as plain values."""
+        return {
+            "effects": [
+                {
+                    "effect": effect.name,
+                    **({"joints": list(effect.joints)} if effect.joints else {}),
+                    **effect.settings(),
+                }
+                for effect in self.effects
+            ],
+            "coefficients": list(self.coefficients),
+            "covariance": [_text(row[: i + 1]) for i, row in enumerate(self.covariance)],
+            "nominal": {joint: dict(numbers) for joint, numbers in self.nominal.items()},
+            "repeatability": dict(self.repeatability),
+            "unexplained": [_text(row[: i + 1]) for i, row in enumerate(self.unexplained)],
+            "noise": {
+                "position": self.noise[0],
+                "orientation": self.noise[1],
+                "separate": self.noise_is_separate,
+            },
+            "bound_factor": {"position": self.bound_factor[0], "orientation": self.bound_factor[1]},
+            "largest_correction": {
+                "position": self.largest_correction[0],
+                "orientation": self.largest_correction[1],
+            },
+            "ranges": {name: [float(low), float(high)] for name, (low, high) in self.ranges.items()},
+            "n_poses": self.n_poses,
+            **({"suspected_mistakes": list(self.suspicions)} if self.suspicions else {}),
+        }
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Return a warning for users of the model whose fit made a data mistake likely."""
+        return tuple(f"doubtful model: {text}" for text in self.suspicions)
+
+
+def model_fit(robot: Robot) -> ModelFit | None:
+    """Return the record of a robot's fit; None for a robot without one.
+
+    Raises:
+        InputError: The part cannot be read.
+    """
+    if robot.fit is None:
+        return None
+    try:
+        return _read(robot.fit)
+    except (KeyError, TypeError, ValueError, RobaccError) as error:
+        message = f"cannot be read: {error}" if not isinstance(error, KeyError) else f"the key {error} is missing"
+        raise InputError(Problem(message, robot.name, column="fit", fix=_FIX)) from None
+
+
+def _read(entry: Mapping[str, Any]) -> ModelFit:
+    noise, factor, largest = entry["noise"], entry["bound_factor"], entry["largest_correction"]
+    names = tuple(str(name) for name in entry["coefficients"])
+    covariance = _symmetric(entry["covariance"])
+    if covariance.shape[0] != len(names):
+        raise ValueError(f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}")
+    orientation = noise["orientation"]
+    return ModelFit(
+        effects=tuple(
+            effect_class(str(item["effect"])).from_settings(
+                tuple(item.get("joints", ())), {key: item[key] for key in item if key not in ("effect", "joints")}
+            )
+            for item in entry["effects"]
+        ),
+        coefficients=names,
+        covariance=covariance,
+        nominal={joint: {k: float(v) for k, v in numbers.items()} for joint, numbers in entry["nominal"].items()},
+        repeatability={joint: float(std) for joint, std in entry["repeatability"].items()},
+        unexplained=_symmetric(entry["unexplained"]),
+        noise=(float(noise["position"]), None if orientation is None else float(orientation)),
+        noise_is_separate=bool(noise.get("separate", False)),
+        bound_factor=(float(factor["position"]), float(factor["orientation"])),
+        largest_correction=(float(largest["position"]), float(largest["orientation"])),
+        ranges={name: (float(low), float(high)) for name, (low, high) in entry["ranges"].items()},
+        n_poses=int(entry["n_poses"]),
+        suspicions=tuple(str(text) for text in entry.get("suspected_mistakes", ())),
+    )
+
+
+def _text(row: Array) -> str:
+    """Return numbers as one text: a list of each would make the file long and slow to read."""
+    return " ".join(f"{value:.12g}" for value in row.tolist())
+
+
+def _symmetric(rows: Sequence[Any]) -> Array:
+    """Return the symmetric matrix whose lower triangle is written row by row."""
+    result = np.zeros((len(rows), len(rows)))
+    for i, row in enumerate(rows):
+        values = [float(number) for number in str(row).split()]
+        if len(values) != i + 1 or not np.all(np.isfinite(values)):
+            raise ValueError(f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones")
+        result[i, : i + 1] = result[: i + 1, i] = values
+    return result
+
+
+# Covariances of the model's error at given poses.
+
 SOURCES = ("coefficients", "repeatability", "unexplained", "extrapolation")
 
 
-@dataclass(frozen=True, slots=True)
-class ModelUncertainty:
-    """Covariances of the model's error at N poses, in the measuring frame."""
-
-    position: Array
-    """``(3, 3, N)`` m²."""
-    orientation: Array
-    """``(3, 3, N)`` rad²; without the unexplained error where the fit had no measured orientations."""
-    rotation: Array
-    """``(3, 3, N)`` predicted orientation of the target."""
-    shares: Array
-    """``(4, 2)`` mean trace of each of :data:`SOURCES`, of position (m²) and orientation (rad²)."""
-
-    def in_target_frame(self) -> ModelUncertainty:
-        """Return the covariances in the axes of the predicted target."""
-        position, orientation = (in_tool_frame(part, self.rotation) for part in (self.position, self.orientation))
-        return dataclasses.replace(self, position=position, orientation=orientation)
-
-
-def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measured: bool) -> ModelUncertainty:
+def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measured: bool) -> tuple[Array, Array, Array]:
     """Return the uncertainty of the model ``robot`` at the joints and circumstances of ``data``.
 
     Args:
@@ -87,21 +199,27 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measur
         data: Poses with their circumstances.
         measured: The poses are those that the instrument of the fit measures; else those of the arm itself.
 
+    Returns:
+        Covariances ``(2, 3, 3, N)`` of position (m²) and orientation (rad²) in the measuring frame, the latter without
+        the unexplained error where the fit had no measured orientations; the predicted orientation ``(3, 3, N)`` of the
+        target; and the mean trace ``(4, 2)`` of each of :data:`SOURCES`.
+
     Raises:
         UsageError: The poses lack what an effect of the model depends on.
     """
     robot = absorb_constants(robot)
-    position, orientation, rotation = (np.empty((3, 3, data.n)) for _ in range(3))
+    covariances, rotation = np.empty((2, 3, 3, data.n)), np.empty((3, 3, data.n))
     traces = np.zeros((len(SOURCES), 2))
     for start in range(0, data.n, BLOCK):
         block = slice(start, start + BLOCK)
         sources, rotation[..., block] = error_columns(robot, fit, data.subset(block), measured)
-        for part, (result, factor) in enumerate(zip((position, orientation), fit.bound_factor, strict=True)):
+        for part, factor in enumerate(fit.bound_factor):
             *within, beyond = (columns[3 * part : 3 * part + 3] for columns in sources)
             # The factors were found within the ranges of the fit.
-            result[..., block] = factor**2 * outer_sums(np.concatenate(within, axis=1)) + outer_sums(beyond)
+            known = factor**2 * outer_sums(np.concatenate(within, axis=1))
+            covariances[part, ..., block] = known + outer_sums(beyond)
             traces[:, part] += [np.sum(np.square(columns)) for columns in (*within, beyond)]
-    return ModelUncertainty(position, orientation, rotation, traces / max(data.n, 1))
+    return covariances, rotation, traces / max(data.n, 1)
 
 
 def error_columns(
@@ -178,8 +296,6 @@ def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
 _SAMPLES = 200
 _SHARE = 0.1
 """Share of a range beyond its end at which nothing of the effect is known any more."""
-_WAVES = 64
-"""Pairs of waves that make up a process."""
 _COLUMNS = {"time_s": "time", "temperature_c": "temperature", "payload_kg": "payload"}
 
 
@@ -247,7 +363,8 @@ def _difference_waves(places: Array) -> Array:
     ratio, count = 2.0, len(places)
     for _ in range(50):
         ratio = (1.0 + ratio) ** (1.0 / (count + 1))
-    points = np.modf(0.5 + np.outer(np.arange(_WAVES), ratio ** -np.arange(1.0, count + 1)))[0]
+    # Pairs of waves that make up a process.
+    points = np.modf(0.5 + np.outer(np.arange(64), ratio ** -np.arange(1.0, count + 1)))[0]
     frequencies = [[normal_quantile(float(value)) for value in row] for row in np.clip(points, 1e-6, 1.0 - 1e-6)]
     phase = np.tensordot(np.array(frequencies), places / (0.5 * _SHARE), axes=1)
     waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
@@ -295,14 +412,11 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
 # Their columns G change to G_i - A_i N^-1 A^T W G. Scatter of the joints, unexplained error and noise are independent
 # from pose to pose.
 
-_RANK = 1e-12
-"""Eigenvalue of the scaled normal matrix, over the largest, below which a direction of the frames is not fitted."""
-
 
 def registered_uncertainty(
     robot: Robot, fit: ModelFit, data: Measurements, registration: Fit, used: Measurements
-) -> tuple[Array, Array]:
-    """Return covariances ``(3, 3, N)`` of position (m²) and orientation (rad²), measuring frame, noise included.
+) -> Array:
+    """Return covariances ``(2, 3, 3, N)`` of position (m²) and orientation (rad²), measuring frame, noise included.
 
     Args:
         robot: The fitted robot.
@@ -323,13 +437,13 @@ def registered_uncertainty(
         crossed = crossed + np.einsum("ipn,ikn->pk", weighed, correlated[:rows], optimize=True)
     inverse = scaled_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
-    position, orientation = np.empty((3, 3, data.n)), np.empty((3, 3, data.n))
+    covariances = np.empty((2, 3, 3, data.n))
     for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
         changed = correlated - np.einsum("ipn,pk->ikn", columns, moved, optimize=True)
-        for result, part in ((position, slice(0, 3)), (orientation, slice(3, 6))):
+        for result, part in zip(covariances, (slice(0, 3), slice(3, 6)), strict=True):
             result[..., block] = outer_sums(changed[part]) + independent[part, part]
             result[..., block] += np.einsum("ipn,pq,jqn->ijn", columns[part], spread, columns[part], optimize=True)
-    return position, orientation
+    return covariances
 
 
 def _blocks_with_frames(
@@ -360,7 +474,8 @@ def scaled_inverse(normal: Array) -> Array:
     """Return the inverse of a normal matrix without its undetermined directions."""
     scale = 1.0 / np.sqrt(np.maximum(np.diag(normal), np.finfo(float).tiny))
     values, vectors = np.linalg.eigh(normal * scale[:, None] * scale)
-    kept = values > _RANK * values[-1]
+    # Eigenvalue of the scaled normal matrix, over the largest, below which a direction of the frames is not fitted.
+    kept = values > 1e-12 * values[-1]
     return np.asarray((vectors[:, kept] / values[kept]) @ vectors[:, kept].T * scale[:, None] * scale)
 
 
@@ -385,9 +500,9 @@ def calibrated_accuracy(
         names = np.repeat([*robot.targets][:1], configurations.n) if robot.targets else None
         poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
     data = completed(fit, poses, seed)
-    uncertainty = model_uncertainty(robot, fit, data, measured=False).in_target_frame()
-    totals = np.sum(uncertainty.shares, axis=0)
-    shares = (uncertainty.shares / np.where(totals > 0.0, totals, 1.0)).tolist()
+    covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
+    totals = np.sum(traces, axis=0)
+    shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
     budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
@@ -401,7 +516,7 @@ def calibrated_accuracy(
         notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
     return predicted(
         configurations,
-        (uncertainty.position, uncertainty.orientation),
+        [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
         budget=tuple(sorted(budget, key=lambda share: -share.position)),
@@ -477,9 +592,9 @@ def coverage(
             arm = apply_fit(registration)
             covariances[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
         else:
-            uncertainty = model_uncertainty(robot, fit, judged, measured=True)
-            variances = [np.eye(3)[:, :, None] * variance for variance in _noise_variances(fit, judged)]
-            covariances[0], covariances[1] = uncertainty.position + variances[0], uncertainty.orientation + variances[1]
+            covariances = model_uncertainty(robot, fit, judged, measured=True)[0]
+            for covariance, variance in zip(covariances, _noise_variances(fit, judged), strict=True):
+                covariance += np.eye(3)[:, :, None] * variance
         error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
     result: dict[str, Any] = {"probability": RADIUS_PROBABILITY, "registered": aligned, "orientation": None}
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):
@@ -495,14 +610,8 @@ def coverage(
 
 # Record of a fit for its model file, from the fit and its held-out residuals.
 
-_DOUBT = 2.6
-"""Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p = 0.01)."""
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_FACTOR_ROUNDS = 4
-"""Updates of a factor: its bounds contain the noise, which it does not multiply."""
-_LEAST_SURPLUS = 0.2
-"""Least surplus of measured values over coefficients without a group, as a share of all values."""
 _MANY = 200
 """Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
 _MOST_ROWS = 20_000
@@ -568,14 +677,14 @@ def fit_record(
     judged = random_rows(poses, _MOST_ROWS)
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
-    unexplained = _unexplained(residual, model_uncertainty(robot, compared, poses, measured=True), sign, noise)
+    unexplained = _unexplained(residual, *model_uncertainty(robot, compared, poses, measured=True), sign, noise)
     angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
     separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
     record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
     if held_out is None or poses.n < _FEWEST:
         return record
     compared = dataclasses.replace(compared, unexplained=unexplained)
-    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True), noise)
+    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True)[0], noise)
     return dataclasses.replace(record, bound_factor=factors)
 
 
@@ -594,7 +703,8 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     )
     coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
     effective = float(coefficients) / (different(visited[fit.inliers]) * rows)
-    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, _LEAST_SURPLUS))
+    # Least surplus of measured values over coefficients without a group, as a share of all values.
+    return float(1.0 / max(1.0 - 1.0 / n_folds - effective, 0.2))
 
 
 def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
@@ -654,20 +764,20 @@ def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability |
     return 0.0, 0.0
 
 
-def _unexplained(residual: Array, uncertainty: ModelUncertainty, sign: float, noise: tuple[float, float]) -> Array:
+def _unexplained(
+    residual: Array, covariances: Array, rotation: Array, traces: Array, sign: float, noise: tuple[float, float]
+) -> Array:
     """Return the covariance ``(M, M)`` of the residual beyond the known sources, in the target's frame.
 
     Where position or orientation shows no more than the known sources, its part is zero.
     """
-    (rows, n), local = residual.shape, uncertainty.in_target_frame()
-    remaining = _scatter(np.concatenate([rotate_back(local.rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
-    parts = (local.position, local.orientation)[: rows // 3]
-    for i, (part, variance, shares) in enumerate(zip(parts, noise, uncertainty.shares.T, strict=False)):
-        block = slice(3 * i, 3 * i + 3)
-        # The first share is that of the coefficients, the second that of the scatter of the joints.
-        known = shares[0] + shares[1]
-        scale = (sign * -1.0 * shares[0] + shares[1]) / known if known > 0 else 0.0
-        explained = variance * np.eye(3) + scale * np.mean(part, axis=2)
+    rows, n = residual.shape
+    remaining = _scatter(np.concatenate([rotate_back(rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
+    parts = zip(covariances[: rows // 3], noise, *traces[:2], strict=False)
+    for i, (part, variance, of_coefficients, of_scatter) in enumerate(parts):
+        block, known = slice(3 * i, 3 * i + 3), of_coefficients + of_scatter
+        scale = (of_scatter - sign * of_coefficients) / known if known > 0 else 0.0
+        explained = variance * np.eye(3) + scale * np.mean(in_tool_frame(part, rotation), axis=2)
         remaining[block, block] -= explained
         chance = 2.0 * math.sqrt(2.0 / (3.0 * n)) * max(float(np.trace(explained)), 0.0)
         if float(np.trace(remaining[block, block])) <= chance:
@@ -695,23 +805,25 @@ def _scatter(residual: Array) -> Array:
     return np.asarray((residual * weight) @ residual.T / n)
 
 
-def _bound_factors(residual: Array, uncertainty: ModelUncertainty, noise: tuple[float, float]) -> tuple[float, float]:
+def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, float]) -> tuple[float, float]:
     """Return the factors that put 95 % of the held-out residuals within their bounds; 1 where they do by chance.
 
     A factor multiplies the model's standard deviations, not those of the measurement noise.
     """
     factors = [1.0, 1.0]
-    parts = (uncertainty.position, uncertainty.orientation)
-    for i, (covariance, variance) in enumerate(zip(parts[: residual.shape[0] // 3], noise, strict=False)):
+    for i, (covariance, variance) in enumerate(zip(covariances[: residual.shape[0] // 3], noise, strict=False)):
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
-        for _ in range(_FACTOR_ROUNDS):
+        # Updates of a factor: its bounds contain the noise, which it does not multiply.
+        for _ in range(4):
             total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
             radius = length_quantiles(RADIUS_PROBABILITY, principal_variances(total))
             ratio = np.sort(length[radius > 0] / radius[radius > 0])
             n = ratio.size
             chance = math.sqrt(RADIUS_PROBABILITY * (1.0 - RADIUS_PROBABILITY) / max(n, 1))
             surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
-            if n < _FEWEST or (n < _MANY and surplus <= _DOUBT * chance):
+            # Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p =
+            # 0.01).
+            if n < _FEWEST or (n < _MANY and surplus <= 2.6 * chance):
                 break
             factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])
     return factors[0], factors[1]

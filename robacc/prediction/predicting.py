@@ -18,14 +18,14 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, compose, transpose
-from robacc.io.yaml_nodes import Source, compose as parsed, describe, nearest
+from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, Arm, Chain, Scalar
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
-from robacc.robots.yaml_robot import read_size, read_units
+from robacc.robots.yaml_robot import Kind, read_fields, read_units, tolerances
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 
@@ -108,9 +108,6 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
 # base: {x: 0.5, yaw: 0.05}
 # tool: {z: 0.1}
 
-DEFAULT_COVERAGE = 3.0
-"""Default number of standard deviations of a drawing's limit."""
-
 _KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
 
 
@@ -122,75 +119,66 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     Raises:
         InputError: The file has problems; all of them are listed with line and dotted key.
     """
-    source = Source(file)
-    top = source.section(parsed(text, file), "", _KEYS)
-    units = None if top is None else read_units(top)
-    distribution, coverage = "normal", DEFAULT_COVERAGE
-    if top is not None and (node := top.get("distribution")) is not None:
-        distribution = source.choice(node, "distribution", ("normal", "uniform", "limits")) or distribution
-    if top is not None and (node := top.get("coverage")) is not None:
-        stated = source.number(node, "coverage")
-        if distribution != "limits":
-            source.report(node, "coverage", "applies only to limits", "write distribution: limits")
-        elif stated is not None and not 0 < stated <= 10:
-            source.report(node, "coverage", f"expected standard deviations, above 0 and at most 10, found {stated:g}")
-        coverage = stated if stated and stated > 0 else coverage
-    if top is None or units is None:
-        # Nothing else can be checked without units.
-        source.finish()
-        raise AssertionError("finish() raises where there are no units")
+    top = top_section(text, file, _KEYS)
+    source, units = top.source, read_units(top)
+    distribution = top.text("distribution", ("normal", "uniform", "limits")) or "normal"
+    coverage = top.number("coverage", lambda sds: 0 < sds <= 10, "standard deviations, above 0 and at most 10", 3.0)
+    if top.get("coverage") is not None and distribution != "limits":
+        top.report("coverage", "applies only to limits", "write distribution: limits")
+    if units is None:
+        source.finish()  # Nothing else can be checked without units.
     limits = f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²"
     divisor, meaning = {
         "normal": (1.0, NORMAL),
         "uniform": (math.sqrt(3.0), "uniform: a tolerance t is the half width, variance t²/3"),
         "limits": (coverage, limits),
     }[distribution]
-    is_urdf = robot.convention == "urdf"
+    is_urdf, types = robot.convention == "urdf", {joint.type for joint in robot.joints if joint.type != "fixed"}
 
-    def read(node: yaml.Node | None, path: str, kinds: Sequence[str], is_slide: bool = False) -> dict[str, float]:
-        section = None if node is None else source.section(node, path, kinds)
-        result = {}
-        for name, item in (section.values if section else {}).items():
-            is_length = name in LENGTH_PARAMETERS or (is_slide and name == "offset")
-            value = read_size(source, item, f"{path}.{name}", is_length=is_length)
-            if value is not None and value < 0:
-                source.report(item, f"{path}.{name}", f"a tolerance cannot be negative, found {describe(item)}")
-            elif value is not None:
-                result[name] = value / divisor
-        return result
+    def kind(joint_type: str) -> Kind:
+        names = FRAME_PARAMETERS if joint_type == "fixed" else ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
+        offset = {"offset"} if joint_type == "prismatic" else set()
+        return tolerances(names, LENGTH_PARAMETERS | offset, "a tolerance cannot be negative, found {found}")
 
-    types = {joint.type for joint in robot.joints if joint.type != "fixed"}
-    joint_kinds = ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
-    moving = read(top.get("all"), "all", joint_kinds, types == {"prismatic"})
-    if "offset" in moving and len(types) > 1:
+    def by_joint(source: Source, node: yaml.Node, path: str) -> dict[str, dict[str, float]]:
+        if not isinstance(node, yaml.MappingNode):
+            source.report(node, path, f"expected names of joints with tolerances, found {describe(node)}")
+            return {}
+        kinds, values = {joint.name: kind(joint.type) for joint in robot.joints}, {}
+        for name, key_node, value in source.entries(node, path):
+            if name in kinds:
+                values[name] = kinds[name](source, value, f"{path}.{name}") or {}
+            else:
+                fix = nearest(name, tuple(kinds)) or f"the joints are {', '.join(kinds)}"
+                source.report(key_node, f"{path}.{name}", "the robot has no such joint", fix)
+        return values
+
+    of_any = {"all": kind("prismatic" if types == {"prismatic"} else "revolute"), "joints": by_joint}
+    given = read_fields(top, {**of_any, **dict.fromkeys(("base", "tool"), kind("fixed"))})
+    if "offset" in given.get("all", ()) and len(types) > 1:
         message = "offset is an angle of revolute joints and a length of prismatic joints"
         source.report(top.get("all"), "all.offset", message, "give it under joints, for each joint by name")
-    joints = {joint.name: joint for joint in robot.joints}
-    by_joint: dict[str, dict[str, float]] = {}
-    node = top.get("joints")
-    if isinstance(node, yaml.MappingNode):
-        for name, key_node, value in source.entries(node, "joints"):
-            if (joint := joints.get(name)) is None:
-                fix = nearest(name, tuple(joints)) or f"the joints are {', '.join(joints)}"
-                source.report(key_node, f"joints.{name}", "the robot has no such joint", fix)
-            else:
-                kinds = FRAME_PARAMETERS if joint.type == "fixed" else joint_kinds
-                by_joint[name] = read(value, f"joints.{name}", kinds, is_urdf and joint.type == "prismatic")
-    elif node is not None:
-        source.report(node, "joints", f"expected names of joints with tolerances, found {describe(node)}")
-    base, tool = (read(top.get(key), key, FRAME_PARAMETERS) for key in ("base", "tool"))
-    if not any((moving, by_joint, base, tool)) and not source.problems:
+    if not any(given.values()) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.finish()
-    toleranced = tuple(
+
+    def replaced(own: Mapping[str, float], *files: Mapping[str, float]) -> dict[str, float]:
+        return {**own, **{name: value / divisor for file in files for name, value in file.items()}}
+
+    joints = tuple(
         dataclasses.replace(
             joint,
-            tolerance={**joint.tolerance, **(moving if joint.type != "fixed" else {}), **by_joint.get(joint.name, {})},
+            tolerance=replaced(
+                joint.tolerance,
+                given.get("all", {}) if joint.type != "fixed" else {},
+                given.get("joints", {}).get(joint.name, {}),
+            ),
         )
         for joint in robot.joints
     )
-    base, tool = {**robot.base_tolerance, **base}, {**robot.tool_tolerance, **tool}
-    return dataclasses.replace(robot, joints=toleranced, base_tolerance=base, tool_tolerance=tool), meaning
+    base = replaced(robot.base_tolerance, given.get("base", {}))
+    tool = replaced(robot.tool_tolerance, given.get("tool", {}))
+    return dataclasses.replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -250,8 +238,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         UsageError: ``n`` is less than one, or the robot has no such target.
         InputError: A prismatic joint has no limits.
     """
-    if n < 1:
-        raise UsageError(f"`samples` is at least 1, not {n}")
+    refuse((n < 1, f"`samples` is at least 1, not {n}"))
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
@@ -260,9 +247,8 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         notes.append(f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn")
     name = next(iter(robot.targets), None) if target is None else target
     if name is not None:
-        if name not in robot.targets:
-            known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
-            raise UsageError(f"no target {name!r}; the robot file {known}")
+        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+        refuse((name not in robot.targets, f"no target {name!r}; the robot file {known}"))
         if len(robot.targets) > 1 and target is None:
             notes.append(
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
@@ -528,8 +514,7 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
         UsageError: The scale has no step of that name.
     """
     limits = {step.grade: (step.position, step.orientation) for step in scale.steps}
-    if grade not in limits:
-        raise UsageError(f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}")
+    refuse((grade not in limits, f"no grade {grade!r} on the scale {scale.name}; it has {', '.join(limits)}"))
     return limits[grade]
 
 
@@ -546,27 +531,13 @@ def step_limits(scale: Scale, grade: str) -> tuple[float, float | None]:
 # with a large share are tightened most; no tolerance is widened.
 
 _SOLVED = 1e-12
-_SPARE = 5e-4
-"""Relative distance below the square of a limit that the allocation aims at."""
 
 
-@dataclass(frozen=True, slots=True)
-class Allocation:
-    """Tolerances that reach a grade, and the prediction with them."""
-
-    grade: str
-    tolerances: tuple[tuple[ToleranceParameter, float], ...]
-    """Each parameter as given, and the standard deviation that it needs, m or rad."""
-    uniform_factor: float
-    """Common factor of all tolerances that reaches the grade; 1 if it is reached already."""
-    verified: Prediction
-    """Prediction at the same poses with the needed tolerances."""
-    met: bool
-    """True if that prediction meets the grade."""
-
-
-def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
+def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, Any]:
     """Tighten the tolerances of ``prediction`` until it reaches ``grade`` of its scale.
+
+    Return, with the keys of the result, whether it does, the common factor of all tolerances that would do so too, each
+    tolerance as given and as needed, and the prediction with the needed tolerances at the same poses.
 
     Raises:
         UsageError: The scale has no such grade.
@@ -589,11 +560,26 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Allocation:
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
-        target_variances = np.where(
-            excess > 1.0, target_variances / np.square(excess) * (1.0 - _SPARE), target_variances
-        )
-    needed = tuple(zip(prediction.parameters, (parameter.sd for parameter in verified.parameters), strict=True))
-    return Allocation(grade, needed, uniform_factor, verified, bool(np.max(excess) <= 1.0))
+        # Relative distance below the square of a limit that the allocation aims at.
+        target_variances = np.where(excess > 1.0, target_variances / np.square(excess) * (1.0 - 5e-4), target_variances)
+    tolerances = [
+        {
+            "parameter": given.name,
+            "joint": given.joint,
+            "given_sd": given.sd,
+            "needed_sd": needed.sd,
+            "factor": needed.sd / given.sd,
+            "unit": given.unit,
+        }
+        for given, needed in zip(prediction.parameters, verified.parameters, strict=True)
+    ]
+    return {
+        "grade": grade,
+        "met": bool(np.max(excess) <= 1.0),
+        "uniform_factor": uniform_factor,
+        "tolerances": tolerances,
+        "verified": verified,
+    }
 
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
@@ -620,9 +606,6 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
 
 
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.
-
-_ACROSS = 10
-"""Approximate number of voxels along the longest side of the workspace, where no edge is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -653,7 +636,8 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     """
     if edge is None:
         # 1, 2 or 5 times a power of ten.
-        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / _ACROSS, 1e-3)
+        # Approximate number of voxels along the longest side of the workspace, where no edge is given.
+        wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / 10, 1e-3)
         power = 10.0 ** math.floor(math.log10(wanted))
         edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
     voxels, number = np.unique(np.floor(position / edge).astype(np.int64), axis=1, return_inverse=True)

@@ -194,7 +194,7 @@ class Robot:
     mass_uncertainty: float | None = None
     """Relative standard deviation of each link's mass; None if it is not stated."""
     fit: Mapping[str, Any] | None = None
-    """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_fit` reads it."""
+    """Part ``fit:`` of a model file, unchanged; :mod:`robacc.prediction.model_uncertainty` reads it."""
     branches: tuple[BranchJoint, ...] = ()
     """Joints outside the chain that move mass; each stands behind its parent."""
     identity: Mapping[str, str] = field(default_factory=dict)

@@ -187,9 +187,13 @@ def _choice(*options: str) -> Kind:
     return partial(Source.choice, options=options)
 
 
-def _tolerances(names: Iterable[str], lengths: Collection[str] = LENGTH_PARAMETERS) -> Kind:
-    """Kind of standard deviations by name, m for the ``lengths``, else rad."""
-    checks = [(lambda value: value >= 0, "a standard deviation cannot be negative, found {found}", None)]
+def tolerances(
+    names: Iterable[str],
+    lengths: Collection[str] = LENGTH_PARAMETERS,
+    message: str = "a standard deviation cannot be negative, found {found}",
+) -> Kind:
+    """Kind of standard deviations by name, m for the ``lengths``, else rad; ``message`` is of a negative one."""
+    checks = [(lambda value: value >= 0, message, None)]
     kinds = {name: partial(_checked, kind=_length if name in lengths else _angle, checks=checks) for name in names}
     return partial(read_section, kinds=kinds)
 
@@ -227,7 +231,7 @@ FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
 )
 """Frames by name, of which there may be none."""
-_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": _tolerances(_COORDINATES)})
+_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": tolerances(_COORDINATES)})
 _TARGETS = partial(
     _named,
     kind=partial(read_section, kinds=_FRAME, required=["xyz"], into=Frame),
@@ -352,9 +356,9 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
         kinds, required = {"origin": _PLAIN_FRAME, "offset": kinds["offset"]}, set() if is_fixed else {"axis"}
     if not is_fixed:
         kinds |= {"axis": _axis, "limits": partial(_limits, joint_type=joint_type)}
-    values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": _tolerances(names, lengths)}, required)
+    values = read_fields(section, {**_OF_ANY_JOINT, **kinds, "tolerance": tolerances(names, lengths)}, required)
     is_passive = values.pop("passive", None) == "true"
-    checks = [
+    section.report_if(
         (is_continuous and "limits" in has, "limits", "a continuous joint has no limits", "make its type revolute"),
         (
             section.get("com") is not None and section.get("mass") is None,
@@ -378,10 +382,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
             (is_fixed and key not in (*_FIXED_KEYS, "parent"), key, "a fixed joint does not have this key", None)
             for key in has
         ),
-    ]
-    for is_wrong, key, message, fix in checks:
-        if is_wrong:
-            section.report(key, message, fix)
+    )
     origin = values.pop("origin", Frame())
     found = dict(zip(_COORDINATES, (*origin.xyz, *origin.rpy), strict=True))
     values["parameters"] = {name: values.pop(name, found.get(name, 0.0)) for name in names}

@@ -15,10 +15,8 @@ from functools import lru_cache
 from statistics import NormalDist
 
 _TINY = 1e-300
-_MAX_TERMS = 200_000
 _STIRLING_FROM = 10.0
 """Argument from which Stirling's series of four terms is exact to 1e-14."""
-_NORMAL = NormalDist()
 
 
 def root(function: Callable[[float], float], low: float, high: float, tolerance: float = 1e-15) -> float:
@@ -62,7 +60,7 @@ def normal_cdf(x: float) -> float:
 
 def normal_quantile(probability: float) -> float:
     """Return the x with P(Z <= x) = ``probability``, 0 < probability < 1."""
-    return _NORMAL.inv_cdf(probability)
+    return NormalDist().inv_cdf(probability)
 
 
 def _stirling_remainder(a: float) -> float:
@@ -86,7 +84,7 @@ def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]
     """Return ``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
     d = value = 1.0 / (first or _TINY)
     c = 1.0 / _TINY
-    for i in range(1, _MAX_TERMS):
+    for i in range(1, 200_000):
         numerator, denominator = terms(i)
         d = 1.0 / (denominator + numerator * d or _TINY)
         c = denominator + numerator / c or _TINY

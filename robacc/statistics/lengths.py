@@ -29,11 +29,6 @@ Distribution = Callable[[Array], tuple[Array, Array]]
 """Returns P(Q <= q) and q times its density for squared lengths q ``(N,)`` above zero."""
 
 
-_THIRDS = math.pi * np.array([2.0, 4.0, 0.0]) / 3.0
-_NEARLY_EQUAL = 1e-6
-"""Distance of the cosine from one below which two eigenvalues are nearly equal; from it on, 12 digits are right."""
-
-
 def principal_variances(covariance: Array) -> Array:
     """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero.
 
@@ -45,9 +40,10 @@ def principal_variances(covariance: Array) -> Array:
     size = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
     (a, b, c), (_, d, e), (_, _, f) = rest / np.where(size > 0.0, size, 1.0)
     cosine = 0.5 * (a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))
-    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + _THIRDS[:, None]
+    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + math.pi * np.array([[2.0], [4.0], [0.0]]) / 3.0
     values = mean + 2.0 * size * np.cos(angles)
-    nearly_equal = np.abs(cosine) > 1.0 - _NEARLY_EQUAL
+    # Distance of the cosine from one below which two eigenvalues are nearly equal; from it on, 12 digits are right.
+    nearly_equal = np.abs(cosine) > 1.0 - 1e-6
     values[:, nearly_equal] = np.linalg.eigvalsh(np.moveaxis(covariance[..., nearly_equal], -1, 0)).T
     return np.asarray(np.maximum(values, 0.0))
 
@@ -112,10 +108,14 @@ def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     return probability, density
 
 
-def _initial_square(probability: float, shares: Array) -> Array:
-    """Return Wilson and Hilferty's cube with Satterthwaite's degrees of freedom, for variances that add up to one."""
-    relative = 2.0 / 9.0 * np.sum(np.square(shares), axis=0)
-    return np.asarray(np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3)
+def _started(probability: float, distribution: Distribution, variance: Array) -> Array:
+    """Return the q ``(N,)`` of ``probability`` of squared lengths of mean 1 and ``variance`` ``(N,)``.
+
+    The start is Wilson and Hilferty's cube, with Satterthwaite's degrees of freedom.
+    """
+    relative = variance / 9.0
+    start = np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3
+    return _solved(probability, distribution, np.asarray(start), 1e-5, 1.0 / variance)
 
 
 def length_quantiles(probability: float, variances: Array) -> Array:
@@ -123,19 +123,22 @@ def length_quantiles(probability: float, variances: Array) -> Array:
 
     Args:
         probability: At least 0.5, below 1.
-        variances: Variances along the principal axes.
+        variances: Variances along the principal axes, ascending.
     """
     power = variances.sum(axis=0)
     scatter, result = power > 0.0, np.zeros(power.size)
-    shares = np.sort(variances[:, scatter], axis=0) / power[scatter]
-    distribution, shape = partial(_cdf_and_density, variances=shares), 0.5 / np.sum(np.square(shares), axis=0)
-    square = _solved(probability, distribution, _initial_square(probability, shares), 1e-5, shape)
+    shares = variances[:, scatter] / power[scatter]
+    distribution = partial(_cdf_and_density, variances=shares)
+    square = _started(probability, distribution, 2.0 * np.sum(np.square(shares), axis=0))
     result[scatter] = np.sqrt(square * power[scatter])
     return result
 
 
 def mixture_quantile(probability: float, variances: Array) -> float:
-    """Return the radius of ``probability`` of the mixture of all N vectors in equal parts, variances ``(3, N)``."""
+    """Return the radius of ``probability`` of the mixture of all N vectors in equal parts.
+
+    Their variances ``(3, N)`` ascend.
+    """
     power = variances.sum(axis=0)
     mean_power = float(np.mean(power))
     if mean_power == 0.0:
@@ -147,28 +150,26 @@ def mixture_quantile(probability: float, variances: Array) -> float:
         cdf, density = parts[:, None] / power.size
         return 1.0 - shares.shape[1] / power.size + cdf, density
 
-    first = np.mean(_initial_square(probability, shares / shares.sum(axis=0)), keepdims=True)
-    return math.sqrt(_solved(probability, mixture, first, 1e-5)[0] * mean_power)
+    second_moment = np.sum(2.0 * np.sum(np.square(shares), axis=0) + np.square(shares.sum(axis=0))) / power.size
+    return math.sqrt(_started(probability, mixture, np.array([second_moment - 1.0]))[0] * mean_power)
 
 
 # The mean is E|Z| = (8 / pi)^(1/2) R_G(v_1, v_2, v_3), as R_G is the mean of the length of diag(v)^(1/2) u over all
 # unit vectors u (DLMF 19.16.3 and 19.21.10). R_F and R_D, of which R_G is composed, are by duplication: B. C. Carlson,
 # "Numerical computation of real or complex elliptic integrals", Numerical Algorithms 10 (1995) 13-26.
 
-_DUPLICATIONS = 13
-"""Steps of Carlson's integrals. Each quarters the differences of the numbers, whose mean then stands for them: its
-error is of second order, below rounding."""
-
 
 def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``."""
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``, ascending."""
     power = variances.sum(axis=0)
     # With z between the others, no part of R_G cancels another.
-    x, z, y = np.sort(variances / np.where(power > 0.0, power, 1.0), axis=0)
+    x, z, y = variances / np.where(power > 0.0, power, 1.0)
     z = np.maximum(z, 1e-30)
     middle, product, square_root = z, (x - z) * (z - y) / 3.0, np.sqrt(x * y / z)
     total, weight = np.zeros(x.shape), 1.0
-    for _ in range(_DUPLICATIONS):
+    # Steps of Carlson's integrals. Each quarters the differences of the numbers, whose mean then stands for them: its
+    # error is of second order, below rounding.
+    for _ in range(13):
         a, b, c = np.sqrt(x), np.sqrt(y), np.sqrt(z)
         added = a * b + (a + b) * c
         total += weight / (c * (z + added))
@@ -187,11 +188,7 @@ def mean_lengths(variances: Array) -> Array:
 # S. O. Rice, "Distribution of quadratic forms in normal random variables - evaluation by numerical integration", SIAM
 # J. Sci. Stat. Comput. 1 (1980) 438-448.
 
-_DROP = 42.0
-"""Fall of the integrand's exponent from the saddle point at which the path ends: e^-42 = 6e-19."""
 _ROUNDING = 1e-14
-_MAX_NODES = 8192
-_FEWEST_NODES = 32
 _RISE = 0.5
 """Rise of the exponent above the saddle point that is allowed: a factor of e^0.5 cancels less than a digit."""
 _ABREAST = np.linspace(0.0, 5.0, 21)[:, None]
@@ -265,7 +262,7 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
     bend, end = 0.25 / float(np.min(distance)), 0.0
     at_saddle = float(along(np.zeros(1))[1].real[0])
     uncertainty = _ROUNDING * (1.0 + abs(saddle) * q)
-    nodes, last = _FEWEST_NODES, math.inf
+    nodes, last = 32, math.inf
     while True:
         if end == 0.0:
             # Near a singularity a peak may be narrower than the grid: extra points cover the path from where it lies
@@ -277,7 +274,8 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
                 bend *= 0.25
                 continue
             # At the end the integrand is negligible.
-            end = float(t[min(np.flatnonzero(height > -_DROP)[-1] + 1, t.size - 1)])
+            # Fall of the integrand's exponent from the saddle point at which the path ends: e^-42 = 6e-19.
+            end = float(t[min(np.flatnonzero(height > -42.0)[-1] + 1, t.size - 1)])
         t = np.linspace(0.0, end, nodes + 1)
         s, logarithm, w = along(t)
         if float(np.max(logarithm.real)) > at_saddle + 2.0 * _RISE:
@@ -288,7 +286,7 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
         factor = np.exp(logarithm) * (1j - 2.0 * bend * t) * (end / nodes / math.pi)
         factor[0] *= 0.5
         tail = float(np.sum(factor.imag))
-        if abs(tail - last) <= uncertainty or nodes >= _MAX_NODES:
+        if abs(tail - last) <= uncertainty or nodes >= 8192:
             break
         last, nodes = tail, 2 * nodes
     # Weights: s for the density, d log M/dm_i and d log M/dC_ij for the gradient.

@@ -15,7 +15,7 @@ import pytest
 from commands import document, missing, one_line, output, refused, run
 
 from robacc.comparison.stored_results import errors_behind
-from robacc.gates.evaluate import figure_at
+from robacc.gates import figure_at
 
 ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))

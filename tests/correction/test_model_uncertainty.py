@@ -15,8 +15,7 @@ from robacc.comparison.paired_targets import promise_test, rows_of_targets
 from robacc.effects.specification import with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_fit import ModelFit, model_fit
-from robacc.prediction.model_uncertainty import coverage, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, coverage, model_fit, model_uncertainty
 from robacc.render.plots.canvas import as_part
 from robacc.render.plots.results import chart_of
 from robacc.robots.description import Frame, Robot
@@ -70,9 +69,9 @@ def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
         robot = calibrated(seed).robot
         fit = model_fit(robot)
         bare = dataclasses.replace(fit, unexplained=0 * fit.unexplained, repeatability={}, bound_factor=(1.0, 1.0))
-        spread = model_uncertainty(robot, bare, poses, measured=True)
+        position = model_uncertainty(robot, bare, poses, measured=True)[0][0]
         error = predict(robot, poses).translation - truth
-        inverse = np.linalg.inv(np.moveaxis(spread.position, 2, 0))
+        inverse = np.linalg.inv(np.moveaxis(position, 2, 0))
         normalised.append(np.einsum("in,nij,jn->n", error, inverse, error).mean() / 3.0)
     # A mean over 6 fits with some 20 coefficients each: standard deviation about 0.17.
     assert 0.5 < np.mean(normalised) < 1.6
@@ -156,9 +155,7 @@ def test_errors_of_the_measurement_do_not_hide_errors_of_the_arm() -> None:
     record = model_fit(result.robot)
     bare = dataclasses.replace(record, unexplained=0 * record.unexplained, bound_factor=(1.0, 1.0))
     poses = robacc.simulate(ROBOT, poses=40, seed=9).data
-    of_arm, of_measured = (
-        model_uncertainty(result.robot, bare, poses, measured=flag).position for flag in (False, True)
-    )
+    of_arm, of_measured = (model_uncertainty(result.robot, bare, poses, measured=flag)[0][0] for flag in (False, True))
     # Independent: propagate the coefficients, with the scale's column p dp/ds = position where it is measured.
     names = list(record.coefficients)
     scale = names.index("instrument_scale")

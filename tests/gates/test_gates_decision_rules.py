@@ -10,16 +10,17 @@ import pytest
 from scipy import stats
 
 from robacc.accuracy.error_statistics import length_intervals, satterthwaite, second_moment
-from robacc.gates.evaluate import (
+from robacc.gates import (
     LEVELS,
     BoundCurve,
-    CriterionEvaluation,
+    Evaluation,
+    GateCriterion,
+    Rule,
     decide,
     decide_largest,
     difference_curve,
     poses_to_decide,
 )
-from robacc.gates.gate_file import GateCriterion, Rule
 from robacc.geometry import Array
 from robacc.statistics.intervals import ASSURANCE, Interval, chi2_interval
 
@@ -106,11 +107,11 @@ RULED: list[tuple[Rule, float, bool, str]] = [
 @pytest.mark.parametrize(("rule", "limit", "at_least", "outcome"), RULED)
 def test_each_rule_on_either_side_of_each_bound(rule: Rule, limit: float, at_least: bool, outcome: str) -> None:
     decision = decide(criterion(limit, rule, at_least=at_least), 1.0, normal(1.0, 0.1), 50)
-    assert decision.outcome == outcome
+    assert decision["outcome"] == outcome
     below = stats.norm.cdf(math.log(limit), 0.0, 0.1)  # roughly: the curve is on the logarithm
-    assert decision.probability == pytest.approx(1 - below if at_least else below, abs=0.02)
-    assert (decision.margin >= 0.0) == (outcome == "pass")
-    assert (decision.poses_to_decide is not None) == (outcome == "inconclusive")
+    assert decision["conformity_probability"] == pytest.approx(1 - below if at_least else below, abs=0.02)
+    assert (decision["margin"] >= 0.0) == (outcome == "pass")
+    assert (decision["poses_to_decide"] is not None) == (outcome == "inconclusive")
 
 
 CURVE = normal(1.0, 0.1)
@@ -141,16 +142,16 @@ def test_rules_at_their_borders(
     condition: GateCriterion, value: float, curve: BoundCurve | None, outcome: str, why: str | None
 ) -> None:
     decision = decide(condition, value, curve, 50)
-    assert (decision.outcome, decision.why) == (outcome, why)
+    assert (decision["outcome"], decision["why"]) == (outcome, why)
 
 
 def test_operating_curves_are_those_of_a_gaussian_figure() -> None:
     """A figure far from zero, where its logarithm is as good as linear: P(pass) by hand."""
     for rule, shift in (("bound", 1.645), ("simple", 0.0), ("guard_band", 1.645), ("guarded_rejection", -1.645)):
         decision = decide(criterion(100.0, rule), 100.0, normal(100.0, 0.1), 50)  # type: ignore[arg-type]
-        for truth, passes in decision.operating_curve:
+        for truth, passes in decision["operating_curve"]:
             assert passes == pytest.approx(stats.norm.cdf((100.0 - truth) / 0.1 - shift), abs=2e-3)
-        assert len(decision.operating_curve) == 21
+        assert len(decision["operating_curve"]) == 21
 
 
 def test_difference_of_two_samples_is_the_gaussian_one() -> None:
@@ -174,12 +175,12 @@ def test_difference_of_two_samples_is_the_gaussian_one() -> None:
 )
 def test_the_largest_error_by_wilks(value: float, n: int, rule: Rule, share: float, outcome: str) -> None:
     found = decide_largest(criterion(1.0, rule, share=share, key="position.max"), value, n)
-    assert found.outcome == outcome
+    assert found["outcome"] == outcome
     if n == 59:
-        assert dict(found.operating_curve)[0.95] == pytest.approx(0.95**59)
+        assert dict(found["operating_curve"])[0.95] == pytest.approx(0.95**59)
     if outcome == "inconclusive" and n == 58:
-        assert (found.poses_to_decide, found.probability) == (59, pytest.approx(1 - 0.95**58))
-        assert found.why == (
+        assert (found["poses_to_decide"], found["conformity_probability"]) == (59, pytest.approx(1 - 0.95**58))
+        assert found["why"] == (
             "58 poses within the limit show that 95 % of all poses are within the limit "
             "with a confidence of only 94.9 %"
         )
@@ -199,13 +200,13 @@ def test_poses_to_decide_by_simulation_of_the_figure_alone() -> None:
     assert poses_to_decide(0.0, z, 10_000_000) is None
 
 
-def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, CriterionEvaluation]:
+def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluation]:
     """Errors of n poses and a limit that they cannot decide."""
     while True:
         limit = RMS * math.exp(rng.uniform(-0.4, 0.4) * math.sqrt(30 / n))
         errors = SD * rng.normal(size=(3, n))
         decision = decide(criterion(limit), *rms_curve(errors), n)
-        if decision.outcome == "inconclusive":
+        if decision["outcome"] == "inconclusive":
             return errors, limit, decision
 
 
@@ -215,16 +216,18 @@ def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
     decided = []
     for _ in range(300):
         errors, limit, decision = undecided(rng, n)
-        all_errors = np.hstack((errors, SD * rng.normal(size=(3, decision.poses_to_decide - n))))
-        decided.append(decide(criterion(limit), *rms_curve(all_errors), all_errors.shape[1]).outcome != "inconclusive")
+        all_errors = np.hstack((errors, SD * rng.normal(size=(3, decision["poses_to_decide"] - n))))
+        decided.append(
+            decide(criterion(limit), *rms_curve(all_errors), all_errors.shape[1])["outcome"] != "inconclusive"
+        )
     # Three standard deviations of a share of 0.9 in 300 are 0.052.
     assert np.mean(decided) > ASSURANCE - 0.052
 
 
 def test_poses_for_a_p95_are_never_fewer_than_order_statistics_need() -> None:
     decision = decide(criterion(1.3, key="position.p95"), 1.0, normal(1.0, 0.19), 12)
-    assert decision.outcome == "inconclusive"
-    assert decision.poses_if_true >= 59
+    assert decision["outcome"] == "inconclusive"
+    assert decision["poses_to_decide_if_value_is_true"] >= 59
 
 
 @pytest.mark.slow
@@ -241,7 +244,7 @@ def test_conformity_probabilities_are_calibrated(statistic: Any) -> None:
             intervals = length_intervals(errors, (0.9, 0.95), bootstrap=500, seed=seed)
             curve = BoundCurve.through([by_name[statistic] for by_name in intervals])
             probabilities.append(curve.below(float(truth)))
-            outcomes.append(decide(criterion(float(truth)), 1.0, curve, n).outcome)
+            outcomes.append(decide(criterion(float(truth)), 1.0, curve, n)["outcome"])
         for level in (0.05, 0.1, 0.25, 0.5, 0.75, 0.9, 0.95):
             share = np.mean(np.array(probabilities, dtype=float) <= level)
             assert share == pytest.approx(level, abs=3.5 * math.sqrt(level * (1 - level) / 300) + 0.01)
@@ -255,7 +258,7 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
     rng = np.random.default_rng(11)
     quantile = float(np.quantile(np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0)), 0.95))
 
-    def decided(errors: Array, limit: float, seed: int) -> CriterionEvaluation:
+    def decided(errors: Array, limit: float, seed: int) -> Evaluation:
         curve = BoundCurve.through(
             [by_name["p95"] for by_name in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
         )
@@ -268,7 +271,7 @@ def test_the_promised_poses_decide_a_p95_too() -> None:
             limit = quantile * math.exp(rng.uniform(-0.35, 0.35) * math.sqrt(30 / n))
             errors = SD * rng.normal(size=(3, n))
             first = decided(errors, limit, len(outcomes))
-            if first.outcome == "inconclusive":
-                all_errors = np.hstack((errors, SD * rng.normal(size=(3, first.poses_to_decide - n))))
-                outcomes.append(decided(all_errors, limit, 0).outcome != "inconclusive")
+            if first["outcome"] == "inconclusive":
+                all_errors = np.hstack((errors, SD * rng.normal(size=(3, first["poses_to_decide"] - n))))
+                outcomes.append(decided(all_errors, limit, 0)["outcome"] != "inconclusive")
         assert np.mean(outcomes) > ASSURANCE - 3 * math.sqrt(0.09 / 120)

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from robacc.errors import InputError
-from robacc.gates.gate_file import KEYS, is_known, load_gate
+from robacc.gates import KEYS, is_known, load_gate
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "configs" / "gates"
 HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"

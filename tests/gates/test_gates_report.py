@@ -11,8 +11,7 @@ import pytest
 from commands import missing
 
 from robacc.documents.gate import gate_document
-from robacc.gates.evaluate import CriterionEvaluation, GateOutcome, Outcome
-from robacc.gates.gate_file import Gate, GateCriterion
+from robacc.gates import Evaluation, Gate, GateCriterion, GateOutcome, evaluated
 from robacc.outcomes import FileOutcome
 from robacc.render.text import draw
 from robacc.render.views.gate import (
@@ -25,16 +24,17 @@ from robacc.render.views.gate import (
 )
 
 
-def evaluation(outcome: Outcome = "pass", name: str = "c", reason: str = "because", **more: Any) -> CriterionEvaluation:
+def evaluation(outcome: str = "pass", name: str = "c", reason: str = "because", **more: Any) -> Evaluation:
     condition = {"limit": 1e-3, "at_least": False, "rule": "bound", "baseline": None, "kind": "length", "accepted": ()}
     condition |= {"key": "position.rms", "confidence": 0.95, "share": 0.95, "paired": None}
-    decision = {"why": None, "lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "probability": 0.991}
-    decision |= {"poses_to_decide": None, "poses_if_true": None}
-    given = {"value": 0.8e-3, "baseline_value": None, "n": 50, "instrument_ratio": None, "warnings": ()}
-    for part in (condition, decision, given):
-        part |= {key: more[key] for key in more if key in part}
-    criterion = GateCriterion(name=name, reason=reason, **condition)
-    return CriterionEvaluation(criterion, outcome, dimension=condition["kind"], **decision, **given)
+    found = {"lower_bound": 0.7e-3, "upper_bound": 0.9e-3, "margin": 1e-4, "conformity_probability": 0.991}
+    found |= {"value": 0.8e-3, "n_poses": 50, **{key: more[key] for key in more if key not in condition}}
+    criterion = GateCriterion(
+        name=name, reason=reason, **condition | {key: more[key] for key in more if key in condition}
+    )
+    if "baseline_value" in found:
+        found["baseline"] = {"file": criterion.baseline, "value": found.pop("baseline_value")}
+    return evaluated(criterion, outcome=outcome, **found)
 
 
 def stored(*arguments: Any, **more: Any) -> dict[str, Any]:
@@ -43,16 +43,16 @@ def stored(*arguments: Any, **more: Any) -> dict[str, Any]:
     return found
 
 
-def gate(*evaluations: CriterionEvaluation, name: str = "g") -> dict[str, Any]:
+def gate(*evaluations: Evaluation, name: str = "g") -> dict[str, Any]:
     """The outcome of a gate as in the JSON document."""
-    return gate_document(GateOutcome(Gate(name, tuple(item.criterion for item in evaluations)), evaluations))
+    return gate_document(GateOutcome(Gate(name, ()), evaluations))
 
 
 ALL = gate(
     evaluation("pass", "first"),
-    evaluation("fail", "second", upper_bound=1.2e-3, margin=-2e-4, probability=0.0001),
-    evaluation("inconclusive", "third", poses_to_decide=900, poses_if_true=400),
-    evaluation("not_evaluated", "fourth", value=None, why="there is none", margin=None, probability=None),
+    evaluation("fail", "second", upper_bound=1.2e-3, margin=-2e-4, conformity_probability=0.0001),
+    evaluation("inconclusive", "third", poses_to_decide=900, poses_to_decide_if_value_is_true=400),
+    evaluation("not_evaluated", "fourth", value=None, why="there is none", margin=None, conformity_probability=None),
 )
 
 
@@ -94,7 +94,7 @@ def test_a_criterion_in_one_sentence(criterion: dict[str, Any], text: str) -> No
 
 
 def test_without_bounds_nothing_is_said_of_how_close_the_value_lies() -> None:
-    assert "too close" not in words_of(stored("inconclusive", n=None))["sentence"]
+    assert "too close" not in words_of(stored("inconclusive", n_poses=None))["sentence"]
 
 
 @pytest.mark.parametrize(
@@ -119,7 +119,7 @@ def test_limits_in_words(condition: dict[str, Any], text: str) -> None:
 def test_probabilities_are_no_certainty() -> None:
     chances = (1.0, 0.9995, 0.5, 0.0005, 0.0, None)
     told = ["> 99.9 %", "> 99.9 %", "50.0 %", "< 0.1 %", "< 0.1 %", "–"]
-    assert [words_of(stored(probability=chance))["conforms"] for chance in chances] == told
+    assert [words_of(stored(conformity_probability=chance))["conforms"] for chance in chances] == told
     assert title(ALL) == "Gate g: FAIL (1 pass, 1 fail, 1 inconclusive, 1 not evaluated)"
 
 

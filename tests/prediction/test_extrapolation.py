@@ -15,8 +15,7 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import _scatter, beyond_columns, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, _scatter, beyond_columns, model_uncertainty
 from robacc.prediction.predicting import outer_sums
 from robacc.robots.description import Robot
 
@@ -190,8 +189,8 @@ def fitted(values: np.ndarray, covariance: np.ndarray) -> tuple[Robot, ModelFit]
 def joint_variance(second: np.ndarray, covariance: np.ndarray, values: np.ndarray | None = None) -> np.ndarray:
     """Variance of the second joint's error that the library states, from that of the orientation (a turn of 1)."""
     robot, record = fitted(np.zeros(covariance.shape[0]) if values is None else values, covariance)
-    uncertainty = model_uncertainty(robot, record, poses_at(second), measured=True)
-    return np.einsum("iin->n", uncertainty.orientation)
+    (_, orientation), _, _ = model_uncertainty(robot, record, poses_at(second), measured=True)
+    return np.einsum("iin->n", orientation)
 
 
 TRAINED = np.random.default_rng(1).uniform(LOW, HIGH, 150)

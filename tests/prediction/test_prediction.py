@@ -273,37 +273,40 @@ def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
     prediction = predicted(robot)
     allocation = allocate(robot, prediction, grade)
     limit = {"A": 1e-4, "C": 5e-4}[grade]
-    assert allocation.met
-    assert 0.998 * limit < allocation.verified.position.p95 <= limit
+    assert allocation["met"]
+    assert 0.998 * limit < allocation["verified"].position.p95 <= limit
     repeated = predict_accuracy(
         robot,
-        [dataclasses.replace(parameter, sd=needed) for parameter, needed in allocation.tolerances],
+        [
+            dataclasses.replace(parameter, sd=entry["needed_sd"])
+            for parameter, entry in zip(prediction.parameters, allocation["tolerances"], strict=True)
+        ],
         prediction.configurations,
         default_scale(),
     )
-    assert repeated.position.p95 == allocation.verified.position.p95
-    factors = np.array([needed / parameter.sd for parameter, needed in allocation.tolerances])
+    assert repeated.position.p95 == allocation["verified"].position.p95
+    factors = np.array([entry["factor"] for entry in allocation["tolerances"]])
     assert np.all(factors <= 1.0)
-    assert allocation.uniform_factor == pytest.approx(limit / prediction.position.p95, rel=1e-9)
+    assert allocation["uniform_factor"] == pytest.approx(limit / prediction.position.p95, rel=1e-9)
     # At the same total variance, no other allocation costs less: stationarity, 1/f^3 in proportion to the share.
     shares = {share.name: share.position for share in prediction.budget}
-    share = np.array([shares[parameter.name] for parameter, _ in allocation.tolerances])
+    share = np.array([shares[entry["parameter"]] for entry in allocation["tolerances"]])
     tightened = factors < 1.0 - 1e-9
     price = factors[tightened] ** -3 / share[tightened]
     np.testing.assert_allclose(price, price[0], rtol=1e-6)
     assert np.all(price[0] * share[~tightened] <= 1.0 + 1e-6)
-    assert np.sum(1 / factors) < factors.size / allocation.uniform_factor
+    assert np.sum(1 / factors) < factors.size / allocation["uniform_factor"]
 
 
 def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     robot = robot_of("puma560")
     prediction = predicted(robot)
-    assert all(needed == parameter.sd for parameter, needed in allocate(robot, prediction, "E").tolerances)
+    assert all(entry["factor"] == 1.0 for entry in allocate(robot, prediction, "E")["tolerances"])
     rough = predicted(with_tolerances(robot, {"theta": 2e-3, "alpha": 2e-3}))
     allocation = allocate(robot, rough, "A")
-    assert allocation.met
-    assert allocation.verified.grade.grade == "A"
-    assert allocation.verified.orientation.p95 <= np.deg2rad(0.1)
+    assert allocation["met"]
+    assert allocation["verified"].grade.grade == "A"
+    assert allocation["verified"].orientation.p95 <= np.deg2rad(0.1)
     with pytest.raises(UsageError, match=r"no grade 'Z' on the scale .*; it has A, B, C, D, E"):
         allocate(robot, prediction, "Z")
 

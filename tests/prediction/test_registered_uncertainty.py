@@ -17,8 +17,7 @@ from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict, residuals
-from robacc.prediction.model_fit import ModelFit
-from robacc.prediction.model_uncertainty import coverage, model_uncertainty, registered_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, coverage, model_uncertainty, registered_uncertainty
 from robacc.robots.description import Robot
 
 LOW, HIGH, SIZE = -0.6, 0.4, 3e-4
@@ -105,8 +104,8 @@ def test_covariance_after_a_registration_is_that_of_registered_draws() -> None:
     assert 0.9 < np.sqrt(np.mean(np.square(ratio[3:]))) < 1.1
     assert 0.65 < ratio.min() < ratio.max() < 1.4
     # Without the registration, it is the covariance of the model alone, which is another one.
-    alone = model_uncertainty(robot, fit, empty.subset(judged), measured=True)
-    expected = np.sqrt(np.concatenate([np.einsum("iin->in", part) for part in (alone.position, alone.orientation)]))
+    alone = model_uncertainty(robot, fit, empty.subset(judged), measured=True)[0]
+    expected = np.sqrt(np.concatenate([np.einsum("iin->in", part) for part in alone]))
     assert 0.9 < np.sqrt(np.mean(np.square(moments(bare) / expected))) < 1.1
     assert np.abs(predicted / expected - 1.0).max() > 0.3
 

@@ -133,7 +133,7 @@ def test_no_tolerance_at_all_is_an_error_that_shows_how_to_give_them() -> None:
         ),
         (
             UNITS + "distribution: limits\ncoverage: 0\nall: {d: 1}",
-            "t.yaml:3, coverage: expected standard deviations, above 0 and at most 10, found 0",
+            "t.yaml:3, coverage: found 0, expected standard deviations, above 0 and at most 10",
         ),
     ],
 )

@@ -16,7 +16,7 @@ from robacc.statistics.lengths import (
     principal_variances,
 )
 
-SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8, 1e-12], [1, 1e-9, 1e-9]]).T
+SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8, 1e-12], [1, 1e-9, 1e-9]])[:, ::-1].T
 
 
 def length_probabilities(radius: float, variances: np.ndarray) -> np.ndarray:

@@ -1,11 +1,18 @@
-"""Evaluation of a gate on a result and its baselines: an outcome for each criterion, and for all together."""
+"""Gates: named criteria for the figures of a result, the reader of their file, and their evaluation on a result.
+
+Each criterion has an outcome, which the uncertainty of the figure decides, and so has the gate. A result may have
+baselines, stored results that it is compared with.
+"""
 
 from __future__ import annotations
 
+import difflib
 import math
-from collections.abc import Iterable, Mapping
+import re
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, cast
+from itertools import product
+from typing import TYPE_CHECKING, Any, Literal, cast
 
 import numpy as np
 
@@ -19,7 +26,7 @@ from robacc.comparison.stored_results import (
     pair_poses,
     value_at,
 )
-from robacc.gates.gate_file import KEYS, Gate, GateCriterion
+from robacc.quantities import UNITS, Dimension, parse_quantity
 from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import (
     ASSURANCE,
@@ -28,6 +35,289 @@ from robacc.statistics.intervals import (
     largest_known,
     smallest_sufficient,
 )
+
+if TYPE_CHECKING:
+    from robacc.io.yaml_nodes import YamlSection
+
+# Keys of results that a criterion may test, in their short form: ``position.p95`` for ``position.p95_m``.
+
+Kind = Literal["length", "angle", "number", "grade", "word"]
+"""Kind of a key's value: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
+
+_STATISTICS = ("rms", "mean_error", "p95", "max")
+_STAGES = tuple(".".join(stage) + "." for stage in product(("nominal", "before", "after"), ("fitted", "held_out")))
+_QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
+
+_KEYS_OF_QUANTITY: tuple[tuple[str, Kind | None], ...] = (
+    *((f"{place}*.{name}", None) for name in _STATISTICS for place in ("", "unaligned.", *_STAGES)),
+    *((f"*.{name}", None) for name in ("radius95.zero_mean.radius", "radius95.fitted_mean.radius", "max_radius95")),
+    ("*.n_commanded_poses", "number"),
+    *((key, None) for key in ("*.worst.rms", "*.worst.radius95", "against.measured.*_rms", "noise.*")),
+    ("coverage.*.share", "number"),
+    *((f"correction.*.{name}", None) for name in ("rms", "max")),
+    *(
+        (f"expected.{stage}.*.{name}", None)
+        for stage, name in product(("before", "after"), ("rms", "max", "expected_rms", "largest_bound95"))
+    ),
+)
+"""Keys of position and orientation, which take the place of the star; None is the kind of the quantity."""
+KEYS: dict[str, Kind] = {
+    **{"grade": "grade", "gain": "length", "n_poses": "number"},
+    **{key.replace("*", name): kind or own for name, own in _QUANTITIES for key, kind in _KEYS_OF_QUANTITY},
+    **dict.fromkeys(("n_targets", "n_corrected", "n_refused"), "number"),
+    **dict.fromkeys(("verdict", "against.verdict", "grade.demonstrated", "unexplained.structured"), "word"),
+    **dict.fromkeys(("unexplained.rms", "unexplained.noise_rms"), "length"),
+    **dict.fromkeys(("unexplained.p_value", "noise.residual_over_noise", "identifiability.condition_number"), "number"),
+}
+"""Kind of every key except those of ISO 9283 results, whose unit the result states."""
+LARGER_IS_BETTER = frozenset(
+    {"gain", "n_poses", "n_corrected"}
+    | {f"{q}.n_commanded_poses" for q, _ in _QUANTITIES}
+    | {f"coverage.{q}.share" for q, _ in _QUANTITIES}
+)
+
+
+def is_known(key: str) -> bool:
+    """Return whether the result of a command can have the key."""
+    # Keys of an ISO 9283 result, which depend on the criteria that its data support.
+    return key in KEYS or re.fullmatch(r"iso9283(\.[A-Za-z]\w*)+", key) is not None
+
+
+def nearest_key(key: str) -> str:
+    """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
+    known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
+    similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
+    examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+    return f"did you mean {similar[0]}?" if similar else examples
+
+
+# Gates and their criteria: a limit, a decision rule and the reason for the limit.
+
+Rule = Literal["bound", "simple", "guard_band", "guarded_rejection"]
+RULES: dict[Rule, str] = {
+    "bound": (
+        "ISO 14253-1: pass if the confidence bound meets the limit, fail if the opposite bound is beyond the limit, "
+        "otherwise inconclusive"
+    ),
+    "simple": (
+        "JCGM 106, 8.2: pass if the value itself meets the limit; at the limit, the decision is wrong half of the time"
+    ),
+    "guard_band": (
+        "JCGM 106, 8.3.2, guarded acceptance: pass if the risk of a false accept is at most the stated risk, "
+        "otherwise fail"
+    ),
+    "guarded_rejection": (
+        "JCGM 106, 8.3.3: fail only if the risk of a false reject is at most the stated risk, otherwise pass"
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class GateCriterion:
+    """One condition on one figure of a result."""
+
+    name: str
+    key: str
+    """Short form, as in :data:`robacc.gates.KEYS`."""
+    kind: Kind
+    limit: float | None
+    """In m, rad or as a bare number; limit of the difference if there is a baseline. None if ``accepted`` applies."""
+    accepted: tuple[str, ...]
+    """The words that pass, or the one grade to meet."""
+    at_least: bool
+    """The limit is a minimum, not a maximum."""
+    rule: Rule
+    confidence: float
+    """Confidence of each one-sided bound; one minus the stated risk for the guarded rules."""
+    share: float
+    """Share of all poses that must lie within the limit of a largest error."""
+    baseline: str | None
+    """A stored result to compare with, by its path from the gate file."""
+    paired: bool | None
+    """Whether both results list the same poses in the same order; None: only if the results show it."""
+    reason: str
+    """Reason for the limit, in the words of the gate's author."""
+
+
+@dataclass(frozen=True, slots=True)
+class Gate:
+    """Named criteria, all of which a result must meet."""
+
+    name: str
+    criteria: tuple[GateCriterion, ...]
+
+    @property
+    def baselines(self) -> tuple[str, ...]:
+        """Return the paths of the stored results to compare with, without repetitions, from the gate file."""
+        return tuple(dict.fromkeys(criterion.baseline for criterion in self.criteria if criterion.baseline is not None))
+
+
+VERSION = "1"
+_KEYS = (
+    *("name", "key", "limit", "at_least", "rule", "confidence", "false_accept_risk", "false_reject_risk"),
+    *("share", "baseline", "paired", "reason"),
+)
+_SETTING: dict[Rule, str] = {
+    "bound": "confidence",
+    "guard_band": "false_accept_risk",
+    "guarded_rejection": "false_reject_risk",
+}
+"""Key that sets the confidence or the risk of each rule."""
+
+
+def load_gate(text: str, file: str) -> Gate:
+    """Read a gate.
+
+    Args:
+        text: Content of the YAML file.
+        file: Its name, for messages.
+
+    Raises:
+        InputError: Every problem, each with its line and key.
+    """
+    from robacc.io.yaml_nodes import top_section
+
+    top = top_section(text, file, ("robacc_gate", "name", "confidence", "criteria"))
+    top.text("robacc_gate", (VERSION,), needed=True)
+    name, confidence = top.text("name", needed=True), _between(top, "confidence", 0.95)
+    criteria: list[GateCriterion] = []
+    for section in top.sections(
+        "criteria", "criteria", _KEYS, "the list is empty; a gate needs at least one criterion"
+    ):
+        criterion = _criterion(section, confidence)
+        if criterion is None:
+            continue
+        if criterion.name in [earlier.name for earlier in criteria]:
+            section.report("name", f"two criteria have the name {criterion.name!r}")
+        criteria.append(criterion)
+    top.source.finish()
+    return Gate(name or "", tuple(criteria))
+
+
+def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion | None:
+    """Return a criterion; report its problems and return None if it cannot be read."""
+    from yaml import ScalarNode, SequenceNode
+
+    source, n_problems = section.source, len(section.source.problems)
+    key, reason = section.text("key", needed=True), section.require("reason")
+    if reason is not None and not isinstance(reason, ScalarNode):
+        section.report("reason", "expected text: the reason for the limit")
+    if key is not None and not is_known(key):
+        section.report("key", f"no result has the key {key!r}", nearest_key(key))
+    if key is None or not is_known(key):
+        return None
+    baseline, kind = section.text("baseline"), KEYS.get(key)
+    given = [name for name in ("limit", "at_least", *_SETTING.values(), "share", "paired") if section.get(name)]
+    limits = [name for name in given if name in ("limit", "at_least")]
+    accepted: tuple[str, ...] = ()
+    limit, is_word, is_list = None, kind in ("word", "grade"), False
+    if is_word and limits == ["limit"]:
+        node = section.values["limit"]
+        is_list = isinstance(node, SequenceNode)
+        texts = [source.text(item, section.at("limit")) for item in (node.value if is_list else [node])]
+        accepted = tuple(text for text in texts if text is not None)
+    elif not is_word and limits:
+        limit, kind = _limit(section, limits[0], key, baseline)
+    elif not is_word:
+        limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
+    kind = kind or "number"
+    default: Rule = "simple" if kind in ("word", "number") else "bound"
+    rule = cast("Rule", section.text("rule", RULES) or ("guarded_rejection" if baseline is not None else default))
+    setting = _SETTING.get(rule, "")
+    words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
+    missing = "is missing; give a maximum (limit) or a minimum (at_least)"
+    section.report_if(
+        (
+            len(limits) == 2,
+            "at_least",
+            "limit (a maximum) and at_least (a minimum) exclude each other",
+            "give only one",
+        ),
+        (not is_word and not limits and baseline is None, "limit", missing, None),
+        (
+            is_word and baseline is not None,
+            "baseline",
+            "only numbers can be compared with a baseline; the value of this key is a word",
+            None,
+        ),
+        (is_word and limits != ["limit"], "limit", f"expected {words}", None),
+        (is_list and kind == "grade", "limit", "expected one grade (better grades meet it too), found a list", None),
+        (is_list and kind == "word" and not accepted, "limit", "the list of words that pass is empty", None),
+        (kind == "word" and rule != "simple", "rule", "a word has no uncertainty; use rule: simple", None),
+        (
+            kind == "grade" and rule in ("guard_band", "guarded_rejection"),
+            "rule",
+            "a grade takes rule: bound, at the confidence of its scale, or rule: simple",
+            None,
+        ),
+        *(
+            (name in given and name != setting, name, f"does not apply to rule: {rule}", f"it belongs to rule: {other}")
+            for other, name in _SETTING.items()
+        ),
+        (
+            kind == "grade" and "confidence" in given,
+            "confidence",
+            "the scale of the grade sets the confidence; remove this key",
+            None,
+        ),
+        (
+            rule == "guard_band" and setting not in given,
+            setting,
+            "is missing; give the accepted risk of a false accept, as in 0.05",
+            None,
+        ),
+        (
+            "share" in given and (not key.endswith(".max") or baseline is not None),
+            "share",
+            "applies only to a largest error (a key ending in .max) without a baseline",
+            None,
+        ),
+        ("paired" in given and baseline is None, "paired", "applies only with a baseline", None),
+    )
+    confidence = _between(section, "confidence", default_confidence) if rule == "bound" else default_confidence
+    if rule in ("guard_band", "guarded_rejection"):
+        confidence = 1.0 - _between(section, setting, 1.0 - default_confidence, 0.0, 0.5)
+    # Share of all poses that must lie within the limit of a largest error.
+    share, paired = _between(section, "share", 0.95), section.text("paired", ("true", "false"))
+    if len(source.problems) > n_problems or reason is None:
+        return None
+    return GateCriterion(
+        name=section.text("name") or key,
+        key=key,
+        kind=kind,
+        limit=limit,
+        accepted=accepted,
+        at_least=not is_word and (limits == ["at_least"] or (not limits and key in LARGER_IS_BETTER)),
+        rule=rule,
+        confidence=confidence,
+        share=share,
+        baseline=baseline,
+        paired=None if paired is None else paired == "true",
+        reason=" ".join(reason.value.split()),
+    )
+
+
+def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> tuple[float | None, Kind | None]:
+    """Return the limit under ``name`` in m, rad or as a bare number, and its kind; report one that does not fit."""
+    text, kind = section.text(name), KEYS.get(key)
+    if text is None:
+        return None, kind
+    expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
+    limit, dimension = parse_quantity(text) or (None, None)
+    if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
+        units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
+        wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
+        example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
+        section.report(name, f"expected {wanted}, found {text!r}", example)
+    elif limit < 0 and baseline is None and expected is not None and key != "gain":
+        section.report(name, f"{key} is never negative, so no result can meet {text!r}")
+    return limit, kind or dimension
+
+
+def _between(section: YamlSection, key: str, default: float, low: float = 0.5, high: float = 1.0) -> float:
+    """Return a number in the open interval from ``low`` to ``high``; ``default`` if the key is missing."""
+    return section.number(key, lambda value: low < value < high, f"a number between {low:g} and {high:g}", default)
+
 
 # Bound curve of a figure: for each level, the bound below which the true value lies with that confidence.
 #
@@ -40,7 +330,6 @@ LEVELS = (0.3, 0.9, 0.99)
 """Confidences of the intervals behind a curve where the errors of every pose are available."""
 _EXTRAPOLATION_QUANTILE = 1.2
 """Normal quantile, about 88 %: a curve whose outermost bound lies beyond it may be extrapolated."""
-_AROUND_LIMIT = 5.0
 _STEPS = 20
 
 
@@ -161,7 +450,7 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     # Distances of the true value above the limit, in standard errors.
-    distances = [_AROUND_LIMIT * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
+    distances = [5.0 * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
     places = [centre + distance * error for distance in distances]
     return tuple(
         (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
@@ -174,45 +463,54 @@ Outcome = Literal["pass", "fail", "inconclusive", "not_evaluated"]
 MOST_POSES = 10_000_000
 
 
-@dataclass(frozen=True, slots=True)
-class CriterionEvaluation:
-    """Outcome of one criterion, with its figure, bounds, margin and probability."""
-
-    criterion: GateCriterion
-    outcome: Outcome
-    why: str | None = None
-    """Explanation, where the outcome needs one."""
-    lower_bound: float | None = None
-    upper_bound: float | None = None
-    """One-sided, each at the criterion's confidence."""
-    margin: float | None = None
-    """Distance from the bound or value that the rule tests to the limit; negative beyond the limit."""
-    probability: float | None = None
-    """Conformity probability: the confidence that the true value meets the limit."""
-    method: str | None = None
-    """Method of the bounds."""
-    poses_to_decide: int | None = None
-    """Number of poses, including those measured, that decides an inconclusive criterion with :data:`ASSURANCE`."""
-    poses_if_true: int | None = None
-    """The same number if the measured value is the true value."""
-    operating_curve: tuple[tuple[float, float], ...] = ()
-    """True values and the probability to pass at each, for the same number of poses."""
-    is_by_share: bool = False
-    """A largest error, decided by the share of all poses within the limit."""
-    dimension: str = "number"
-    """Dimension of the value, its bounds and its limit: length (m), angle (rad), number, grade or word."""
-    value: float | str | None = None
-    """Number, word or grade of the result."""
-    baseline_value: float | None = None
-    n: int | None = None
-    """Number of commanded poses behind the value."""
-    instrument_ratio: float | None = None
-    """The instrument's expanded uncertainty over the limit."""
-    warnings: tuple[str, ...] = ()
+Evaluation = dict[str, Any]
+"""Outcome of a criterion with its figure, bounds, margin and probability, with the keys of the result."""
 
 
-def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> CriterionEvaluation:
-    """Decide on a figure by its bounds.
+def evaluated(criterion: GateCriterion, dimension: str | None = None, **found: Any) -> Evaluation:
+    """Return an evaluation with all keys of the result; ``found`` are those that are known.
+
+    ``dimension`` is that of the value, its bounds and its limit: length (m), angle (rad), number, grade or word. The
+    bounds are one-sided, each at the criterion's confidence. The margin is the distance from the bound or value that
+    the rule tests to the limit, negative beyond the limit. The operating curve has true values and the probability to
+    pass at each, for the same number of poses.
+    """
+    limit: Any = criterion.limit
+    if criterion.accepted:
+        limit = list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+    return {
+        "name": criterion.name,
+        "key": criterion.key,
+        "outcome": "not_evaluated",
+        "why": None,
+        "unit": {"length": "m", "angle": "rad"}.get(dimension or criterion.kind, "1"),
+        "value": None,
+        "limit": limit,
+        "at_least": criterion.at_least,
+        "rule": criterion.rule,
+        "rule_text": RULES[criterion.rule],
+        "confidence": None if criterion.rule == "simple" else criterion.confidence,
+        "share": None,
+        "lower_bound": None,
+        "upper_bound": None,
+        "margin": None,
+        "conformity_probability": None,
+        "method": None,
+        "n_poses": None,
+        "poses_to_decide": None,
+        "poses_to_decide_if_value_is_true": None,
+        "baseline": None if criterion.baseline is None else {"file": criterion.baseline, "value": None},
+        "instrument_uncertainty_over_limit": None,
+        "reason": criterion.reason,
+        "warnings": (),
+        "operating_curve_over": "value",
+        "operating_curve": (),
+        **found,
+    }
+
+
+def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: int | None) -> Evaluation:
+    """Decide on a figure by its bounds; return what is found.
 
     Args:
         criterion: The criterion, with a limit.
@@ -228,8 +526,8 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     if curve is None:
         if rule != "simple":
             missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            return CriterionEvaluation(criterion, "not_evaluated", missing)
-        return CriterionEvaluation(criterion, "pass" if meets(value) else "fail", margin=sign * (limit - value))
+            return {"outcome": "not_evaluated", "why": missing}
+        return {"outcome": "pass" if meets(value) else "fail", "why": None, "margin": sign * (limit - value)}
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
@@ -263,19 +561,18 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
-    return CriterionEvaluation(
-        criterion,
-        outcome,
-        why,
-        low,
-        high,
-        None if tested is None else sign * (limit - tested),
-        None if below is None else 1.0 - below if criterion.at_least else below,
-        curve.method,
-        assured,
-        if_true,
-        () if error is None else operating_curve(criterion, curve, error),
-    )
+    return {
+        "outcome": outcome,
+        "why": why,
+        "lower_bound": low,
+        "upper_bound": high,
+        "margin": None if tested is None else sign * (limit - tested),
+        "conformity_probability": None if below is None else 1.0 - below if criterion.at_least else below,
+        "method": curve.method,
+        "poses_to_decide": assured,
+        "poses_to_decide_if_value_is_true": if_true,
+        "operating_curve": () if error is None else operating_curve(criterion, curve, error),
+    }
 
 
 def poses_to_decide(distance: float, z: float, n: int) -> int | None:
@@ -312,12 +609,11 @@ def poses_to_decide(distance: float, z: float, n: int) -> int | None:
 # pose beyond the limit shows that the largest error is beyond it.
 
 
-def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionEvaluation:
-    """Decide on the largest error of ``n`` poses against an upper limit."""
+def decide_largest(criterion: GateCriterion, value: float, n: int) -> Evaluation:
+    """Decide on the largest error of ``n`` poses against an upper limit; return what is found."""
     share, margin = criterion.share, cast("float", criterion.limit) - value
     n_needed = math.ceil(math.log(1.0 - criterion.confidence) / math.log(share))
     claim = f"that {100 * share:g} % of all poses are within the limit"
-    method = f"confidence {claim} (Wilks)"
     curve = tuple((1.0 - k * 0.01, (1.0 - k * 0.01) ** n if n >= n_needed else 0.0) for k in range(_STEPS + 1))
     # The rules differ in their demands on poses that were not measured; one pose beyond the limit decides.
     probability = 0.0 if margin < 0.0 else 1.0 - share**n
@@ -327,26 +623,22 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> CriterionE
         outcome = "fail" if criterion.rule == "guard_band" else "inconclusive"
         why = f"{n} poses within the limit show {claim} with a confidence of only {100 * probability:.3g} %"
         n_to_decide = n_needed if outcome == "inconclusive" else None
-    return CriterionEvaluation(
-        criterion,
-        outcome,
-        why,
-        value,
-        margin=margin,
-        probability=probability,
-        method=method,
-        poses_to_decide=n_to_decide,
-        poses_if_true=n_to_decide,
-        operating_curve=curve,
-        is_by_share=True,
-    )
+    return {
+        "outcome": outcome,
+        "why": why,
+        "share": share,
+        "lower_bound": value,
+        "margin": margin,
+        "conformity_probability": probability,
+        "method": f"confidence {claim} (Wilks)",
+        "poses_to_decide": n_to_decide,
+        "poses_to_decide_if_value_is_true": n_to_decide,
+        "operating_curve_over": "share_within_limit",
+        "operating_curve": curve,
+    }
 
 
 # Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
-
-_MOST_RECOMPUTED = 20_000
-"""With more poses, the stored interval is as good as a recomputed one and costs nothing."""
-_DIMENSIONS = {"m": "length", "rad": "angle"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -378,12 +670,13 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
         two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
         curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
     errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
-    if errors is not None and errors.groups.size <= _MOST_RECOMPUTED:
+    # With more poses, the stored interval is as good as a recomputed one and costs nothing.
+    if errors is not None and errors.groups.size <= 20_000:
         n, seed = errors.n_groups, document.get("seed") or 0
         levels = _levels(confidence)
         statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
-    return GateFigure(number, _DIMENSIONS.get(name.rpartition("_")[2], "number"), curve, n)
+    return GateFigure(number, {"m": "length", "rad": "angle"}.get(name.rpartition("_")[2], "number"), curve, n)
 
 
 def _levels(confidence: float) -> list[float]:
@@ -442,13 +735,9 @@ def difference_to_baseline(
     return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
 
 
-COVERAGE_FACTOR = 2.0
-"""Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2)."""
 MOST_OF_TOLERANCE = 0.25
 """Share of the limit above which the instrument's expanded uncertainty gives a warning: four to one, as ANSI/NCSL
 Z540.3 and the practice of ISO 14253-2 ask."""
-_NOISE_KEYS = {"length": "position_m", "angle": "orientation_rad"}
-_EXIT_STATUS: dict[Outcome, int] = {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}
 _WORST_FIRST: tuple[Outcome, ...] = ("fail", "not_evaluated", "inconclusive", "pass")
 
 
@@ -457,22 +746,22 @@ class GateOutcome:
     """Evaluation of every criterion of a gate on one result."""
 
     gate: Gate
-    evaluations: tuple[CriterionEvaluation, ...]
+    evaluations: Sequence[Evaluation]
 
     @property
     def outcome(self) -> Outcome:
         """Return fail if one criterion fails, pass if all criteria pass."""
-        return min((evaluation.outcome for evaluation in self.evaluations), key=_WORST_FIRST.index)
+        return min((evaluation["outcome"] for evaluation in self.evaluations), key=_WORST_FIRST.index)
 
     @property
     def exit_status(self) -> int:
         """Return the exit status of the command: 0 pass, 4 fail, 5 undecided."""
-        return _EXIT_STATUS[self.outcome]
+        return {"pass": 0, "fail": 4, "inconclusive": 5, "not_evaluated": 5}[self.outcome]
 
     @property
     def warnings(self) -> tuple[str, ...]:
         """Return the warnings of all criteria, without repetitions."""
-        return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation.warnings))
+        return tuple(dict.fromkeys(text for evaluation in self.evaluations for text in evaluation["warnings"]))
 
 
 def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]) -> GateOutcome:
@@ -488,21 +777,21 @@ def evaluate_gate(gate: Gate, document: Mapping[str, Any], baselines: Mapping[st
         try:
             evaluations.append(_evaluate(criterion, document, baselines))
         except NoValueError as error:
-            reason = str(error)
-            evaluations.append(CriterionEvaluation(criterion, "not_evaluated", reason, dimension=criterion.kind))
-    return GateOutcome(gate, tuple(evaluations))
+            evaluations.append(evaluated(criterion, why=str(error)))
+    return GateOutcome(gate, evaluations)
 
 
 def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
-) -> CriterionEvaluation:
+) -> Evaluation:
     if criterion.kind == "word":
         return _evaluate_word(criterion, document)
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
-    baseline_value = ratio = None
+    compared, ratio = None, None
     if criterion.baseline is not None:
-        figure, baseline_value = difference_to_baseline(document, baselines[criterion.baseline], criterion)
+        figure, value = difference_to_baseline(document, baselines[criterion.baseline], criterion)
+        compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
         ratio = _instrument_ratio(criterion, document)
@@ -511,23 +800,23 @@ def _evaluate(
             f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
             f"{figure.dimension}"
         )
-    evaluation = replace(_decide_figure(criterion, figure), baseline_value=baseline_value, instrument_ratio=ratio)
-    return replace(evaluation, dimension=figure.dimension, warnings=_warnings(criterion, ratio))
+    found = _decide_figure(criterion, figure) | {"baseline": compared, "instrument_uncertainty_over_limit": ratio}
+    return evaluated(criterion, figure.dimension, **found, warnings=_warnings(criterion, ratio))
 
 
-def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> CriterionEvaluation:
+def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
     """Return the decision on a figure, of a largest error by the share of all poses within the limit."""
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
     if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        evaluation = decide(criterion, figure.value, figure.curve, figure.n)
+        found = decide(criterion, figure.value, figure.curve, figure.n)
     else:
-        evaluation = decide_largest(criterion, figure.value, figure.n)
-    return replace(evaluation, value=figure.value, n=figure.n)
+        found = decide_largest(criterion, figure.value, figure.n)
+    return {**found, "value": figure.value, "n_poses": figure.n}
 
 
-def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
     """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
     value = value_at(document, criterion.key)[0]
     word = str(value).lower() if isinstance(value, bool | np.bool_) else value
@@ -545,10 +834,10 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Cri
                 "that no structure remains, not how large the remaining error is; add a limit on "
                 "after.held_out.position.p95",
             )
-    return CriterionEvaluation(criterion, outcome, why, dimension="word", value=word, warnings=warnings)
+    return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
 
 
-def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> CriterionEvaluation:
+def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
     """Evaluate a grade: position and orientation must both meet its limits, each at the scale's own confidence.
 
     Each bound is within its limit at the full confidence, so both are together (an intersection-union test, R. L.
@@ -562,31 +851,32 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Cr
         names = ", ".join(steps)
         raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
     confidence = grade.get("confidence") or criterion.confidence
-    own: list[CriterionEvaluation] = []
+    own: list[Evaluation] = []
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
             key = f"{quantity}.{grade.get('statistic')}"
             figure = figure_at(document, key, confidence)
             own.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
-    outcome: Outcome = min((each.outcome for each in own), key=_WORST_FIRST.index, default="pass")
-    deciding = [each for each in own if each.outcome == outcome]
-    why = "; ".join(dict.fromkeys(each.why for each in deciding if each.why)) or None
+    outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
+    deciding = [each for each in own if each["outcome"] == outcome]
+    why = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None
     if outcome == "fail" and isinstance(grade.get("reason"), str):
         why = grade["reason"].partition(". ")[0]
-    probabilities = [each.probability for each in own if each.probability is not None]
+    probabilities = [each["conformity_probability"] for each in own if each.get("conformity_probability") is not None]
     undecided = deciding if outcome == "inconclusive" else []
-    return CriterionEvaluation(
+    return evaluated(
         criterion,
-        outcome,
-        why,
-        probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
-        method=next((each.method for each in own if each.method), None),
-        poses_to_decide=largest_known([each.poses_to_decide for each in undecided]),
-        poses_if_true=largest_known([each.poses_if_true for each in undecided]),
-        dimension="grade",
+        outcome=outcome,
+        why=why,
+        conformity_probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
+        method=next((each["method"] for each in own if each.get("method")), None),
+        poses_to_decide=largest_known([each["poses_to_decide"] for each in undecided]),
+        poses_to_decide_if_value_is_true=largest_known(
+            [each["poses_to_decide_if_value_is_true"] for each in undecided]
+        ),
         value=str(grade.get("grade")),
-        n=own[0].n if own else None,
+        n_poses=own[0]["n_poses"] if own else None,
     )
 
 
@@ -594,8 +884,11 @@ def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> 
     """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
     noise, noise_std = document.get("noise"), None
     if isinstance(noise, Mapping) and noise.get("source") != "residual":
-        noise_std = finite_number(noise.get(_NOISE_KEYS.get(criterion.kind, "")))
-    return None if noise_std is None or not criterion.limit else COVERAGE_FACTOR * noise_std / abs(criterion.limit)
+        noise_std = finite_number(
+            noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
+        )
+    # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
+    return None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

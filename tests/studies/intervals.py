@@ -313,7 +313,7 @@ def line(label: str, rows: Rows) -> list[str]:
 
 HEADER = ("", "sets", "zeros hold", "all hold", "plain holds", "mm", "ratio / worst", "false", "worse", "told",
           "verdicts", "s")  # fmt: skip
-LEGEND = """hold: share of 95 % intervals with the truth: of zeros that count, of all, of least squares with the true noise;
+LEGEND = """hold: share of 95 % intervals with the truth: of zeros that count, of all, of informed least squares;
 mm: rms at fresh poses, pooled, beside the other fits; ratio: robacc over the first of these; false: sets with a finding
 other than errors that wander; worse: fresh poses have a larger error with the findings; told: sets whose result says
 that remaining errors follow joints"""

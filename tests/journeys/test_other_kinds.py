@@ -45,7 +45,8 @@ def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray, within: floa
             break
         slope = np.array([(gap(target(q + ZEROS + e)) - gap(target(q + ZEROS - e))) / 2e-6 for e in 1e-6 * np.eye(6)])
         q = q - np.clip(np.linalg.pinv(slope.T) @ gap(target(q + ZEROS)), -0.2, 0.2)
-    return q if np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH)) else None
+    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH))
+    return q if is_reached else None
 
 
 def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:

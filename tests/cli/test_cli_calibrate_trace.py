@@ -199,20 +199,20 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
 
 
 def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
-    screen = output(*calibrate_command(files, GEOMETRY))
+    screen = output(*calibrate_command(files, GEOMETRY, "--folds", "2"))
     lines = screen.splitlines()
     assert len(lines) <= 25
     assert max(map(len, lines[:1] + lines[2:])) <= 80
     parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
     assert in_order(one_line(screen), (*parts, "--full adds", "next: "))
     # Without --fit the effects of every arm are fitted, which these are.
-    bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml")
+    bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml", "--folds", "2")
     told = "joint_offset, link_geometry (default; --fit changes them)"
     assert one_line(bare) == one_line(screen).replace("joint_offset, link_geometry", told)
 
 
 def test_the_table(files: Path) -> None:
-    table = output(*calibrate_command(files, GEOMETRY, "--full"))
+    table = output(*calibrate_command(files, GEOMETRY, "--folds", "2", "--full"))
     parts = ("Calibration from 50 measured poses", "Before and after", "nominal, base and tool registered", "baseline")
     assert in_order(table, (*parts, "calibrated"))
     # Without sigma columns the residual gives the row weights, so that chi-square tests nothing.
@@ -225,8 +225,10 @@ def test_the_table(files: Path) -> None:
         "standard errors come from the poses alone, without the prior; --no-shrink fits without it",
     )
     assert missing(one_line(table), *told) == []
-    assert "shrunk to nominal" not in output(*calibrate_command(files, GEOMETRY, "--no-shrink", "--full"))
-    gear = calibrate_command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--full")
+    assert "shrunk to nominal" not in output(
+        *calibrate_command(files, GEOMETRY, "--folds", "2", "--no-shrink", "--full")
+    )
+    gear = calibrate_command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--folds", "2", "--full")
     assert "shrunk to nominal" in one_line(output(*gear))
 
 

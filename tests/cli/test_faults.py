@@ -530,7 +530,8 @@ FITS = {
 }
 
 
-@pytest.mark.parametrize("command", ["calibrate", pytest.param("trace", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("command", FITS)
 def test_one_thread_or_two(command: str) -> None:
     """The linear algebra may divide its sums: what is found is the same, and the figures to 1e-9 of their size."""
     samples = ROOT / "sample_data" / "trace"

@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import run
 from pose_files import PLAIN, Reader, one_row, problem_texts
 
 from robacc.errors import MAX_PROBLEMS, InputError, UsageError
@@ -830,13 +831,13 @@ def test_a_pipe_is_read_once(tmp_path: Path) -> None:
 def test_names_cannot_act_on_the_terminal() -> None:
     """Neither a column's nor a pose's; a terminal would take the escape for "clear the screen"."""
     text = f"pose,\x1b[2Jcolumn\u202e,{HEAD}\x1b[31mred\x07\u202e,1,{ROW}b,1,{ROW}"
-    done = estimate("-", text=text.encode())
-    assert done.returncode == 0
+    done = run("estimate", "-", text=text)
+    assert done.exit_code == 0
     output = done.stdout + done.stderr
     assert "\\x1b[31mred\\x07\\u202e" in done.stdout
     assert "\\x1b[2Jcolumn\\u202e" in done.stderr
     assert all(sign.isprintable() or sign == "\n" for sign in output)
-    done = estimate("-", "--format", "json", text=text.encode())
+    done = run("estimate", "-", "--format", "json", text=text)
     assert all(sign.isprintable() or sign == "\n" for sign in done.stdout)
-    done = estimate("no\x1b[2J.csv")
+    done = run("estimate", "no\x1b[2J.csv")
     assert done.stderr.startswith("error: no\\x1b[2J.csv")

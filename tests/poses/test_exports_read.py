@@ -72,6 +72,13 @@ def test_a_name_has_the_meaning_of_its_words(name: str) -> None:
     assert meaning_of(heading_of("B"), frozenset({"b"})) is None  # single letters mean angles only together
 
 
+@pytest.mark.parametrize("name", ["Quat{}", "orientation_{}", "Rotation {}"])
+def test_four_numbered_orientations_are_a_quaternion_in_their_order(name: str) -> None:
+    headings = [heading_of(name.format(number)) for number in range(1, 5)]
+    together = frozenset(heading.text for heading in headings)
+    assert [meaning_of(heading, together).key for heading in headings] == ["qw", "qx", "qy", "qz"]
+
+
 @pytest.mark.parametrize("text", CELLS)
 def test_a_cell_is_a_number_and_a_known_unit(text: str) -> None:
     assert split_cell(text) == CELLS[text]

@@ -254,18 +254,21 @@ def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
 def test_settings_and_robot_file_bring_it_back(name: str, one: Arm) -> None:
     one = suited(name, one)
     data = circumstances(one.robot, N)
+    direct, entries = [], []
     for effect in forms(name, one, data):
         again = type(effect).from_settings(effect.joints, yaml.safe_load(yaml.safe_dump(effect.settings())))
         assert again == effect
         assert again.key() == effect.key()
         terms = effect.terms(one, data)
         values = dict(zip((term.name for term in terms), small(terms).tolist(), strict=True))
-        direct = Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0))
-        robot = dataclasses.replace(one.robot, effects=(entry_of(effect, values),))
-        for written in (robot, parse_robot(robot_to_yaml(robot), "again.yaml")):
-            poses = predict(written, data)
-            np.testing.assert_allclose(poses.translation, direct.translation, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(poses.rotation, direct.rotation, rtol=0, atol=1e-12)
+        direct.append(Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0)))
+        entries.append(entry_of(effect, values))
+    robot = dataclasses.replace(one.robot, effects=tuple(entries))
+    for written in (robot, parse_robot(robot_to_yaml(robot), "again.yaml")):
+        for entry, expected in zip(written.effects, direct, strict=True):
+            poses = predict(dataclasses.replace(written, effects=(entry,)), data)
+            np.testing.assert_allclose(poses.translation, expected.translation, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(poses.rotation, expected.rotation, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -23,6 +23,14 @@ settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")
 
 
+@pytest.hookimpl(optionalhook=True)
+def pytest_xdist_make_scheduler(config: pytest.Config, log: Any) -> object:
+    """Keep the tests of a module on one worker: results and fits that they share are made once."""
+    from xdist.scheduler import LoadFileScheduling
+
+    return LoadFileScheduling(config, log)
+
+
 @pytest.fixture
 def read(tmp_path: Path) -> Reader:
     """Reads text or bytes as a file called poses.csv, with statements such as ``units`` and options of the reader."""

@@ -468,6 +468,7 @@ results: list[robacc.Result] = [found, fitted, closed, predicted, criteria, both
 """
 
 
+@pytest.mark.slow
 def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     wrong = 'import robacc\nrobacc.estimte("p.csv")\nrobacc.estimate("p.csv", frame="world")\n'

@@ -1,21 +1,31 @@
-"""Facts of one campaign: part of the prediction of its own poses, not inherited by other poses."""
+"""What a model remembers of its poses and campaign, targets that poses name, and warnings of results."""
 
 from __future__ import annotations
 
+import csv
 import dataclasses
+import hashlib
+import io
+import json
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from arms import arm
+from commands import document, missing, output
+from independent_arm import TOOL, robot, run, target
 
 import robacc
+from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, MissingColumnError
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import format_poses
 from robacc.robots.description import Frame, Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+
+# Facts of one campaign: part of the prediction of its own poses, not inherited by other poses.
 
 DRIFT = {
     "effect": "frame_drift",
@@ -25,6 +35,7 @@ DRIFT = {
     "turning": False,
     "values": {"x": 1e-3, "z": -5e-4},
 }
+
 BASE = Frame((0.3, -0.2, 0.1), (0.0, 0.0, 0.02))
 
 
@@ -165,3 +176,224 @@ def test_poses_of_a_campaign_with_a_step_follow_their_times(shifted: Path) -> No
     assert (later.position.rms < 6e-5, said(later, "taken as measured after the step")) == (True, True)
     assert rms(shifted, "later", campaign="keep") > 2e-4
     assert rms(shifted, "held_out") < 6e-5
+
+
+# A model remembers the poses that it was fitted to, and says so where it meets them again.
+
+ROOT = Path(__file__).resolve().parents[2]
+
+POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
+
+WARNING = "poses.csv: the robot file was fitted to these same poses, so the errors show how well the model fits them"
+
+NOTE = "the robot file was fitted to these same poses"
+
+
+@pytest.fixture(scope="module")
+def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    path = tmp_path_factory.mktemp("model") / "better.yaml"
+    fit = "base_frame,tool_frame,gear_ratio[j2]"
+    output("calibrate", POSES, "--robot", ROBOT, "--fit", fit, "--write-model", str(path))
+    return path
+
+
+@pytest.fixture(scope="module")
+def others(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The same poses in a file that is not the same, as if they had been measured again."""
+    path = tmp_path_factory.mktemp("others") / "others.csv"
+    path.write_text(Path(POSES).read_text(encoding="utf-8") + "# measured again\n", encoding="utf-8")
+    return path
+
+
+def test_the_model_names_its_poses(model: Path, others: Path) -> None:
+    digest = hashlib.sha256(Path(POSES).read_bytes()).hexdigest()
+    robot = robacc.read_robot(model)
+    assert robot.fitted_to == (digest,)
+    robot = with_effect_units(robot)
+    assert parse_robot(robot_to_yaml(robot), "again.yaml") == robot
+    assert document("show", str(model))["robot"]["fitted_to"] == [digest]
+    assert f"fitted   to the poses of SHA-256 {digest[:16]}…" in output("show", str(model))
+    # A fit on top of a fit is of both files' poses.
+    twice = robacc.calibrate(others, robot=model, fit="base_frame")
+    assert twice.robot.fitted_to == (digest, hashlib.sha256(others.read_bytes()).hexdigest())
+    # The sample's arm has effects that its geometry alone does not explain.
+    assert [text for text in twice.warnings if "a trace searches" not in text] == []
+
+
+def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path: Path) -> None:
+    own, other = (document("estimate", path, "--robot", str(model)) for path in (POSES, str(others)))
+    assert (NOTE in own["notes"], any(WARNING in text for text in own["warnings"])) == (True, True)
+    assert (NOTE in other["notes"], other["warnings"]) == (False, [])
+    plain = document("estimate", POSES, "--robot", ROBOT)
+    assert (plain["robot"]["effects"], plain["robot"]["fitted_to"], plain["notes"].count(NOTE)) == ([], [], 0)
+    assert own["robot"]["effects"] == ["gear_ratio"]
+    assert own["robot"]["fitted_to"]
+    for command, more in (("calibrate", ("--fit", "base_frame")), ("iso9283", ())):
+        again = document(command, POSES, "--robot", str(model), *more)
+        assert any(WARNING in text for text in again["warnings"]), command
+    for name, one in (("own", own), ("other", other)):
+        (tmp_path / f"{name}.json").write_text(json.dumps(one), encoding="utf-8")
+    compared = document("compare", str(tmp_path / "own.json"), str(tmp_path / "other.json"))
+    told = "made differently, robot file: own: fitted to the same poses; other: not fitted to these poses"
+    assert any(text.startswith(told) for text in compared["warnings"])
+
+
+def test_arrays_have_a_digest_too(model: Path) -> None:
+    data = robacc.read_poses(POSES)
+    arrays = robacc.Measurements(position=data.position, rotation=data.rotation, q=data.q)
+    found = robacc.calibrate(arrays, robot=ROBOT, fit="base_frame,tool_frame")
+    assert NOTE in robacc.estimate(arrays, robot=found.robot).notes
+    assert NOTE not in robacc.estimate(data, robot=found.robot).notes
+
+
+@pytest.mark.slow
+def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
+    pages = []
+    for name, file in (("model", str(model)), ("arm", ROBOT)):
+        page = tmp_path / f"{name}.html"
+        output("estimate", POSES, "--robot", file, "--report", str(page))
+        pages.append(page.read_text(encoding="utf-8"))
+    assert missing(pages[0], "The measured positions differ from the model&#39;s predictions by", WARNING) == []
+    assert "The measured positions differ from the commanded positions by" in pages[1]
+
+
+def test_a_digest_that_is_none_is_named() -> None:
+    text = "robacc: 1\nconvention: standard\nunits: {length: m, angle: rad}\n" + "fitted_to: [poses.csv]\njoints:\n"
+    text += "  - {type: revolute, theta: 0, d: 1, a: 0, alpha: 0}\n"
+    with pytest.raises(InputError) as caught:
+        parse_robot(text, "arm.yaml")
+    assert [str(problem) for problem in caught.value.problems] == [
+        "arm.yaml:4, fitted_to[0]: expected the SHA-256 of a pose file, 64 hexadecimal digits, found 'poses.csv'; "
+        "`write_model` writes it; do not change it"
+    ]
+    assert parse_robot(text.replace("poses.csv", "'" + "0" * 64 + "'"), "arm.yaml").fitted_to == ("0" * 64,)
+
+
+# Targets that the poses name and the robot file does not have: a fit of the tool finds their places.
+
+NOISE = 2e-5
+
+PLACES = {"N1": TOOL, "N2": TOOL + np.array([0.2, 0.1, 0.0]), "N3": TOOL + np.array([-0.1, 0.2, 0.05])}
+
+FRAMES = "base_frame,tool_frame"
+
+
+@pytest.fixture(scope="module")
+def table() -> list[list[str]]:
+    """Forty poses, each a row of six joints and three targets."""
+    poses, rng = run(40, seed=3), np.random.default_rng(3)
+    rows = []
+    for q in poses.q.T:
+        points = [target(q, place) + rng.normal(scale=NOISE, size=3) for place in PLACES.values()]
+        rows.append([*map(repr, q.tolist()), *(repr(value) for point in points for value in point.tolist())])
+    return rows
+
+
+def in_columns(table: list[list[str]], path: Path) -> Path:
+    names = [f"q{j}" for j in range(1, 7)] + [f"{axis}{number}" for number in (1, 2, 3) for axis in "xyz"]
+    path.write_text("\n".join(",".join(row) for row in [names, *table]))
+    return path
+
+
+def in_rows(table: list[list[str]], path: Path) -> Path:
+    lines = ["visit,target," + ",".join(f"q{j}" for j in range(1, 7)) + ",x,y,z"]
+    for visit, row in enumerate(table):
+        for number, name in enumerate(PLACES):
+            first = 6 + 3 * number
+            lines.append(",".join([str(visit), name, *row[:6], *row[first : first + 3]]))
+    path.write_text("\n".join(lines))
+    return path
+
+
+@pytest.mark.parametrize("layout", [in_rows, in_columns])
+def test_places_are_found_from_the_tool(
+    layout: Callable[[list[list[str]], Path], Path], table: list[list[str]], tmp_path: Path
+) -> None:
+    poses = robacc.PoseFile(layout(table, tmp_path / "poses.csv"), units="m,rad")
+    result = robacc.calibrate(poses, robot=robot(), fit=FRAMES, folds=2)
+    assert any("are not in the robot file: each starts at its tool" in text for text in result.warnings)
+    assert len(result.robot.targets) == 3
+    for place, frame in zip(PLACES.values(), result.robot.targets.values(), strict=True):
+        # Standard errors are some 4 um: 2e-5 over the root of 40, and the base's part.
+        np.testing.assert_allclose(frame.xyz, place, atol=3e-5)
+    model = tmp_path / "model.yaml"
+    result.write_model(model)
+    assert set(robacc.read_robot(model).targets) == set(result.robot.targets)
+
+
+@pytest.mark.parametrize(
+    ("call", "message"),
+    [
+        (lambda path: robacc.calibrate(path, robot=robot(), fit="base_frame", folds=2), "fit tool_frame, which finds"),
+        (lambda path: robacc.trace(path, robot=robot(), declared="base_frame", folds=2), "found several targets"),
+        (lambda path: robacc.estimate(path, robot=robot()), "found several targets"),
+        (lambda path: robacc.estimate(path, robot=robot(), align="base_frame"), "found several targets"),
+    ],
+)
+def test_without_a_fit_of_the_tool_the_places_are_unknown(
+    call: Callable[[Path], object], message: str, table: list[list[str]], tmp_path: Path
+) -> None:
+    with pytest.raises(InputError, match=message):
+        call(in_rows(table, tmp_path / "poses.csv"))
+
+
+def test_an_estimate_that_fits_the_tool_finds_the_places(table: list[list[str]], tmp_path: Path) -> None:
+    result = robacc.estimate(in_rows(table, tmp_path / "poses.csv"), robot=robot(), align=FRAMES)
+    # The arm has no error but the noise: sqrt(3) times 20 um, less what 15 fitted coefficients of 360 take up.
+    assert result.position.rms == pytest.approx(np.sqrt(3.0) * NOISE, rel=0.1)
+    assert any("are not in the robot file: each starts at its tool" in text for text in result.warnings)
+
+
+def test_one_name_is_the_tool(table: list[list[str]], tmp_path: Path) -> None:
+    path = in_rows(table, tmp_path / "poses.csv")
+    lines = path.read_text().splitlines()
+    path.write_text("\n".join([lines[0], *(line for line in lines if ",N1," in line)]))
+    result = robacc.calibrate(path, robot=robot(), fit=FRAMES, folds=2)
+    assert result.robot.targets == {}
+    np.testing.assert_allclose(result.robot.tool.xyz, TOOL, atol=3e-5)
+
+
+# Results that could be taken for more than they are: a warning says so, and unknown figures are absent.
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+
+CLEAN, NOMINAL = SAMPLES / "poses.csv", SAMPLES / "robot.yaml"
+
+TRACED_ROBOT, TRUTH = SAMPLES / "trace/robot.yaml", SAMPLES / "trace/truth.yaml"
+
+
+@pytest.fixture(scope="module")
+def without_frames() -> robacc.Calibrated:
+    return robacc.calibrate(CLEAN, robot=NOMINAL, fit=("joint_offset[j2]", "gear_ratio"), folds=2)
+
+
+def test_a_requested_effect_that_no_joint_shows_is_named(without_frames: robacc.Calibrated) -> None:
+    assert any("no joint shows gear_ratio" in text for text in without_frames.warnings)
+
+
+def test_a_model_worse_than_registration_alone_is_named(without_frames: robacc.Calibrated) -> None:
+    after, registered = without_frames.after.fitted.position.rms, without_frames.nominal.fitted.position.rms
+    assert after > registered
+    [text] = [text for text in without_frames.warnings if "worse" in text]
+    assert f"{1e3 * after:.3g} mm" in text
+    assert text.endswith("add base_frame,tool_frame to `fit`")
+
+
+def test_a_fit_to_positions_expects_no_orientation_error() -> None:
+    poses = robacc.simulate(TRUTH, poses=60, seed=3, noise="0.02mm", position_only=True).data
+    fitted = robacc.calibrate(poses, robot=TRACED_ROBOT, fit=("base_frame", "tool_frame"), folds=2)
+    targets = robacc.simulate(TRACED_ROBOT, poses=4, seed=5, motion=False).data
+    result = robacc.correct(targets, model=fitted.robot, beyond_range=True, most="50mm,5deg")
+    document = result.document()
+    after = document["expected"]["after"]
+    assert after["position"]["expected_rms_m"] > 0
+    assert (after["orientation"]["expected_rms_rad"], document["targets"]["after"]["rms_rad"]) == (None, None)
+    columns = next(csv.reader(io.StringIO(result.per_target_csv())))
+    assert "after_rms_m" in columns
+    assert "after_rms_rad" not in columns
+
+
+def test_a_correction_by_the_nominal_model_is_named_zero() -> None:
+    targets = robacc.simulate(TRACED_ROBOT, poses=3, seed=5, motion=False).data
+    [text] = robacc.correct(targets, model=TRACED_ROBOT).doubts
+    assert "every correction is zero" in text

@@ -1,9 +1,12 @@
-"""Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run."""
+"""Every exit status, what ends a run from outside, robots at the edges, and files made to mislead."""
 
 from __future__ import annotations
 
+import itertools
 import json
+import math
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -11,22 +14,35 @@ import sys
 import time
 from collections.abc import Iterable
 from pathlib import Path
+from typing import Any
 
 import commands
 import numpy as np
 import pytest
 from commands import output, refused, run
+from pose_files import Reader
+from results import run as run_in_project
 
-from robacc.io.files import sha256_of
-from robacc.poses.csv_file import read_poses
+import robacc
+from robacc.errors import InputError
+from robacc.io.dialect import find_dialect
+from robacc.io.files import sha256_of, write_text
+from robacc.measurements import Measurements
+from robacc.poses.columns import is_documented
+from robacc.poses.csv_file import format_poses, read_poses
 
-PROJECT = Path(__file__).resolve().parents[2]
+# Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run.
+
+ROOT = Path(__file__).resolve().parents[2]
+
 COMMANDED = "x,y,z,cmd_x,cmd_y,cmd_z"
-SAMPLES = PROJECT / "sample_data"
+
+SAMPLES = ROOT / "sample_data"
+
 ESTIMATE = ("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"))
 
 
-def robacc(*arguments: str) -> tuple[str, ...]:
+def process_words(*arguments: str) -> tuple[str, ...]:
     return (sys.executable, "-m", "robacc", *arguments)
 
 
@@ -66,7 +82,7 @@ def test_a_trace_that_is_ended_at_work(
     declared = ("--declared", "base_frame,tool_frame,joint_offset,link_geometry")
     files = ("-o", str(tmp_path / "t.txt"), "--write-model", str(tmp_path / "m.yaml"))
     process = subprocess.Popen(
-        robacc("trace", str(many), "--robot", robot, *declared, *files),
+        process_words("trace", str(many), "--robot", robot, *declared, *files),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -88,7 +104,7 @@ def test_a_trace_that_is_ended_at_work(
 @pytest.mark.parametrize("delay", [0.15, 0.3])
 def test_an_interrupt_while_it_starts(delay: float) -> None:
     process = subprocess.Popen(
-        robacc("trace", str(SAMPLES / "trace/poses.csv"), "--robot", str(SAMPLES / "trace/robot.yaml")),
+        process_words("trace", str(SAMPLES / "trace/poses.csv"), "--robot", str(SAMPLES / "trace/robot.yaml")),
         stdout=subprocess.PIPE,
         stderr=subprocess.PIPE,
         text=True,
@@ -115,7 +131,7 @@ def limited() -> None:
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
     path = tmp_path / "result.json"
     path.write_text("old")
-    words = robacc(*ESTIMATE, "--format", "json", "-o", str(path))
+    words = process_words(*ESTIMATE, "--format", "json", "-o", str(path))
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, preexec_fn=limited)
     assert (done.returncode, done.stdout, done.stderr) == (3, "", f"error: {path}: cannot be written: file too large\n")
     assert [(one.name, one.read_text()) for one in tmp_path.iterdir()] == [("result.json", "old")]
@@ -179,7 +195,7 @@ def test_an_output_without_a_folder_is_refused_before_the_work(option: str, tmp_
 def test_two_runs_on_one_file_and_one_that_is_killed(tmp_path: Path) -> None:
     """Whoever comes last has written the whole file; one that is killed at any moment has written nothing of it."""
     path = tmp_path / "result.json"
-    command = robacc(*ESTIMATE, "--format", "json", "-o", str(path))
+    command = process_words(*ESTIMATE, "--format", "json", "-o", str(path))
     for one in [subprocess.Popen(command) for _ in range(2)]:
         assert one.wait(60) == 0
     whole = path.read_text()
@@ -264,7 +280,9 @@ def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> No
 
 
 SAMPLE = ("sample_data/poses.csv", "--robot", "sample_data/robot.yaml")
+
 HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"
+
 GATES = {
     "pass": "  - {key: position.rms, limit: 9 mm, reason: r}\n",
     "fail": "  - {key: position.rms, limit: 1 mm, reason: r}\n  - {key: verdict, limit: clean, reason: r}\n",
@@ -320,5 +338,372 @@ def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
         f'"{sys.executable}" -m robacc estimate {" ".join(SAMPLE)} --gate {folder}/inconclusive.yaml > /dev/null\n'
         'case $? in 0) echo pass;; 4) echo fail;; 5) echo "measure more";; *) echo broken;; esac\n'
     )
-    done = subprocess.run(script, shell=True, cwd=PROJECT, capture_output=True, text=True, check=True)
+    done = subprocess.run(script, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
     assert done.stdout == "measure more\n"
+
+
+# Robots, errors and poses at the edges of what there is: each command answers with finite numbers or says why.
+
+DECLARED = "base_frame,tool_frame"
+
+FAR = f"\nbase: {{xyz: [40, -50, 3], rpy: [3.1, {math.pi / 2!r}, 1]}}"
+
+TWISTS = (math.pi / 2, 0.0, -math.pi / 2, 0.3)
+
+
+def robot(n: int, kinds: str = "r", size: float = 0.2, base: str = "") -> str:
+    """A robot file of ``n`` joints, ``kinds`` (r, p) in turn, links of ``size`` m."""
+    lines = [
+        "robacc: 1\nname: arm\nconvention: standard\nunits: {length: m, angle: rad}",
+        f"tool: {{xyz: [{0.05 * size}, {0.1 * size}, {0.5 * size}], rpy: [0, 0, 0]}}{base}\njoints:",
+    ]
+    for i in range(n):
+        kind = "revolute" if kinds[i % len(kinds)] == "r" else "prismatic"
+        limits = "[-2.5, 2.5]" if kind == "revolute" else f"[0, {size}]"
+        tolerance = f"{{theta: 1e-4, d: {1e-4 * size}, a: {1e-4 * size}, alpha: 1e-4}}"
+        lines.append(
+            f"  - {{name: j{i + 1}, type: {kind}, theta: 0, d: {0.5 * size}, a: {size}, alpha: {TWISTS[i % 4]!r}, "
+            f"limits: {limits}, mass: 2, com: [{-0.5 * size}, 0, 0], tolerance: {tolerance}}}"
+        )
+    return "\n".join(lines) + "\n"
+
+
+CASES: dict[str, tuple[str, int, str]] = {
+    "1 joint": (robot(1), 12, "0.02mm"),
+    "2 joints": (robot(2), 12, "0.02mm"),
+    "7 joints": (robot(7), 40, "0.02mm"),
+    "12 joints": (robot(12), 60, "0.02mm"),
+    "1 slide": (robot(1, "p"), 12, "0.02mm"),
+    "3 slides": (robot(3, "p"), 20, "0.02mm"),
+    "slides and turns": (robot(4, "rp"), 30, "0.02mm"),
+    "reach of 1 mm": (robot(6, size=2e-4), 30, "0.1um"),
+    "reach of 100 m": (robot(6, size=18.0), 30, "0.02mm"),
+    "errors of 1 nm": (robot(6), 30, "0.001um"),
+    "errors of 1 m": (robot(6), 30, "1m"),
+    "no noise": (robot(6), 30, "0mm"),
+    "1 pose": (robot(6), 1, "0.02mm"),
+    "2 poses": (robot(6), 2, "0.02mm"),
+    "base far off, pitch of 90 degrees": (robot(6, base=FAR), 30, "0.02mm"),
+}
+
+COMMANDS: dict[str, tuple[str, ...]] = {
+    "estimate": ("{poses}", "--robot", "{robot}"),
+    "predict": ("{robot}", "--samples", "8"),
+    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance"),
+    "trace": ("{poses}", "--robot", "{robot}", "--declared", DECLARED),
+    "iso9283": ("{poses}", "--robot", "{robot}"),
+}
+
+
+def made(folder: Path, text: str, count: int, noise: str) -> dict[str, str]:
+    """The robot file and poses measured on it."""
+    files = {"robot": str(folder / "robot.yaml"), "poses": str(folder / "poses.csv")}
+    Path(files["robot"]).write_text(text)
+    options = ("--seed", "1", "--noise", noise, "--noise-orientation", "0.1mrad", "-o", files["poses"])
+    done = run_in_project("simulate", files["robot"], "--poses", str(count), *options)
+    assert done.exit_code == 0, done.stderr
+    return files
+
+
+def no_constant(constant: str) -> float:
+    raise AssertionError(f"{constant} in a result")
+
+
+def reasoned(value: Any, path: str = "") -> None:
+    """A standard deviation, radius or test that is null has its reason beside it."""
+    if isinstance(value, dict):
+        if "why" in value and {"std", "radius_m", "statistic"} & value.keys():
+            empty = [key for key in ("std", "radius_m", "statistic") if key in value and value[key] is None]
+            assert not empty or value["why"], path
+        for key, item in value.items():
+            reasoned(item, f"{path}.{key}")
+    elif isinstance(value, list):
+        for i, item in enumerate(value):
+            reasoned(item, f"{path}[{i}]")
+
+
+def answers(files: dict[str, str], command: str) -> tuple[int, dict[str, Any]]:
+    """A command's exit status and document, its table looked over too."""
+    arguments = [argument.format(**files) for argument in COMMANDS[command]]
+    done = run_in_project(command, *arguments, "--format", "json")
+    if done.exit_code != 0:
+        assert done.exit_code == 3
+        assert done.stderr.startswith("error: ")
+        return done.exit_code, {}
+    document: dict[str, Any] = json.loads(done.stdout, parse_constant=no_constant)
+    reasoned(document)
+    table = run_in_project(command, *arguments)
+    assert table.exit_code == 0
+    assert not {"nan", "inf", "-inf"} & set(table.stdout.lower().replace("(", " ").replace(",", " ").split())
+    return 0, document
+
+
+QUICK = ("no noise", "1 pose")
+
+NAMES = [one if one in QUICK else pytest.param(one, marks=pytest.mark.slow) for one in CASES]
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_estimate_and_predict(name: str, tmp_path: Path) -> None:
+    text, count, noise = CASES[name]
+    files = made(tmp_path, text, count, noise)
+    status, found = answers(files, "estimate")
+    # The noise is of each coordinate, so the error's RMS is sqrt(3) of it; a third is far beyond chance for 12 poses.
+    sigma = {"0.02mm": 2e-5, "0.1um": 1e-7, "0.001um": 1e-9, "1m": 1.0, "0mm": 0.0}[noise]
+    rms = pytest.approx(math.sqrt(3) * sigma, rel=1.0 if count < 12 else 0.35, abs=1e-14)
+    assert (status, found["position"]["rms_m"]) == (0, rms)
+    assert (answers(files, "predict")[0], answers(files, "iso9283")[0]) == (0, 0)
+
+
+@pytest.mark.parametrize("name", NAMES)
+def test_calibrate_and_trace(name: str, tmp_path: Path) -> None:
+    text, count, noise = CASES[name]
+    files = made(tmp_path, text, count, noise)
+    calibrated, traced = answers(files, "calibrate"), answers(files, "trace")
+    if count == 1:
+        # Six numbers for six coordinates of a frame: neither can be had, and both say so.
+        assert (calibrated[0], traced[0]) == (3, 3)
+    else:
+        assert (calibrated[0], traced[0], traced[1]["findings"]) == (0, 0, [])
+
+
+@pytest.mark.parametrize("alike", [1, pytest.param(2, marks=pytest.mark.slow)])
+def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
+    """Copies: told of; and their errors, which do not differ, have no scatter but the rounding that is none."""
+    files = made(tmp_path, robot(6), alike, "0.02mm")
+    path = Path(files["poses"])
+    head, *rows = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    path.write_text("\n".join([head, *(rows * 15)]) + "\n")
+    done = run_in_project("estimate", *(one.format(**files) for one in COMMANDS["estimate"]))
+    assert f"{14 * alike} rows repeat an earlier row in every column" in done.stderr
+    assert "not registered" not in done.stderr
+    status, found = answers(files, "estimate")
+    assert status == 0
+    centred = np.array(found["position"]["centred_covariance_m2"])
+    if alike == 1:
+        assert not centred.any()
+    for command in ("calibrate", "iso9283", *(["trace"] if alike == 2 else [])):
+        assert answers(files, command)[0] == 0, command
+
+
+def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
+    """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
+    text = robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]")
+    files = made(tmp_path, text, 20, "0.02mm")
+    status, found = answers(files, "calibrate")
+    assert (status, found["n_poses"]) == (0, 20)
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, math.pi - 1e-6, math.pi - 1e-12, math.pi])
+def test_rotations_up_to_half_a_turn(angle: float, tmp_path: Path) -> None:
+    """An orientation error of any size has its length, and is no NaN where the axis' sign is anyone's choice."""
+    path = tmp_path / "poses.csv"
+    axis = np.array([1.0, -2.0, 2.0]) / 3.0
+    half = 0.5 * angle
+    turn = ",".join(map(repr, (math.cos(half), *(math.sin(half) * axis).tolist())))
+    head = "x,y,z,qw,qx,qy,qz,cmd_x,cmd_y,cmd_z,cmd_qw,cmd_qx,cmd_qy,cmd_qz"
+    rows = [f"{i},0,0,{turn},{i},0,0.001,1,0,0,0" for i in range(4)]
+    path.write_text("\n".join([head, *rows]) + "\n")
+    done = run_in_project("estimate", str(path), "--format", "json")
+    assert done.exit_code == 0
+    found = json.loads(done.stdout, parse_constant=no_constant)
+    assert found["orientation"]["rms_rad"] == pytest.approx(angle, rel=1e-9, abs=1e-15)
+
+
+def by_threads(*words: object) -> list[str]:
+    """The JSON of a command with one thread of the linear algebra, and with two."""
+    return [
+        subprocess.run(
+            (sys.executable, "-m", "robacc", *map(str, words), "--format", "json"),
+            env={**os.environ, "OPENBLAS_NUM_THREADS": threads},
+            check=True,
+            capture_output=True,
+            text=True,
+        ).stdout
+        for threads in ("1", "2")
+    ]
+
+
+FITS = {
+    "calibrate": ("--fit", "base_frame,tool_frame,joint_offset,joint_compliance[j2],backlash[j3]", "--folds", "2"),
+    "trace": ("--declared", "base_frame,tool_frame,joint_offset,link_geometry"),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("command", FITS)
+def test_one_thread_or_two(command: str) -> None:
+    """The linear algebra may divide its sums: what is found is the same, and the figures to 1e-9 of their size."""
+    samples = ROOT / "sample_data" / "trace"
+    made = by_threads(command, samples / "poses.csv", "--robot", samples / "robot.yaml", *FITS[command])
+    one, two = (json.loads(text) for text in made)
+    for stage, of in itertools.product(("nominal", "before", "after"), ("fitted", "held_out")):
+        first, second = (found[stage][of]["position"] for found in (one, two))
+        figures, others = (
+            {key: value for key, value in each.items() if isinstance(value, float)} for each in (first, second)
+        )
+        assert others == pytest.approx(figures, rel=1e-9), (stage, of)
+    for first, second in zip(one["parameters"], two["parameters"], strict=True):
+        assert first["name"] == second["name"]
+        # A coefficient is as good as its standard deviation; of that, a billionth.
+        assert second["value"] == pytest.approx(first["value"], rel=1e-9, abs=1e-9 * (first["std"] or 1e-3))
+    if command == "trace":
+        first, second = ((found["verdict"], [f["effect"] for f in found["findings"]]) for found in (one, two))
+        assert first == second
+
+
+N = 20_000
+
+"""So many that OpenBLAS does divide the sums over the errors among its threads."""
+
+
+def test_an_estimate_does_not_hang_on_the_number_of_threads(tmp_path: Path) -> None:
+    rng = np.random.default_rng(7)
+    commanded = rng.uniform(-1, 1, size=(N, 3))
+    table = np.hstack((commanded + rng.normal(scale=(1e-4, 2e-4, 3e-4), size=(N, 3)), commanded))
+    path, head = tmp_path / "poses.csv", "x,y,z,cmd_x,cmd_y,cmd_z"
+    np.savetxt(path, table, fmt="%.9f", delimiter=",", header=head, comments="")
+    # Every second part is a number with a point or an exponent.
+    one, two = (re.split(r"(-?\d+\.\d+(?:e-?\d+)?|-?\d+e-?\d+)", text) for text in by_threads("estimate", path))
+    assert one[::2] == two[::2]
+    assert len(one) > 6 * N
+    np.testing.assert_allclose(np.array(two[1::2], float), np.array(one[1::2], float), rtol=1e-9, atol=1e-15)
+
+
+# Files made to mislead: each gets one message, a warning, or the right reading; none gets a traceback.
+
+URDF = (
+    '<robot name="a"><link name="b"><collision><geometry><mesh filename="{mesh}"/></geometry></collision></link>'
+    '<link name="t"/><joint name="j" type="revolute"><parent link="b"/><child link="t"/><axis xyz="0 0 1"/>'
+    '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
+)
+
+TRACED_ROBOT, TRACED_POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
+
+
+def test_a_number_of_400_digits_in_a_result(tmp_path: Path) -> None:
+    result = json.loads(robacc.estimate(TRACED_POSES, robot=TRACED_ROBOT).to_json())
+    result["position"]["rms_m"] = int("9" * 400)
+    path, gate = tmp_path / "r.json", tmp_path / "g.yaml"
+    path.write_text(json.dumps(result))
+    gate.write_text("robacc_gate: 1\nname: g\ncriteria:\n  - {key: position.rms, limit: 1 mm, reason: r}\n")
+    for call in (["check", str(path), "--gate", str(gate)], ["compare", str(path), str(path)]):
+        assert "is not a result: the number 9999" in refused(*call, status=3)
+
+
+def test_a_loop_of_links_is_no_output(tmp_path: Path) -> None:
+    first, second = tmp_path / "first", tmp_path / "second"
+    first.symlink_to(second)
+    second.symlink_to(first)
+    with pytest.raises(InputError, match="first: cannot be written: it is a link to itself"):
+        write_text(first, "x")
+    assert first.is_symlink()
+    (tmp_path / "new").symlink_to(tmp_path / "target")
+    write_text(tmp_path / "new", "x")
+    assert (tmp_path / "target").read_text() == "x"
+
+
+@pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that opens and cannot be read")
+def test_an_input_that_fails_while_it_is_read_is_named() -> None:
+    with pytest.raises(InputError, match="/proc/self/mem: cannot be read: input/output error"):
+        robacc.read_poses("/proc/self/mem")
+
+
+@pytest.mark.parametrize(
+    ("mesh", "message"),
+    [
+        ("../secret.stl", r"mesh \.\./secret\.stl lies outside the folder or package of the URDF"),
+        ("package://../secret.stl", "lies outside the folder or package of the URDF"),
+        ("package://./../secret.stl", "(lies outside the folder or package of the URDF|is not there)"),
+        ("poses.json", "a collision mesh cannot be read"),
+        ("none.stl", r"mesh none\.stl is not there"),
+    ],
+)
+@pytest.mark.filterwarnings("ignore")
+def test_a_mesh_stays_inside_the_package_and_any_failure_is_one_message(
+    tmp_path: Path, mesh: str, message: str
+) -> None:
+    pytest.importorskip("fcl")
+    folder = tmp_path / "arm" / "urdf"
+    folder.mkdir(parents=True)
+    for name in ("arm/secret.stl", "arm/meshes.stl", "secret.stl", "arm/urdf/poses.json"):
+        (tmp_path / name).write_text("{}")
+    urdf = folder / "arm.urdf"
+    urdf.write_text(URDF.format(mesh=mesh))
+    with pytest.raises(InputError, match=message):
+        robacc.plan(urdf, poses=5, purpose="calibrate", collisions=True)
+
+
+@pytest.mark.filterwarnings("ignore")
+@pytest.mark.parametrize("mesh", ["../meshes/a.stl", "package://arm/meshes/a.stl", "package://tool/meshes/a.stl"])
+def test_a_mesh_of_the_package_or_of_one_beside_it_is_read(tmp_path: Path, mesh: str) -> None:
+    pytest.importorskip("fcl")
+    import trimesh
+
+    from robacc_plugins.collisions import read_link_shapes
+
+    for name in ("arm/urdf", "arm/meshes", "tool/meshes"):
+        (tmp_path / name).mkdir(parents=True)
+    (tmp_path / "arm" / "package.xml").write_text("<package/>")
+    for name in ("arm", "tool"):
+        trimesh.creation.box((1, 1, 1)).export(tmp_path / name / "meshes" / "a.stl")
+    urdf = tmp_path / "arm" / "urdf" / "arm.urdf"
+    urdf.write_text(URDF.format(mesh=mesh))
+    (shape,) = read_link_shapes(str(urdf), robacc.read_robot(urdf))
+    assert shape.faces.shape == (12, 3)
+
+
+def test_ids_that_a_spreadsheet_would_run_are_marked_and_read_back(read: Reader, tmp_path: Path) -> None:
+    ids = ["=1+1", "+cmd|x", "-2", "-a", "@sum", "'b", "P1", "+3.5"]
+    data = Measurements(np.arange(24.0).reshape(3, 8), q=np.linspace(0, 1, 8)[None], pose=np.array(ids))
+    text = format_poses(data)
+    written = [line.rpartition(",")[2] for line in text.splitlines()[1:]]
+    assert written == ["'=1+1", "'+cmd|x", "-2", "'-a", "'@sum", "'b", "P1", "+3.5"]
+    again = read(text)
+    assert again.pose.tolist() == ids
+    commanded = Measurements(data.position, commanded_position=data.position + 1e-4, pose=data.pose)
+    cells = [line.split(",")[1] for line in robacc.estimate(commanded).per_pose_csv().splitlines()[1:]]
+    assert cells == written
+
+
+def test_a_last_line_that_ends_inside_a_number_is_warned_of(read: Reader) -> None:
+    rows = [f"{0.1 * i:.3f},1.000,2.000,{3 + 0.0125 * i:.4f}" for i in range(8)]
+    text = "\n".join(["q1,x,y,z", *rows])
+    assert read(text).warnings == read(text + "\n").warnings == ()
+    (warning,) = read(text[:-2]).warnings
+    assert "poses.csv: 3.08, the last number, has fewer decimals than those above" in warning
+    assert read(text[:-2] + "\n").warnings == ()
+    comma = text.replace(",", ";").replace(".", ",").replace("q1;x;y;z", "J1 [rad];X [m];Y [m];Z [m]")
+    assert "3,08, the last number, has fewer decimals" in read(comma[:-2]).warnings[-1]
+
+
+def test_a_payload_that_no_arm_carries_is_warned_of(read: Reader) -> None:
+    (warning,) = read("q1,x,y,z,payload_kg\n0,1,2,3,4\n0.1,1,2,3.1,1e9\n0.2,1,2,3.2,4\n").warnings
+    assert warning.endswith("poses.csv:3: payload_kg is 1e+09 kg, more than an arm carries")
+
+
+@pytest.mark.parametrize("title", ["J1,X,Y,Z", "measured"])
+@pytest.mark.parametrize("marks", [("---", "'12"), ("---", "'"), ("---", "''")])
+def test_rows_of_marks_and_apostrophes_are_no_header(title: str, marks: tuple[str, str]) -> None:
+    rng = np.random.default_rng(0)
+    rows = [",".join([f"{rng.normal():.4f}", *rng.choice(marks, 3)]) for _ in range(200)]
+    assert find_dialect([title, *rows], is_documented).header_line in (None, 0)
+
+
+def test_a_temperature_that_no_effect_depends_on_refuses_no_target(tmp_path: Path) -> None:
+    data = robacc.simulate("sample_data/trace/truth.yaml", poses=40, seed=2, temperature=(23, 25)).data
+    targets = robacc.simulate(TRACED_ROBOT, poses=5, seed=3, motion=False).data
+    frames = ("base_frame", "tool_frame", "joint_offset")
+    plain, thermal = (
+        robacc.calibrate(data, robot=TRACED_ROBOT, fit=fit).robot for fit in (frames, (*frames, "thermal_expansion"))
+    )
+    cold = {"temperature": 22, "most": "100mm,30deg", "strict_range": True}
+    result = robacc.correct(targets, model=plain, **cold)
+    assert result.n_corrected == 5
+    (warning,) = [text for text in result.warnings if "temperature" in text]
+    assert warning.startswith("the targets are at 22 to 22 °C, the model was fitted at 23")
+    within = robacc.correct(targets, model=plain, temperature=24, most="1m")
+    assert "°C" not in "\n".join(within.warnings)
+    np.testing.assert_array_equal(result.q, within.q)
+    with pytest.raises(InputError, match="temperature_c is outside the range"):
+        robacc.correct(targets, model=thermal, **cold)

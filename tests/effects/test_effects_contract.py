@@ -3,27 +3,56 @@
 from __future__ import annotations
 
 import dataclasses
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
 import yaml
 from arms import arm, circumstances, suited
 
+import robacc
+from robacc.diagnostics.partial_residuals import partial_residuals
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect, settings_of
-from robacc.effects.elastic import Elastic
-from robacc.effects.request import catalogue
+from robacc.effects.base import (
+    About,
+    Effect,
+    Need,
+    Over,
+    Term,
+    Traits,
+    driven_by,
+    register,
+    setting,
+    settings_of,
+    varies,
+)
+from robacc.effects.elastic import Elastic, JointCompliance, JointHardening
+from robacc.effects.request import build, catalogue, parse_requests
 from robacc.effects.specification import Known, entry_of, known_effects
 from robacc.errors import InputError, UsageError
+from robacc.fitting.fit_result import Options
+from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.candidates import named_candidates
+from robacc.tracing.search import search
+from robacc.tracing.trace import trace
+
+# What holds for every effect of the catalogue: one that is added is tested without a new test.
 
 EFFECTS = tuple(REGISTRY)
+
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
+
 N = 5
+
 OTHER_FORMS = {
     "approach_lag": ({"common": True},),
     "backlash": ({"by": "gravity"},),
@@ -44,6 +73,7 @@ OTHER_FORMS = {
     "transmission_error": ({"orders": [3.5], "shrunk": True},),
     "thermal_expansion": ({"time_constant_s": 600.0}, {"slides": False}),
 }
+
 """Settings that neither the default, nor the example, nor a trace of data with every column has."""
 
 
@@ -224,18 +254,21 @@ def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
 def test_settings_and_robot_file_bring_it_back(name: str, one: Arm) -> None:
     one = suited(name, one)
     data = circumstances(one.robot, N)
+    direct, entries = [], []
     for effect in forms(name, one, data):
         again = type(effect).from_settings(effect.joints, yaml.safe_load(yaml.safe_dump(effect.settings())))
         assert again == effect
         assert again.key() == effect.key()
         terms = effect.terms(one, data)
         values = dict(zip((term.name for term in terms), small(terms).tolist(), strict=True))
-        direct = Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0))
-        robot = dataclasses.replace(one.robot, effects=(entry_of(effect, values),))
-        for written in (robot, parse_robot(robot_to_yaml(robot), "again.yaml")):
-            poses = predict(written, data)
-            np.testing.assert_allclose(poses.translation, direct.translation, rtol=0, atol=1e-12)
-            np.testing.assert_allclose(poses.rotation, direct.rotation, rtol=0, atol=1e-12)
+        direct.append(Model(one, known=(Known(effect, values),)).bind(data).poses(np.zeros(0)))
+        entries.append(entry_of(effect, values))
+    robot = dataclasses.replace(one.robot, effects=tuple(entries))
+    for written in (robot, parse_robot(robot_to_yaml(robot), "again.yaml")):
+        for entry, expected in zip(written.effects, direct, strict=True):
+            poses = predict(dataclasses.replace(written, effects=(entry,)), data)
+            np.testing.assert_allclose(poses.translation, expected.translation, rtol=0, atol=1e-12)
+            np.testing.assert_allclose(poses.rotation, expected.rotation, rtol=0, atol=1e-12)
 
 
 @pytest.mark.parametrize("name", EFFECTS)
@@ -267,6 +300,7 @@ WRONG_VALUES = {
     tuple: (5, None, [{}]),
     type(None): ([1], True),
 }
+
 """Values that a setting refuses, by the type of what it holds."""
 
 
@@ -296,10 +330,15 @@ def reasons(name: str) -> list[str]:
 
 
 NEEDY = tuple(filter(reasons, REGISTRY))
+
 """Effects that ask for a column or for masses."""
+
 SLIDING = ("rail_errors",)
+
 """Effects that need a slide, not a column or a mass."""
+
 PAST = ("step",)
+
 """Effects that lie in the past of poses without a time or a line, and so need neither in a robot file."""
 
 
@@ -357,6 +396,7 @@ def test_a_driver_is_a_name_or_a_list_of_names() -> None:
 
 
 CORRECTION = {"drivers": ["torque"], "range": [[-1.0, 1.0]], "degree": 2}
+
 WRONG = {
     "5": "expected a mapping with the key effect, found 5",
     "{joints: [j2]}": "expected a mapping with the key effect",
@@ -423,3 +463,183 @@ def test_an_arm_too_soft_for_its_weight_has_no_equilibrium() -> None:
     robot = dataclasses.replace(arm("puma560").robot, effects=(entry,))
     with pytest.raises(InputError, match="the elastic equilibrium does not converge"):
         predict(robot, circumstances(robot, 3))
+
+
+# Settings of an effect of one's own: what its fields declare is read, checked, converted and written.
+
+
+@dataclass(frozen=True)
+class _Toy(Effect):
+    """One setting of each kind."""
+
+    size: float = setting(1.0, unit="length", above=0.0, below=9.0)
+    turns: tuple[float, ...] = setting((0.5,), key="turns_used", unit="angle", different=True)
+    count: int = setting(2, written=True, least=1)
+    corner: tuple[tuple[float, float], ...] = setting(())
+    end: Literal["near", "far"] = setting("near", written=lambda toy: toy.count > 2)
+    note: str | None = setting(None)
+    cached: float = 3.0
+
+    name = "toy"
+
+    def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+        return ()
+
+
+def test_defaults_are_not_written_unless_declared() -> None:
+    assert _Toy(("j1",)).settings() == {"count": 2}
+    written = {"size": 2.0, "turns_used": [1.0, 2.0], "count": 3, "corner": [[0.0, 1.0]], "end": "near", "note": "a"}
+    effect = _Toy(("j1",), 2.0, (1.0, 2.0), 3, ((0.0, 1.0),), note="a")
+    assert list(effect.settings().items()) == list(written.items())
+    assert _Toy.from_settings(("j1",), written) == effect
+    assert _Toy.from_settings((), {"note": None, "size": 2}) == _Toy((), 2.0)
+
+
+def test_numbers_follow_the_units_of_the_file() -> None:
+    effect = _Toy((), 2.0, (1.0, 2.0)).from_units(arm("puma560"), 1e-3, 0.5)
+    assert effect == _Toy((), 2.0 * 1e-3, (0.5, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("settings", "message"),
+    [
+        ({"size": 9}, "toy: size must be a number above 0 and below 9, found 9"),
+        ({"turns_used": []}, "toy: turns_used must be a list of different numbers, found []"),
+        ({"turns_used": [1, 1.0000001]}, "toy: turns_used must be a list of different numbers, found [1, 1.0000001]"),
+        ({"count": 0}, "toy: count must be a whole number of at least 1, found 0"),
+        ({"corner": [[1]]}, "toy: corner must be a list of lists of 2 numbers, found [[1]]"),
+        ({"end": "nowhere"}, "toy: end must be near or far, found 'nowhere'"),
+        ({"note": 5}, "toy: note must be a name, found 5"),
+        ({"cached": 5}, "toy has no setting 'cached'"),
+    ],
+)
+def test_a_message_says_what_was_expected_and_found(settings: dict[str, object], message: str) -> None:
+    with pytest.raises(ValueError) as caught:  # noqa: PT011  the whole text is compared
+        _Toy.from_settings((), settings)
+    assert str(caught.value) == message
+
+
+# An effect that is added needs its own file and one import: nothing else knows its name.
+
+
+@pytest.fixture
+def toy() -> Iterator[type[Effect]]:
+    """Register an effect for one test: a joint's zero that follows the payload."""
+    before = dict(REGISTRY)
+
+    @register
+    @dataclass(frozen=True)
+    class PayloadZero(Effect):
+        """Joint variable plus a coefficient times the payload."""
+
+        name = "payload_zero"
+        traits = Traits(
+            needs=(Need("no payload_kg column that varies", lambda arm, data: varies(data.payload)),),
+            drivers=("payload_kg",),
+            chart=Over("payload_kg"),
+            extrapolates="the zero follows any payload",
+        )
+        about = About(
+            summary="a joint's zero that follows the payload",
+            equation="theta_j + c m",
+            unit="rad/kg",
+            usual_size="1e-5 to 1e-3 rad/kg",
+            usual_range=(1e-5, 1e-3),
+            needs="payload_kg",
+            confused_with="payload_compliance",
+            source="this test",
+            example="{effect: payload_zero, joints: [j1], values: {j1: 1e-4}}",
+        )
+
+        def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
+            payload = driven_by(arm, data, "payload_kg", self.name)
+            return tuple(self.joint_term(arm, joint, payload, unit="rad/kg") for joint in self.joints)
+
+    yield PayloadZero
+    REGISTRY.clear()
+    REGISTRY.update(before)
+
+
+def test_it_is_listed_read_simulated_fitted_traced_and_drawn(toy: type[Effect]) -> None:
+    robot = arm("puma560").robot
+    assert [entry.effect.name for entry in catalogue("payload_zero", robot)] == ["payload_zero"]
+    truth = dataclasses.replace(robot, effects=({"effect": "payload_zero", "joints": ["j1"], "values": {"j1": 3e-4}},))
+    data = circumstances(robot, 80)
+    rng = np.random.default_rng(3)
+    payload = rng.choice([0.0, 2.0, 5.0], 80)
+    data = dataclasses.replace(data, payload=payload, rotation=None)
+    measured = predict(truth, data).translation + rng.normal(scale=2e-5, size=(3, 80))
+    data = dataclasses.replace(data, position=measured)
+    model = Model(arm("puma560"))
+    effect = toy(joints=("j1",))
+    found = fit(dataclasses.replace(model, free=(effect,)), data, Options())
+    assert found.theta[0] == pytest.approx(3e-4, rel=0.05)
+    (curve,) = partial_residuals(effect, found, data)
+    assert (curve.driver, curve.driver_unit) == ("payload_kg", "kg")
+    result = trace(model, data, n_folds=3)
+    assert [(finding.effect, finding.joints) for finding in result.findings] == [("payload_zero", ("j1",))]
+
+
+def test_nothing_outside_the_effects_names_one() -> None:
+    """Modules that judge effects ask them; only what registers frames or geometry knows those by name."""
+    folder = Path(robacc.__file__).parent
+    classes = re.compile(
+        r"from robacc\.effects\.(?!base|campaign|correction|driver|elastic|periodic|request|specification)"
+    )
+    offenders = [
+        str(path.relative_to(folder))
+        for package in ("tracing", "accuracy", "api", "calibration", "comparison", "documents", "gates", "render")
+        for path in ([folder / package] if package.endswith(".py") else sorted((folder / package).rglob("*.py")))
+        if classes.search(path.read_text(encoding="utf-8"))
+    ]
+    assert offenders == []
+
+
+# Coefficients beyond what an effect can be are named, and compete with a handicap.
+
+
+@pytest.mark.parametrize("name", sorted(REGISTRY))
+def test_usual_sizes_are_plausible_and_ten_thousand_times_that_is_not(name: str) -> None:
+    cls: type[Effect] = REGISTRY[name]
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    data = simulate(robot, Plan(20, seed=1, noise_position=1e-5, orientation=False)).data
+    data = dataclasses.replace(
+        data, time=np.arange(20.0), temperature=20 + np.arange(20.0) / 5, payload=np.tile([0.0, 5.0], 10)
+    )
+    if cls.missing(Model.of(robot).arm, data):
+        pytest.skip("not possible on these poses")
+    (effect,) = build(parse_requests(name), Model.of(robot).arm, data)
+    terms = effect.terms(Model.of(robot).arm, data)
+    usual = cls.about.usual_range[1]
+    assert effect.implausible(terms, [usual] * len(terms)) is None
+    if not cls.traits.is_constant and any(term.unit == cls.about.unit.partition(" (")[0] for term in terms):
+        assert "implausible" in effect.implausible(terms, [1e4 * usual] * len(terms))
+
+
+def test_a_joint_that_hardly_carries_a_load_does_not_harden_by_it() -> None:
+    one = Model.of(arm("puma560").robot).arm
+    data = simulate(arm("puma560").robot, Plan(20, seed=1, noise_position=1e-5, orientation=False)).data
+    for torque, is_plausible in ((80.0, True), (0.0019, False)):
+        effect = JointHardening(("j5",), torque)
+        reason = effect.implausible(effect.terms(one, data), [3.6e-4])
+        assert (reason is None) is is_plausible
+        if reason is not None:
+            assert reason.endswith("is implausible: the joint would have a compliance of 0.57 rad/(N m)")
+
+
+def test_a_negative_compliance_is_implausible_and_never_a_finding() -> None:
+    robot = dataclasses.replace(arm("puma560").robot, effects=())
+    data = simulate(robot, Plan(60, seed=2, noise_position=1e-5, orientation=False)).data
+    compliance = JointCompliance(("j2",), masses="known")
+    found = {}
+    for value in (8e-6, -8e-6):
+        bound = Model.of(robot, [compliance]).bind(data)
+        theta = np.full(len(bound.terms), value)
+        assert (compliance.implausible(bound.terms, theta.tolist()) is None) is (value > 0)
+        shifted = dataclasses.replace(
+            data, position=data.position + bound.poses(theta).translation - bound.poses(0 * theta).translation
+        )
+        model = Model.of(robot, build(parse_requests("base_frame"), Model.of(robot).arm, data))
+        found[value > 0] = [effect.key() for effect in search(model, shifted).effects]
+    assert found[True] == [compliance.key()]
+    assert compliance.key() not in found[False]

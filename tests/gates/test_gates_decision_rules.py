@@ -210,7 +210,7 @@ def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluatio
             return errors, limit, decision
 
 
-@pytest.mark.parametrize("n", [30, 120])
+@pytest.mark.parametrize("n", [30, pytest.param(120, marks=pytest.mark.slow)])
 def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
     rng = np.random.default_rng(n)
     decided = []

@@ -17,25 +17,36 @@ from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 
+# Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
+
 ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
+
 """Errors of the joint zeros, rad."""
+
 NOISE = 1e-5
+
 """m"""
+
 LOW, HIGH = 0.6 * np.array(LIMITS).T
+
 SOCKETS = {"a": np.array([0.85, -0.2, 0.3]), "b": np.array([0.6, 0.5, 0.35]), "c": np.array([0.7, 0.1, 0.8])}
+
 PLANES = {"table": (np.array([0.05, -0.02, 1.0]), 0.3), "wall": (np.array([1.0, 0.1, 0.05]), 0.9)}
+
 ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
+
 Row = dict[str, object]
 
 
-def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray | None:
-    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none."""
+def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray, within: float = 1.0) -> np.ndarray | None:
+    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none ``within``."""
     for _ in range(40):
         if np.abs(gap(target(q + ZEROS))).max() < 1e-13:
             break
         slope = np.array([(gap(target(q + ZEROS + e)) - gap(target(q + ZEROS - e))) / 2e-6 for e in 1e-6 * np.eye(6)])
         q = q - np.clip(np.linalg.pinv(slope.T) @ gap(target(q + ZEROS)), -0.2, 0.2)
-    return q if np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > LOW) & (q < HIGH)) else None
+    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH))
+    return q if is_reached else None
 
 
 def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:
@@ -165,6 +176,7 @@ def test_derivatives_of_all_kinds_are_those_of_the_predictions() -> None:
 
 
 GOOD = "q1,q2,q3,q4,q5,q6,kind,socket,plane,reading_mm,distance_mm,anchor,from,pose,sigma\n"
+
 JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
 
 
@@ -214,3 +226,46 @@ def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
         "base_frame.a..z",
     ]
     assert second.after.fitted.position.rms == pytest.approx(first.after.fitted.position.rms)
+
+
+# A calibration without an instrument: the tip of the tool rests in sockets of a plate, arm simulated independently.
+
+PLATE = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0]])
+
+"""Sockets in the frame of the plate, m."""
+
+CORNER, YAW = np.array([0.75, -0.15, 0.3]), 0.4
+
+SCATTER = 3e-5
+
+"""Repeatability of the joints, rad."""
+
+
+def in_plate(position: np.ndarray) -> np.ndarray:
+    c, s = np.cos(YAW), np.sin(YAW)
+    return (position - CORNER) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
+    generator = np.random.default_rng(5)
+    joints, places = [], []
+    while len(joints) < 36:
+        place = PLATE[len(joints) % 3]
+        q = reached(lambda p, place=place: place - in_plate(p), generator.uniform(LOW, HIGH), 1.6)
+        if q is not None:
+            joints.append(q + generator.normal(0.0, SCATTER, 6))
+            places.append(place)
+    result = robacc.calibrate(Measurements(np.array(places).T, q=np.array(joints).T), robot=robot(), fit=DECLARED)
+    parameters = {parameter.name: parameter for parameter in result.parameters}
+    for number, zero in enumerate(ZEROS[1:5], 2):
+        found = parameters[f"joint_offset.j{number}"]
+        assert found.std is not None
+        assert abs(found.value - zero) < 3.0 * found.std
+    q = generator.uniform(LOW, HIGH, (100, 6)).T
+    elsewhere = Measurements(np.array([in_plate(target(angles + ZEROS)) for angles in q.T]).T, q=q)
+    nominal, calibrated = (
+        robacc.estimate(elsewhere, robot=arm, align=frames).position.mean_error
+        for arm, frames in ((robot(), "base_frame,tool_frame"), (result.robot, "none"))
+    )
+    assert nominal > 1e-3
+    assert calibrated < 0.25 * nominal

@@ -1,13 +1,30 @@
-"""Rows of the same commanded pose."""
+"""Measurements: repetitions, close poses, what is written and read back."""
 
 from __future__ import annotations
 
+import dataclasses
+import json
+import math
+from collections.abc import Callable
+from pathlib import Path
+from typing import Any
+
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings, strategies as st
+from pose_files import Reader
+from scipy.spatial.transform import Rotation
+from typer.testing import CliRunner
 
+from robacc.cli.main import app
 from robacc.measurements import Measurements
+from robacc.poses.csv_file import format_poses, read_poses
+from robacc.poses.reading import KnownRobot
+
+# Rows of the same commanded pose.
 
 N = 40_000
+
 """More than are hashed at a time."""
 
 
@@ -88,3 +105,164 @@ def test_ids_that_agree_with_the_commands_are_believed() -> None:
     assert unknown.groups().tolist() == [0, 0]
     assert measured(q=np.zeros((6, 0)), pose=np.array([], dtype=str)).contradicted_ids() == ()
     assert measured(q=np.zeros((6, 0)), pose=np.array([], dtype=str)).groups().size == 0
+
+
+# Writing pose files: what is written is read back.
+
+finite = st.floats(-1e8, 1e8)  # what a file of poses may hold
+
+ids = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)
+
+
+@st.composite
+def measurements(draw: st.DrawFn) -> Measurements:
+    """Any measurements that a file can hold."""
+    n, joints = draw(st.integers(0, 4)), draw(st.integers(1, 3))
+
+    def array(elements: st.SearchStrategy[Any], *shape: int) -> Any:
+        count = math.prod(shape)
+        return np.array(draw(st.lists(elements, min_size=count, max_size=count)), dtype=float).reshape(shape)
+
+    def maybe(make: Callable[[], Any]) -> Any:
+        return make() if draw(st.booleans()) else None
+
+    def rotation() -> Any:
+        seed = draw(st.integers(0, 2**32 - 1))
+        return np.moveaxis(Rotation.random(n, rng=np.random.default_rng(seed)).as_matrix(), 0, -1).reshape(3, 3, n)
+
+    def text() -> Any:
+        return np.array(draw(st.lists(ids, min_size=n, max_size=n)), dtype=str)
+
+    positive = st.floats(1e-12, 1e6)
+    return Measurements(
+        position=array(finite, 3, n),
+        rotation=maybe(rotation),
+        q=array(finite, joints, n),
+        commanded_position=array(finite, 3, n),
+        commanded_rotation=maybe(rotation),
+        sigma_position=maybe(lambda: array(positive, 3, n)),
+        sigma_rotation=maybe(lambda: array(positive, n)),
+        pose=maybe(text),
+        cycle=maybe(text),
+        target=maybe(text),
+        time=maybe(lambda: array(finite, n)),
+        temperature=maybe(lambda: array(st.floats(-273.15, 1e9), n)),
+        payload=maybe(lambda: array(st.floats(0, 1e9), n)),
+        direction=maybe(lambda: array(st.sampled_from([-1, 0, 1]), joints, n)),
+        speed=maybe(lambda: array(st.floats(-1, 1), joints, n)),
+    )
+
+
+EXACT = ("position", "q", "commanded_position", "sigma_position", "sigma_rotation", "pose", "cycle", "target")
+
+EXACT += ("time", "temperature", "payload", "direction", "speed")
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=100)
+@given(data=measurements())
+def test_what_is_written_is_read_back(read: Reader, data: Measurements) -> None:
+    text = format_poses(data)
+    back = read(text, units_check=False)
+    for name in EXACT:
+        expected, values = getattr(data, name), getattr(back, name)
+        if name == "pose" and expected is None and values is not None:
+            # Joints that differ by less than readings do are visits of one pose, and a warning says so.
+            assert any("and their repetitions" in warning for warning in back.warnings)
+            continue
+        assert (expected is None) == (values is None), name
+        if expected is not None:
+            np.testing.assert_array_equal(values, expected, err_msg=name)
+    for expected, values in ((data.rotation, back.rotation), (data.commanded_rotation, back.commanded_rotation)):
+        assert (expected is None) == (values is None)
+        if expected is not None and values is not None:
+            np.testing.assert_allclose(values, expected, atol=2e-15)  # through a quaternion and back
+    assert format_poses(data) == text
+
+
+def test_written_columns() -> None:
+    data = Measurements(
+        position=np.array([[0.1], [1 / 3], [-2e-7]]),
+        rotation=np.eye(3)[..., None],
+        q=np.array([[0.5], [1e22]]),
+        pose=np.array(["#1"]),
+        direction=np.array([[1.0], [-1.0]]),
+        speed=np.array([[1.0], [-0.25]]),
+    )
+    row = "0.5,1e+22,0.1,0.3333333333333333,-2e-07,1.0,0.0,0.0,0.0,1,-1,1.0,-0.25,#1\n"
+    numbered = "q1,q2,x,y,z,qw,qx,qy,qz,dir_q1,dir_q2,speed_q1,speed_q2,pose\n"
+    assert format_poses(data) == numbered + row
+
+
+# Repetitions of a commanded pose, from files to results.
+
+ROOT = Path(__file__).resolve().parents[2]
+
+
+def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -> None:
+    """Ids P0 … P9 over poses that were each measured once: nothing in them is pure error."""
+    data = read_poses(ROOT / "sample_data" / "poses.csv")
+    data = dataclasses.replace(data, pose=np.array([f"P{i % 10}" for i in range(data.n)]))
+    (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
+    arguments = (str(tmp_path / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"), "--format", "json")
+    warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
+    done = CliRunner().invoke(app, ["calibrate", *arguments, "--fit", "base_frame,tool_frame"], catch_exceptions=False)
+    document = json.loads(done.stdout)
+    assert document["noise"]["source"] == "residual"
+    assert len(set(document["poses"]["group"])) == data.n
+    assert any(warning in text for text in document["warnings"])
+    assert warning in done.stderr
+    estimated = json.loads(CliRunner().invoke(app, ["estimate", *arguments]).stdout)
+    assert sum(warning in text for text in estimated["warnings"]) == 1
+    # Cycles of ISO 9283 are by their ids all the same, with a warning of their own.
+    judged = json.loads(CliRunner().invoke(app, ["iso9283", *arguments]).stdout)
+    assert judged["n_commanded_poses"] == 10
+    assert ["differs by" in text for text in judged["warnings"]] == [True]
+
+
+# Repetitions whose joints were logged as read, in files without a pose column.
+
+JOINTS = [f"q{i + 1}" for i in range(6)]
+
+
+def written(path: Path, q: np.ndarray, more: dict[str, list[str]] | None = None) -> Path:
+    xyz = np.random.default_rng(5).uniform(0.2, 0.9, (len(q), 3))
+    columns = more or {}
+    lines = [",".join([*JOINTS, "x", "y", "z", *columns])]
+    for i, row in enumerate(np.hstack((q, xyz))):
+        lines.append(",".join([*(f"{value:.9f}" for value in row), *(values[i] for values in columns.values())]))
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+def jittered(jitter: float, count: int = 12, cycles: int = 5) -> np.ndarray:
+    rng = np.random.default_rng(1)
+    q = np.tile(rng.uniform(-2.0, 2.0, (count, 6)), (cycles, 1))
+    return q + rng.uniform(-jitter, jitter, q.shape)
+
+
+def test_joints_as_read_give_the_repetitions(tmp_path: Path) -> None:
+    data = read_poses(written(tmp_path / "poses.csv", jittered(1e-4)), robot=KnownRobot(joint_names=JOINTS))
+    assert np.array_equal(data.groups(), np.tile(data.groups()[:12], 5))
+    assert np.unique(data.groups()).size == 12
+    (warning,) = data.warnings
+    assert "60 rows are read as 12 commanded poses" in warning
+    assert data.contradicted_ids() == ()
+
+
+@pytest.mark.parametrize("jitter", [0.0, 5e-3])
+def test_equal_joints_and_distant_poses_stay_as_they_are(tmp_path: Path, jitter: float) -> None:
+    data = read_poses(written(tmp_path / "poses.csv", jittered(jitter)), robot=KnownRobot(joint_names=JOINTS))
+    assert data.pose is None
+    assert np.unique(data.groups()).size == (60 if jitter else 12)
+
+
+def test_a_slow_sweep_has_no_repetitions(tmp_path: Path) -> None:
+    q = np.zeros((100, 6)) + 0.3
+    q[:, 1] = np.linspace(0.0, 0.04, 100)
+    assert read_poses(written(tmp_path / "poses.csv", q), robot=KnownRobot(joint_names=JOINTS)).pose is None
+
+
+def test_a_pose_column_decides(tmp_path: Path) -> None:
+    ids = {"pose": [f"N{i}" for i in range(60)]}
+    data = read_poses(written(tmp_path / "poses.csv", jittered(1e-4), ids), robot=KnownRobot(joint_names=JOINTS))
+    assert np.unique(data.groups()).size == 60

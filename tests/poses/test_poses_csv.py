@@ -1,4 +1,4 @@
-"""Reading pose files: every column, every unit, however the text looks."""
+"""Pose files: what is read, in which units, conventions of angles, and motion."""
 
 from __future__ import annotations
 
@@ -6,9 +6,11 @@ import contextlib
 import csv
 import hashlib
 import io
+import itertools
 import math
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -16,16 +18,21 @@ from hypothesis import HealthCheck, given, settings, strategies as st
 from pose_files import PLAIN, Reader, one_row, problem_texts
 from scipy.spatial.transform import Rotation
 
+import robacc
 from robacc.errors import InputError
+from robacc.fitting.visits import visit_numbers
 from robacc.io import table
+from robacc.measurements import Measurements, motion_between_rows
 from robacc.poses.csv_file import read_poses
+from robacc.poses.reading import CONVENTIONS, KnownRobot, is_ruled_out, try_conventions
+from robacc.poses.units import check_scale
+
+# Reading pose files: every column, every unit, however the text looks.
 
 REAL = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10" / "series_B.csv"
 
 
 # What is read
-
-
 @pytest.mark.parametrize("unit", ["", "_m", "_mm", "_um"])
 @pytest.mark.parametrize("name", ["x", "cmd_y", "sigma_z"])
 def test_lengths_in_every_unit(read: Reader, name: str, unit: str) -> None:
@@ -102,7 +109,6 @@ def test_real_poses() -> None:
 
 
 # How the text may look
-
 LAYOUTS = {
     "byte order mark": b"\xef\xbb\xbf" + PLAIN.encode(),
     "CRLF": PLAIN.replace("\n", "\r\n").encode(),
@@ -160,6 +166,7 @@ def test_standard_input(monkeypatch: pytest.MonkeyPatch, read: Reader) -> None:
 
 
 TOKENS = ["1e-3", "1E+2", ".5", "5.", "+5", "-0", " 7 ", "\t8", "0x10", "1_0", "1d5", "nan", "-inf", "infinity"]
+
 TOKENS += ["", " ", "1 2", "1.5abc", "\u0663", "--1", "1e400", "1e-400", "1e", "0.12345678901234567890", "4.9e-324"]
 
 
@@ -197,3 +204,490 @@ def test_any_bytes_are_read_or_refused(read: Reader, noise: bytes) -> None:
     for data in (noise, PLAIN.encode() + noise):
         with contextlib.suppress(InputError):
             assert np.isfinite(read(data).position).all()
+
+
+# Degrees and millimetres without a unit in their names are noticed, and good data raise no alarm.
+
+RNG = np.random.default_rng(7)
+
+N = 40
+
+
+def good() -> dict[str, Any]:
+    """Poses of a six-joint arm some metres from the instrument, SI."""
+    rng = np.random.default_rng(11)
+    names = [f"q{i + 1}" for i in range(6)]
+    data: dict[str, Any] = dict(zip(names, rng.uniform(-3, 3, (6, N)), strict=True))
+    for axis, offset in zip("xyz", (2.0, -5.0, 1.0), strict=True):
+        data[axis] = offset + rng.uniform(-0.8, 0.8, N)
+        data[f"cmd_{axis}"] = data[axis] - offset + rng.normal(0, 1e-3, N)
+    data |= dict(zip(("roll", "pitch", "yaw"), rng.uniform(-3.1, 3.1, (3, N)), strict=True))
+    data |= {f"sigma_{axis}": np.full(N, 2e-5) for axis in "xyz"} | {"sigma_r": np.full(N, 1e-4)}
+    return data
+
+
+def read(folder: Path, data: dict[str, Any], **options: Any) -> Measurements:
+    path = folder / "poses.csv"
+    np.savetxt(path, np.array(list(data.values())).T, delimiter=",", header=",".join(data), comments="", fmt="%.12g")
+    return read_poses(path, **options)
+
+
+def unit_problems(folder: Path, data: dict[str, Any], **options: Any) -> list[str]:
+    with pytest.raises(InputError) as caught:
+        read(folder, data, **options)
+    return [str(problem).partition("poses.csv:")[2] for problem in caught.value.problems]
+
+
+def scaled(factor: float, *names: str) -> dict[str, Any]:
+    data = good()
+    return data | {name: data[name] * factor for name in names}
+
+
+def renamed(data: dict[str, Any], unit: str, *names: str) -> dict[str, Any]:
+    return {f"{key}_{unit}" if key in names else key: value for key, value in data.items()}
+
+
+ALL_JOINTS = tuple(f"q{i + 1}" for i in range(6))
+
+SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
+
+DEGREES = math.degrees(1)
+
+
+def test_good_data_raise_no_alarm(tmp_path: Path) -> None:
+    assert read(tmp_path, good()).warnings == ()
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        pytest.param({"q6": np.linspace(-2 * math.pi, 2 * math.pi, N)}, id="one turn either way"),
+        pytest.param({"q6": np.r_[np.zeros(N - 5), np.full(5, 11.0)]}, id="nearly two turns, seldom"),
+        pytest.param({"x": np.r_[np.zeros(N - 1), 900.0], "cmd_x": np.zeros(N)}, id="one wild reading"),
+        pytest.param({axis: 60.0 + np.zeros(N) for axis in "xyz"}, id="a far instrument"),
+        pytest.param({f"cmd_{axis}": np.zeros(N) for axis in "xyz"}, id="one commanded pose"),
+        pytest.param({"roll": np.full(N, 2 * math.pi)}, id="a whole turn"),
+        pytest.param(
+            {axis: RNG.normal(0, 5e-5, N) for axis in "xyz"} | {f"cmd_{axis}": np.zeros(N) for axis in "xyz"},
+            id="repeats",
+        ),
+    ],
+)
+def test_unusual_but_good_data_raise_no_alarm(tmp_path: Path, change: dict[str, Any]) -> None:
+    assert read(tmp_path, good() | change).warnings == ()
+
+
+LIMITED = {"robot": KnownRobot(limits=[(-3.1, 3.1)] * 6)}
+
+TYPES = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
+
+NAMES = [f"j{i}" for i in range(6)]
+
+RAIL = {"robot": KnownRobot(NAMES, TYPES, [None, None, (0, 1), *[None] * 3])}
+
+SMALL = {f"cmd_{axis}": 0.02 * good()[f"cmd_{axis}"] for axis in "xyz"}
+
+FIRST = np.arange(N) < N // 2
+
+
+def turned(*names: str) -> dict[str, Any]:
+    """Good poses whose orientations are these three columns, in degrees."""
+    data = {key: value for key, value in good().items() if key not in ("roll", "pitch", "yaw")}
+    return data | dict(zip(names, np.random.default_rng(8).uniform(-90, 90, (3, N)), strict=True))
+
+
+def wrong_at(row: int, data: dict[str, Any], name: str) -> dict[str, Any]:
+    return data | {name: np.where(np.arange(N) == row, np.nan, data[name])}
+
+
+PROBLEMS: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
+    (
+        scaled(DEGREES, *ALL_JOINTS),
+        LIMITED,
+        [
+            f"1, q1, q2, q3, q4, q5, q6: found joint angles up to "
+            f"{max(np.abs(good()[name]).max() for name in ALL_JOINTS) * DEGREES:.4g}, which cannot be rad; if they "
+            "are in deg, name the columns q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg; if in rad, q1_rad and so on"
+        ],
+    ),
+    (
+        {"q1": [90.0], "q2": [-2.0], "x": [1.0], "y": [1.0], "z": [1.0]},
+        {"robot": KnownRobot(limits=[(-3.1, 3.1), (-1, 1)])},
+        ["1, q1: found joint angles up to 90, which cannot be rad"],
+    ),
+    # Small angles are noticed by the limits, and a few values that no joint reaches are enough.
+    (good() | {"q2": np.linspace(-11, 11, N)}, LIMITED, ["1, q2: found joint angles up to 11, which cannot be rad"]),
+    (
+        good() | {"q2": np.r_[np.zeros(N - 1), -3.3]},
+        LIMITED,
+        [f"{N + 1}, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"],
+    ),
+    (
+        good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]},
+        {},
+        ["1, q2: found joint angles up to 30, which cannot be rad"],
+    ),
+    (good() | {"q6": np.linspace(-60, 60, N)}, {}, ["1, q6: found joint angles up to 60"]),
+    (
+        good() | {"q3": np.linspace(0, 900, N)},
+        RAIL,
+        [
+            "1, q3: found joint travels of more than 50, which cannot be m; if they are in mm, name the columns q3_mm; "
+            "if in m, q3_m and so on"
+        ],
+    ),
+    *(
+        (
+            scaled(1e3, *(f"{prefix}{axis}" for axis in "xyz")),
+            {},
+            [
+                f"1, {prefix}x, {prefix}y, {prefix}z: found positions up to ",
+                f"cannot be m; if they are in mm, name the columns {prefix}x_mm, {prefix}y_mm, {prefix}z_mm",
+            ],
+        )
+        for prefix in ("", "cmd_")
+    ),
+    (
+        {"q1": [0.5], "x": [812.5], "y": [-20.0], "z": [400.0]},
+        {},
+        ["found positions up to 812.5, which cannot be m"],
+    ),
+    (
+        good() | SMALL | {axis: 1e3 * SMALL[f"cmd_{axis}"] for axis in "xyz"},
+        {},
+        [
+            "attained positions spread 1e+03 times as far as commanded positions, so one of them is in mm",
+            "put the unit in the columns' names, for example x_mm and cmd_x_m",
+        ],
+    ),
+    *(
+        (
+            turned(*(f"{prefix}{name}" for name in names)),
+            {},
+            [
+                f"1, {prefix}{names[0]}, {prefix}{names[1]}, {prefix}{names[2]}: found angles up to ",
+                f"which cannot be rad; if they are in deg, name the columns {prefix}{names[0]}_deg, ",
+            ],
+        )
+        for prefix in ("", "cmd_")
+        for names in (("roll", "pitch", "yaw"), ("rx", "ry", "rz"))
+    ),
+    (
+        scaled(2e4, *SIGMAS),
+        {},
+        [
+            "1, sigma_x, sigma_y, sigma_z: found a typical measuring uncertainty of 0.4 m, which no instrument has; "
+            "if they are in mm, name the columns sigma_x_mm"
+        ],
+    ),
+    (scaled(1e4, "sigma_r"), {}, ["found a typical measuring uncertainty of 1 rad, which no instrument has"]),
+    # Units are judged beside other problems.
+    (wrong_at(3, scaled(DEGREES, *ALL_JOINTS), "y"), {}, ["1, q1, q2, q3, q4, q5, q6: found", "\n5, y: found 'nan'"]),
+    (wrong_at(3, scaled(1e3, "x", "y", "z"), "x"), {}, ["1, x, y, z: found", "\n5, x: found 'nan'"]),
+    # A part in another unit is named with its lines.
+    (
+        good() | {name: np.where(FIRST, good()[name], np.degrees(good()[name])) for name in ALL_JOINTS},
+        LIMITED,
+        [f", from line {N // 2 + 2} to {N + 1} only; these lines seem to be in deg and the others in rad"],
+    ),
+    (
+        good() | {name: np.where(FIRST, 1e3 * good()[name], good()[name]) for name in "xyz"},
+        {},
+        [f", from line 2 to {N // 2 + 1} only; these lines seem to be in mm and the others in m"],
+    ),
+]
+
+
+@pytest.mark.parametrize(("data", "options", "parts"), PROBLEMS, ids=lambda value: str(value)[:60])
+def test_columns_in_another_unit_are_one_problem(
+    tmp_path: Path, data: dict[str, Any], options: dict[str, Any], parts: list[str]
+) -> None:
+    problems = unit_problems(tmp_path, data, **options)
+    assert all(part in "\n".join(problems) for part in parts)
+    assert problems[0].startswith(parts[0]) or not parts[0][0].isdecimal()
+    assert len(problems) == 1 + parts[-1].startswith("\n")
+
+
+GOOD: list[tuple[dict[str, Any], dict[str, Any]]] = [
+    (scaled(DEGREES, *ALL_JOINTS), {"units_check": False}),
+    (renamed(scaled(DEGREES, *ALL_JOINTS), "rad", *ALL_JOINTS), {}),  # the user's word
+    (good() | {"q6": np.linspace(-60, 60, N)}, {"robot": KnownRobot(limits=[None] * 5 + [(-63, 63)])}),
+    (good() | {"q3": np.linspace(0, 20, N)}, {"robot": KnownRobot(NAMES, TYPES)}),
+    (renamed(scaled(1e3, *"xyz"), "mm", *"xyz"), {}),
+    (renamed(good() | SMALL | {axis: 1e3 * SMALL[f"cmd_{axis}"] for axis in "xyz"}, "mm", *"xyz"), {}),
+    (renamed(turned("rx", "ry", "rz"), "deg", "rx", "ry", "rz"), {}),
+]
+
+
+@pytest.mark.parametrize(("data", "options"), GOOD, ids=lambda value: str(value)[:60])
+def test_units_in_names_and_limits_are_believed(tmp_path: Path, data: dict[str, Any], options: dict[str, Any]) -> None:
+    assert read(tmp_path, data, **options).n == N
+
+
+def test_columns_in_degrees_and_doubtful_uncertainties(tmp_path: Path) -> None:
+    q = read(tmp_path, renamed(scaled(DEGREES, *ALL_JOINTS), "deg", *ALL_JOINTS), **LIMITED).q
+    np.testing.assert_allclose(q, [good()[name] for name in ALL_JOINTS], rtol=1e-10)
+    data = read(tmp_path, scaled(1e3, *SIGMAS, "sigma_r"))
+    assert [text.partition("poses.csv:")[2] for text in data.warnings] == [
+        "1: found a typical measuring uncertainty of 0.02 m; "
+        "if it is in mm, name it sigma_x_mm, sigma_y_mm, sigma_z_mm",
+        "1: found a typical measuring uncertainty of 0.1 rad; if it is in deg, name it sigma_r_deg",
+    ]
+    assert read(tmp_path, renamed(scaled(1e3, *SIGMAS), "m", *SIGMAS)).warnings == ()
+
+
+# Against the robot's size
+def arm(scale: float, n: int = 200) -> tuple[np.ndarray, np.ndarray]:
+    """Positions of an arm of 1 m reach, ``scale`` times too large and 4 m off, and the nominal ones."""
+    rng = np.random.default_rng(5)
+    nominal = rng.uniform(-0.7, 0.7, (3, n))
+    return (nominal + rng.normal(0, 1e-3, (3, n))) * scale + 4.0, nominal
+
+
+def test_positions_are_held_against_the_robots_size() -> None:
+    check_scale(*arm(1.0), "poses.csv")
+    check_scale(*arm(1e3, 1), "poses.csv")  # one pose has no spread
+    position = 3.0 + np.random.default_rng(6).normal(0, 1e-4, (3, 50))
+    check_scale(position, np.zeros((3, 50)), None)  # repeats
+    check_scale(position, position + 1.0, None)  # a target that only turns
+    for scale, message in (
+        (
+            1e3,
+            r"^poses.csv, x, y, z: the positions spread over 1.*times as far as the robot moved \(1\.2.*; if they are "
+            "in mm, name the columns x_mm, y_mm, z_mm",
+        ),
+        (1e-3, r"less than the robot moved \(1.2.* m\); if they are in m, name the columns x, y"),
+    ):
+        with pytest.raises(InputError, match=message):
+            check_scale(*arm(scale), "poses.csv")
+
+
+# Orientations that exports write as numbered quaternions and as entries of a matrix.
+
+TURNED = 7
+
+JOINTS = [f"A{i}" for i in range(1, 7)]
+
+
+def written(tmp_path: Path, names: list[str], columns: np.ndarray, joints: list[str] = JOINTS) -> Path:
+    """Write joints, positions unless ``names`` has 12 or 16 entries of a matrix, and the given columns, with ;"""
+    rng = np.random.default_rng(1)
+    q, position = rng.uniform(-90, 90, (6, TURNED)), rng.uniform(-500, 500, (3, TURNED))
+    has_position = len(names) >= 12
+    header = [*joints, *([] if has_position else ["X", "Y", "Z"]), *names]
+    rows = np.vstack((q, *([] if has_position else [position]), columns)).T
+    path = tmp_path / "export.csv"
+    text = "\n".join(";".join(f"{value:.12f}".replace(".", ",") for value in row) for row in rows)
+    path.write_text(";".join(header) + "\n" + text + "\n", encoding="utf-8")
+    return path
+
+
+def read_turned(path: Path) -> Measurements:
+    return robacc.read_poses(robacc.PoseFile(path, units="mm,deg"), ignore_limits=True)
+
+
+TURNS = Rotation.random(TURNED, random_state=4)
+
+
+@pytest.mark.parametrize("joints", [JOINTS, [f"J{i}" for i in range(1, 7)], [f"q{i}_deg" for i in range(1, 7)]])
+def test_numbers_from_zero_beside_joints_are_a_quaternion_with_the_scalar_part_first(
+    joints: list[str], tmp_path: Path
+) -> None:
+    x, y, z, w = TURNS.as_quat().T
+    data = read_turned(written(tmp_path, ["Q0", "Q1", "Q2", "Q3"], np.stack((w, x, y, z)), joints))
+    assert data.rotation is not None
+    np.testing.assert_allclose(np.moveaxis(data.rotation, 2, 0), TURNS.as_matrix(), atol=1e-9)
+    # The joints keep their numbers: it is the quaternion that is counted from zero.
+    assert data.q.shape == (6, TURNED)
+    assert data.q[0, 0] == pytest.approx(np.radians(np.random.default_rng(1).uniform(-90, 90, (6, TURNED))[0, 0]))
+
+
+def test_numbers_from_one_are_a_question(tmp_path: Path) -> None:
+    path = written(tmp_path, ["Q1", "Q2", "Q3", "Q4"], TURNS.as_quat().T)
+    with pytest.raises(InputError, match=r"give `angles`: wxyz \(scalar part first\), xyzw") as caught:
+        read_turned(path)
+    assert len(caught.value.problems) == 1
+
+
+@pytest.mark.parametrize(
+    "names",
+    [
+        [f"m_{i}{j}" for i in range(4) for j in range(4)],
+        [f"T[{i}][{j}]" for i in range(1, 4) for j in range(1, 5)],
+        [f"r{i}{j}" for i in range(1, 4) for j in range(1, 4)],
+    ],
+)
+def test_entries_of_a_matrix_are_a_pose(names: list[str], tmp_path: Path) -> None:
+    rng = np.random.default_rng(2)
+    matrix = np.zeros((TURNED, 4, 4))
+    matrix[:, :3, :3], matrix[:, :3, 3], matrix[:, 3, 3] = TURNS.as_matrix(), rng.uniform(-900, 900, (TURNED, 3)), 1.0
+    rows, columns = {16: (4, 4), 12: (3, 4), 9: (3, 3)}[len(names)]
+    entries = matrix[:, :rows, :columns].reshape(TURNED, -1).T
+    data = read_turned(written(tmp_path, names, entries))
+    assert data.rotation is not None
+    np.testing.assert_allclose(np.moveaxis(data.rotation, 2, 0), TURNS.as_matrix(), atol=1e-9)
+    if columns == 4:
+        np.testing.assert_allclose(data.position, 1e-3 * matrix[:, :3, 3].T, atol=1e-12)
+    assert any("as a matrix" in text for text in data.warnings)
+
+
+def test_a_matrix_that_is_no_rotation_is_refused_with_its_line(tmp_path: Path) -> None:
+    entries = TURNS.as_matrix().reshape(TURNED, 9).T.copy()
+    entries[:, 2] *= 1.1
+    with pytest.raises(InputError, match="not those of a rotation matrix") as caught:
+        read_turned(written(tmp_path, [f"r{i}{j}" for i in range(1, 4) for j in range(1, 4)], entries))
+    assert caught.value.problems[0].line == 4
+
+
+@pytest.mark.parametrize("names", ["Rx [deg],Ry [deg],Rz [deg]", "rx,ry,rz", "roll_deg,pitch_deg,yaw_deg"])
+def test_the_order_of_a_quaternion_says_nothing_of_three_angles(tmp_path: Path, names: str) -> None:
+    rows = "".join(f"{i / 10},0,0,{i / 10},0.2,{-i / 10},{i / 10},0,0\n" for i in range(1, 4))
+    (tmp_path / "poses.csv").write_text(f"x,y,z,{names},cmd_x,cmd_y,cmd_z\n{rows}", encoding="utf-8")
+    try:
+        assert robacc.read_poses(tmp_path / "poses.csv", angles="wxyz").n == 3
+    except InputError as error:
+        (problem,) = error.problems
+        assert "these may be angles of several conventions" in problem.message
+
+
+# Conventions of angles: their rotations, and the trial that tells them apart without knowing any frame.
+
+SCIPY = {"fixed-xyz": "xyz", "zyx": "xyz", "moving-xyz": "XYZ", "kuka-abc": "ZYX", "zyz": "ZYZ"}
+
+"""scipy's letters: small for fixed axes, capital for moving ones."""
+
+
+@pytest.mark.parametrize("name", ["rotvec", *SCIPY])
+def test_rotation_of_a_convention(name: str) -> None:
+    angles = np.random.default_rng(1).uniform(-1.4, 1.4, (3, 20))
+    expected = Rotation.from_rotvec(angles.T) if name == "rotvec" else Rotation.from_euler(SCIPY[name], angles.T)
+    np.testing.assert_allclose(np.moveaxis(CONVENTIONS[name](angles), -1, 0), expected.as_matrix(), atol=1e-12)
+
+
+def test_orders_of_a_quaternion() -> None:
+    turns = Rotation.random(20, random_state=1)
+    for name, shift in (("xyzw", 0), ("wxyz", 1)):
+        rotation = CONVENTIONS[name](np.roll(turns.as_quat(), shift, axis=1).T)
+        np.testing.assert_allclose(np.moveaxis(rotation, -1, 0), turns.as_matrix(), atol=1e-12)
+
+
+DISTINCT = ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz")
+
+
+@pytest.mark.parametrize("truth", DISTINCT)
+def test_the_data_show_their_convention_in_unknown_frames(truth: str) -> None:
+    rng = np.random.default_rng(2)
+    angles = rng.uniform(-1.5, 1.5, (3, 40))
+    base, tool = Rotation.random(2, random_state=3).as_matrix()
+    known = np.einsum("ij,jkn,kl->iln", base, CONVENTIONS[truth](angles), tool)
+    noise = Rotation.from_rotvec(1e-3 * rng.normal(size=(40, 3))).as_matrix()
+    trial = try_conventions(angles, np.einsum("ijn,njk->ikn", known, noise), DISTINCT)
+    assert min(trial, key=trial.get) == truth
+    assert [name for name in trial if not is_ruled_out(name, trial)] == [truth]
+
+
+def test_small_turns_show_nothing() -> None:
+    angles = np.random.default_rng(4).normal(0, 1e-3, (3, 30))
+    assert try_conventions(angles, CONVENTIONS["rotvec"](angles), DISTINCT) is None
+
+
+def rows(n: int = 20) -> list[str]:
+    """Poses whose attained angles about fixed axes differ a little from the commanded quaternion."""
+    euler = np.random.default_rng(5).uniform(-60, 60, (n, 3))
+    quaternions = Rotation.from_euler("xyz", euler, degrees=True).as_quat()
+    return [
+        ",".join(map(repr, (*[0.1 * i, 0.2, 0.3], *angles, *[0.1 * i, 0.2, 0.3], q[3], q[0], q[1], q[2])))
+        for i, (angles, q) in enumerate(zip(euler.tolist(), quaternions.tolist(), strict=True))
+    ]
+
+
+COMMANDED = "cmd_x,cmd_y,cmd_z,cmd_qw,cmd_qx,cmd_qy,cmd_qz"
+
+
+def test_documented_names_that_the_data_contradict_are_a_question(read: Reader) -> None:
+    text = "\n".join([f"x,y,z,rx_deg,ry_deg,rz_deg,{COMMANDED}", *rows()])
+    (problem,) = problem_texts(read, text)
+    assert problem.startswith("1, rx_deg, ry_deg, rz_deg: these are documented as a rotation vector, which they do not")
+    assert "fixed-xyz by " in problem
+    names = "rotvec (Universal Robots), fixed-xyz (trackers, FANUC, Yaskawa), moving-xyz (Stäubli)"
+    assert problem.endswith(f"give `angles`: {names}")
+
+
+def test_ambiguous_names_are_taken_as_the_data_show_or_asked_for(read: Reader) -> None:
+    body = rows()
+    data = read("\n".join([f"X [m],Y [m],Z [m],Rx [deg],Ry [deg],Rz [deg],{COMMANDED}", *body]))
+    np.testing.assert_allclose(data.rotation, data.commanded_rotation, atol=1e-12)
+    assert any("taken as fixed-xyz" in warning for warning in data.warnings)
+    alone = [",".join([*row.split(",")[:9], "1"]) for row in body]
+    (problem,) = problem_texts(
+        read, "\n".join(["X [m],Y [m],Z [m],Rx [deg],Ry [deg],Rz [deg],cmd_x,cmd_y,cmd_z,pose", *alone])
+    )
+    assert "these may be angles of several conventions; give `angles`: rotvec (Universal Robots), fixed-xyz" in problem
+
+
+def test_every_pair_of_conventions_is_told_apart() -> None:
+    angles = np.random.default_rng(6).uniform(-1.5, 1.5, (3, 60))
+    for truth, other in itertools.permutations(DISTINCT, 2):
+        trial = try_conventions(angles, CONVENTIONS[truth](angles), (truth, other))
+        assert is_ruled_out(other, trial)
+
+
+# Direction and speed of approach: from columns, or from the order of rows.
+
+
+def test_motion_is_that_of_each_step() -> None:
+    q = np.random.default_rng(3).normal(size=(4, 30))
+    direction, speed = motion_between_rows(q)
+    for k in range(1, 30):
+        step = q[:, k] - q[:, k - 1]
+        np.testing.assert_array_equal(direction[:, k], np.sign(step))
+        np.testing.assert_array_equal(speed[:, k], step / max(abs(step)))
+
+
+SMRS = "q1,q2,x,y,z,target\n"
+
+ROWS = (("0,0", "ab"), ("0.5,-0.25", "ab"), ("0.5,0.75", "abab"), ("0,0", "ba"))
+
+"""Joints of each arrival, and the targets measured there in turn: the third pose is measured twice."""
+
+
+def test_every_target_of_a_visit_has_the_motion_of_the_visit(read: Reader) -> None:
+    text = SMRS + "".join(
+        f"{q},1,2,{i}.{j},{target}\n" for i, (q, ts) in enumerate(ROWS) for j, target in enumerate(ts)
+    )
+    data = read(text, ordered=True)
+    # The second reading of both targets at the third pose is a visit that the arm did not move to.
+    assert data.direction.tolist() == [[0, 0, 1, 1, 0, 0, 0, 0, -1, -1], [0, 0, -1, -1, 1, 1, 0, 0, -1, -1]]
+    np.testing.assert_allclose(data.speed[1], [0, 0, -0.5, -0.5, 1, 1, 0, 0, -1, -1])
+    # The last arrival is at the joints of the first: consecutive rows alone are a visit.
+    assert visit_numbers(data).tolist() == [0, 0, 1, 1, 2, 2, 3, 3, 4, 4]
+
+
+@pytest.mark.parametrize(
+    ("columns", "rows"),
+    [
+        ("visit,q1", "7,0 7,0.0002 8,1 8,1 9,1 9,1 3,0 3,0"),
+        ("pose,cycle,q1", "a,1,0 a,1,0.0002 b,1,1 b,1,1 b,2,1 b,2,1 a,2,0 a,2,0"),
+        ("pose,target,q1", "a,s,0 a,t,0.0002 b,s,1 b,t,1 b,s,1 b,t,1 a,s,0 a,t,0"),
+    ],
+)
+def test_visits_are_named_by_their_column_or_by_pose_and_cycle_or_by_targets(
+    read: Reader, columns: str, rows: str
+) -> None:
+    text = f"{columns},x,y,z\n" + "".join(f"{row},1,2,{i}\n" for i, row in enumerate(rows.split()))
+    data = read(text, ordered=True)
+    assert data.direction[0].tolist() == [0, 0, 1, 1, 0, 0, -1, -1]
+    numbers = visit_numbers(data)
+    pairs = numbers.reshape(4, 2)
+    assert (pairs[:, 0] == pairs[:, 1]).all()
+    assert np.unique(numbers).size == 4
+
+
+def test_motion_of_a_file_with_one_row_a_visit_is_that_of_its_rows(read: Reader) -> None:
+    q = np.random.default_rng(5).normal(size=(2, 40))
+    q[:, 10] = q[:, 9]
+    rows = [f"{v},{a!r},{b!r},1,2,{v}" for v, (a, b) in enumerate(q.T.tolist())]
+    with_visits = read("\n".join(["visit,q1,q2,x,y,z", *rows]), ordered=True)
+    direction, speed = motion_between_rows(q)
+    np.testing.assert_array_equal(with_visits.direction, direction)
+    np.testing.assert_array_equal(with_visits.speed, speed)

@@ -256,7 +256,7 @@ def test_the_level_passes_from_end_to_end_without_a_jump() -> None:
     assert below == pytest.approx(above, abs=1e-8)
 
 
-@pytest.mark.parametrize("slope", [0.0, 0.5])
+@pytest.mark.parametrize("slope", [0.5, pytest.param(0.0, marks=pytest.mark.slow)])
 def test_bounds_hold_for_profiles_that_fade(slope: float) -> None:
     """Whether all orders are as large as each other, as the prior says, or low ones larger, as on real gears."""
     random = np.random.default_rng(9)

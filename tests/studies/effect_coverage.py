@@ -2,11 +2,10 @@
 
     PYTHONPATH=.. python effect_coverage.py --coverage 20     # intervals of coefficients, and of predicted positions
     PYTHONPATH=.. python effect_coverage.py --clean 20        # searches on arms without an effect
-    PYTHONPATH=.. python effect_coverage.py --sizes 6         # traces that name it, at multiples of the ideal size
 
 Positions are predicted at 40 fresh poses, so that effects without coefficients of a true value count too: splines of a
-rail, a spring's place that is searched. The ideal size is what a test of the effect alone finds with probability 1/2.
-A set is one draw of poses and noise; the unit of a share is the interval.
+rail, a spring's place that is searched. From which size on effects are named is the question of `confused_causes.py`
+and `planned_detection.py`. A set is one draw of poses and noise; the unit of a share is the interval.
 """
 
 from __future__ import annotations
@@ -29,9 +28,7 @@ from independent_arm import (
     targets,
     torques,
 )
-from scipy.optimize import brentq
-from scipy.stats import chi2, ncx2
-from searched import ARM, error_at, fitted, found, model
+from searched import ARM, error_at, fitted, found
 
 from robacc.effects.campaign import ReadBack, Step
 from robacc.effects.elastic import JointCompliance, PayloadCompliance
@@ -40,7 +37,6 @@ from robacc.effects.periodic import ComplianceVariation, Counterbalance
 from robacc.fitting.fit_result import Fit
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.tracing.trace import Finding, trace
 
 NOISE = 1e-5
 COMPLIANCE = 8e-7
@@ -61,10 +57,6 @@ class Case:
     truth: dict[str, float]
     arm: Arm = ARM
     n: int = 100
-    beside: tuple = ()
-    """Effects that the arm has besides."""
-    n_terms: int = 2
-    """Degrees of freedom of the effect in the ideal test."""
 
 
 def counterbalance(n: int, seed: int, noise: float, size: float) -> Measurements:
@@ -131,7 +123,6 @@ CASES = {
         counterbalance,
         lambda data: (JointCompliance(("j2",)), Counterbalance(("j2",), 70.0, 0.7)),
         {"counterbalance.j2.spring": 2e-3, "counterbalance.j2.length": -1.5e-3, "joint_compliance.j2": COMPLIANCE},
-        beside=(JointCompliance(("j2",)),),
     ),
     "compliance_variation": Case(
         variation,
@@ -140,12 +131,9 @@ CASES = {
             "compliance_variation.j2.cos2": 0.3 * COMPLIANCE * np.cos(0.7),
             "compliance_variation.j2.sin2": 0.3 * COMPLIANCE * np.sin(0.7),
         },
-        beside=(JointCompliance(("j2",)),),
     ),
-    "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}, n_terms=1),
-    "rail_errors": Case(
-        measured_on_a_rail, lambda data: (RailErrors.default(ON_A_RAIL, data),), {}, ON_A_RAIL, 140, n_terms=6
-    ),
+    "read_back": Case(read_back, lambda data: (ReadBack(),), {"read_back": 1.0}),
+    "rail_errors": Case(measured_on_a_rail, lambda data: (RailErrors.default(ON_A_RAIL, data),), {}, ON_A_RAIL, 140),
     "payload_compliance com uncertain": Case(
         payload,
         lambda data: (PayloadCompliance(("j2",), "uncertain"),),
@@ -214,74 +202,14 @@ def clean(sets: int) -> None:
         )
 
 
-def ideal_size(case: Case) -> tuple[float, float]:
-    """Return the share of the size that an F test of this effect alone finds with probability 1/2, and its RMS in um.
-
-    The test knows noise and baseline, and has the level of one candidate among 80 in a trace (0.002 / 80). The RMS is
-    that of the target's displacement which the baseline cannot follow.
-    """
-    ratios, lengths = [], []
-    for seed in range(3):
-        data = case.data(case.n, 7000 + seed, 1e-12, 1.0)
-        remaining = fitted(data, case.beside, case.arm).residual[:3]
-        ratios.append(np.sum(np.square(remaining / NOISE)))
-        lengths.append(1e6 * np.sqrt(np.mean(np.sum(np.square(remaining), axis=0))))
-    limit = chi2.isf(0.002 / 80, case.n_terms)
-    needed = brentq(lambda x: ncx2.sf(limit, case.n_terms, x) - 0.5, 1e-3, 1e3)
-    share = float(np.sqrt(needed / np.mean(ratios)))
-    return share, share * float(np.mean(lengths))
-
-
-def _is_alternative(effect: str, finding: Finding) -> bool:
-    """Return whether a finding names the effect as another cause, among its alternatives or in its statement."""
-    stated = effect.replace("_", " ") in (finding.statement or "")
-    return stated or any(rival.effect == effect for rival in finding.alternatives)
-
-
-def sizes(sets: int, only: str, multiples: list[float]) -> None:
-    """Print, at multiples of the ideal size, in how many traces the effect is a finding, an alternative, or neither."""
-    for name, case in CASES.items():
-        if only not in name:
-            continue
-        ideal, rms = ideal_size(case)
-        print(f"{name}: ideal test from {ideal:.3g} of the size on, {rms:.1f} um at the target", flush=True)
-        for multiple in multiples:
-            named = alternative = missed = 0
-            others: list[str] = []
-            for seed in range(sets):
-                data = case.data(case.n, 7000 + seed, NOISE, multiple * ideal)
-                result = trace(model(data, case.arm), data)
-                effect = name.split()[0]
-                if any(finding.effect == effect for finding in result.findings):
-                    named += 1
-                elif any(_is_alternative(effect, finding) for finding in result.findings):
-                    alternative += 1
-                else:
-                    missed += 1
-                expected = {effect, *(companion.name for companion in case.beside)}
-                others += [
-                    f"{finding.effect}[{','.join(finding.joints)}]"
-                    for finding in result.findings
-                    if finding.effect not in expected and not _is_alternative(effect, finding)
-                ]
-            print(
-                f"  {multiple:4.1f} times: {named} named, {alternative} as an alternative, {missed} not; "
-                f"other names {', '.join(others) or 'none'}",
-                flush=True,
-            )
-
-
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--coverage", type=int, default=0, metavar="SETS")
     parser.add_argument("--clean", type=int, default=0, metavar="SETS")
-    parser.add_argument("--sizes", type=int, default=0, metavar="SETS")
-    parser.add_argument("--multiples", type=float, nargs="+", default=[0.7, 1.0, 1.5, 2.0, 3.0, 5.0], metavar="X")
     parser.add_argument("--only", default="", metavar="NAME")
     options = parser.parse_args()
     coverage(options.coverage, options.only) if options.coverage else None
     clean(options.clean) if options.clean else None
-    sizes(options.sizes, options.only, options.multiples) if options.sizes else None
     print(f"{time.process_time():.0f} s of processor time")
 
 

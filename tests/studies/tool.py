@@ -56,7 +56,7 @@ def generator(name: str) -> np.random.Generator:
     return np.random.default_rng(zlib.crc32(name.encode()))
 
 
-def arguments(description: str | None, seeds: int) -> argparse.ArgumentParser:
+def arguments(description: str | None, seeds: int | None) -> argparse.ArgumentParser:
     """Options that every study has."""
     parser = argparse.ArgumentParser(description=description, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("--robacc", default="robacc", help="command to run (default: %(default)s)")
@@ -274,12 +274,14 @@ def folder_of(name: str, options: argparse.Namespace) -> Iterator[Path]:
         yield folder
 
 
-def fit_and_test(ask: tuple[str, str, str], folder: Path, options: argparse.Namespace) -> tuple[Answer, Answer]:
-    """The result of a command and option with effects, and the errors of its model at the poses of ``test.csv``."""
+def fit_and_test(ask: Sequence[str], folder: Path, options: argparse.Namespace) -> tuple[Answer, Answer | None]:
+    """The result of a command with its effects, and the errors of its model at the poses of ``test.csv`` if there."""
     words, model = command(options), folder / "model.yaml"
     model.unlink(missing_ok=True)
     asked = [*words, ask[0], str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml"), *ask[1:], "--seed", "0"]
     answer = run([*asked, "--write-model", str(model)], options.limit)
+    if not (folder / "test.csv").exists():
+        return answer, None
     return answer, run([*words, "estimate", str(folder / "test.csv"), "--robot", str(model)], options.limit)
 
 
@@ -291,6 +293,11 @@ def seeds_of(options: argparse.Namespace) -> range:
 def rms(errors: np.ndarray) -> float:
     """Root mean square of the length of errors (N, 3)."""
     return float(np.sqrt(np.mean(np.sum(errors**2, axis=1))))
+
+
+def pooled(sizes: Sequence[float]) -> float:
+    """Root mean square."""
+    return float(np.sqrt(np.mean(np.square(sizes))))
 
 
 def mean_ratio(ratios: Sequence[float]) -> tuple[float, float, float]:

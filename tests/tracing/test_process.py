@@ -8,6 +8,7 @@ from functools import cache
 import independent_arm as arm
 import numpy as np
 import pytest
+from slow_parameters import some_fast
 
 from robacc.effects.base import effect_class
 from robacc.effects.request import build, parse_requests
@@ -41,7 +42,9 @@ def traced(paths: int, points: int, size: float, seed: int) -> Trace:
     return trace(Model.of(robot, build(parse_requests(arm.DECLARED), Arm.of(robot), data)), data)
 
 
-@pytest.mark.parametrize(("paths", "points", "most"), [(10, 20, 2.2e-5), (200, 1, 3e-5)])
+@pytest.mark.parametrize(
+    ("paths", "points", "most"), [(10, 20, 2.2e-5), pytest.param(200, 1, 3e-5, marks=pytest.mark.slow)]
+)
 def test_an_error_without_a_cause_is_corrected_between_the_poses(paths: int, points: int, most: float) -> None:
     result = traced(paths, points, SIZE, 1)
     assert [finding.effect for finding in result.findings] == ["joint_correction"]
@@ -51,7 +54,7 @@ def test_an_error_without_a_cause_is_corrected_between_the_poses(paths: int, poi
     assert any("no cause is named" in hint for hint in result.unexplained.hints)
 
 
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", some_fast(range(3), 3))
 def test_white_noise_on_paths_is_no_process(seed: int) -> None:
     result = traced(10, 20, 0.0, seed)
     assert result.findings == ()

@@ -1,0 +1,700 @@
+"""`robacc check`, `compare` and `report` on stored results, and --gate and --report beside a command."""
+
+from __future__ import annotations
+
+import importlib.util
+import json
+import re
+import shutil
+from collections.abc import Callable, Iterable
+from functools import partial
+from itertools import product
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import commands
+import numpy as np
+import pytest
+import results
+from commands import document, missing, one_line, output, refused, run
+from pages import parsed
+from typer.testing import CliRunner
+
+from robacc.cli.main import app
+from robacc.comparison.stored_results import errors_behind, read_compared_result
+from robacc.gates import figure_at
+
+# `robacc check`, and `--gate` with its outputs on the commands that have a result.
+
+ROOT = Path(__file__).resolve().parents[2]
+
+POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
+
+ESTIMATE = ("estimate", POSES, "--robot", ROBOT)
+
+PASSING = "{key: position.rms, limit: 9 mm, reason: r}"
+
+FAILING = "{key: position.p95, limit: 0.1 mm, reason: r}"
+
+ELSEWHERE = "{key: verdict, limit: clean, reason: r}"
+
+
+def gate(folder: Path, *criteria: str, name: str = "gate.yaml") -> str:
+    path = folder / name
+    path.write_text("robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with ``estimate.json`` and ``calibrate.json`` of the sample data."""
+    folder = tmp_path_factory.mktemp("stored")
+    output(*ESTIMATE, "--format", "json", "-o", folder / "estimate.json")
+    fitted = ("calibrate", POSES, "--robot", ROBOT, "--fit", "base_frame,tool_frame,joint_offset")
+    output(*fitted, "--format", "json", "-o", folder / "calibrate.json")
+    return folder
+
+
+def test_a_stored_result_is_judged_as_the_command_itself_is(stored: Path, tmp_path: Path) -> None:
+    path = gate(
+        tmp_path,
+        PASSING,
+        "{key: position.p95, limit: 2.7 mm, reason: r}",
+        "{key: position.max, limit: 3 mm, reason: r}",
+        "{key: grade, limit: E, reason: r}",
+        "{key: orientation.mean_error, limit: 0.2 deg, rule: guard_band, false_accept_risk: 0.01, reason: r}",
+    )
+    live = run(*ESTIMATE, "--gate", path, "--format", "json")
+    after = run("check", str(stored / "estimate.json"), "--gate", path, "--format", "json")
+    assert live.exit_code == after.exit_code == 4
+    live, after = json.loads(live.stdout), json.loads(after.stdout)
+    assert live["gate"] == after["gate"]
+    assert (after["schema"], after["result"]["schema"]) == ("robacc.check/1", "robacc.estimate/1")
+    kinds = [[record["kind"] for record in found["inputs"]] for found in (live, after)]
+    assert kinds == [["poses", "robot", "gate"], ["result", "gate"]]
+
+
+def test_held_out_figures_and_gains_of_a_calibration(stored: Path, tmp_path: Path) -> None:
+    result = str(stored / "calibrate.json")
+    good = gate(
+        tmp_path,
+        "{key: after.held_out.position.rms, limit: 0.5 mm, reason: r}",
+        "{key: after.held_out.orientation.p95, limit: 1 deg, rule: guard_band, false_accept_risk: 0.05, reason: r}",
+        "{key: after.held_out.position.max, limit: 1 mm, reason: r}",
+        "{key: gain, at_least: 0.05 mm, reason: r}",
+    )
+    one = document("check", result, "--gate", good)["gate"]["criteria"][0]
+    inside = json.loads((stored / "calibrate.json").read_text())["after"]["held_out"]["position"]
+    assert one["value"] == inside["rms_m"]
+    assert one["upper_bound"] == pytest.approx(inside["intervals"]["rms_m"]["upper_bound"], rel=1e-9)
+    assert one["n_poses"] == inside["n_commanded_poses"] == 60
+
+
+def carries_the_figures_of_its_own_errors(found: dict[str, Any], owners: Iterable[str]) -> None:
+    for owner in owners:
+        vectors, figure = errors_behind(found, owner).vectors, figure_at(found, f"{owner}.rms", 0.95)
+        assert figure.value == pytest.approx(float((vectors**2).sum(axis=0).mean() ** 0.5), rel=1e-6), owner
+
+
+def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
+    parts = (("nominal", "before", "after"), ("fitted", "held_out"), ("position", "orientation"))
+    found = json.loads((stored / "calibrate.json").read_text())
+    carries_the_figures_of_its_own_errors(found, map(".".join, product(*parts)))
+
+
+@pytest.mark.slow
+def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
+    lines = Path(POSES).read_text().splitlines()
+    x, cells = lines[1].split(",").index("x"), lines[8].split(",")
+    cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
+    lines[8] = ",".join(cells)
+    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
+    command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
+    traced = document(*command, "--named-only")
+    assert traced["poses"]["used"].count(False) == 1
+    stages = ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted")
+    carries_the_figures_of_its_own_errors(traced, (f"{stage}.position" for stage in stages))
+
+
+def test_a_regression_gate_reads_its_baseline_from_beside_itself(stored: Path, tmp_path: Path) -> None:
+    baseline = shutil.copy(stored / "estimate.json", tmp_path / "baseline.json")
+    path = gate(tmp_path, "{key: position.rms, baseline: baseline.json, reason: r}")
+    assert "1.80 mm, same as the 1.80 mm in baseline.json" in one_line(output(*ESTIMATE, "--gate", path))
+    output(*ESTIMATE, "--align", "base_frame", "--gate", path)
+    output(*ESTIMATE, "--align", "base_frame", "--format", "json", "-o", baseline)
+    worse = run(*ESTIMATE, "--gate", path, "--format", "json")
+    assert worse.exit_code == 4
+    assert [record["kind"] for record in json.loads(worse.stdout)["inputs"]][-2:] == ["gate", "baseline"]
+    baseline.unlink()
+    assert f"{baseline}: the file does not exist" in refused(*ESTIMATE, "--gate", path, status=3)
+
+
+def test_a_bad_gate_file_is_found_before_anything_is_computed(tmp_path: Path) -> None:
+    path = gate(tmp_path, "{key: positon.p95, limit: 1 mm, reason: r}", "{key: position.rms, limit: 1, reason: r}")
+    done = run("estimate", "nowhere.csv", "--gate", path)
+    assert (done.exit_code, done.stdout) == (3, "")
+    lines = done.stderr.splitlines()
+    assert lines[0] == f"error: {path}:4, criteria[0].key: no result has the key 'positon.p95'"
+    assert "expected a number with its unit" in lines[1]
+    assert "  tip: did you mean position.p95?" in lines
+
+
+def test_a_stored_result_that_is_not_what_its_command_writes(stored: Path, tmp_path: Path) -> None:
+    document = json.loads((stored / "estimate.json").read_text())
+    document["poses"]["group"] = ["a"] * 60
+    (tmp_path / "odd.json").write_text(json.dumps(document))
+    told = refused("check", tmp_path / "odd.json", "--gate", gate(tmp_path, PASSING), status=3)
+    assert f"error: {tmp_path / 'odd.json'}, poses.group[0]: expected a whole number, found " in told
+
+
+def test_junit_and_output_are_written_whatever_the_outcome(stored: Path, tmp_path: Path) -> None:
+    path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
+    junit, summary = tmp_path / "junit.xml", tmp_path / "summary.md"
+    refused(*ESTIMATE, "--gate", path, "--junit", junit, "--format", "markdown", "-o", summary, status=4)
+    (suite,) = ElementTree.parse(junit).getroot()
+    assert (suite.get("tests"), suite.get("failures"), suite.get("errors")) == ("3", "1", "1")
+    text = summary.read_text(encoding="utf-8")
+    assert text.startswith("## robacc estimate\n")
+    assert "Error of 60 measured poses" in text
+    annotations = run(*ESTIMATE, "--gate", path, "--format", "github")
+    assert annotations.exit_code == 4
+    levels = [line.partition(" ")[0] for line in annotations.stdout.splitlines()]
+    assert levels == ["::notice", "::error", "::warning", "::error"]
+
+
+def test_a_table_ends_with_the_gate_and_a_stored_results_summary_is_the_gate_alone(
+    stored: Path, tmp_path: Path
+) -> None:
+    path = gate(tmp_path, PASSING)
+    table = output(*ESTIMATE, "--gate", path)
+    assert missing(table, "Error of 60 measured poses", "Gate g: PASS (1 pass)\n") == []
+    summary = output("check", stored / "estimate.json", "--gate", path, "--format", "markdown")
+    assert summary.startswith("## robacc check\n\n### ✅ Gate g: PASS (1 pass)\n")
+    assert summary.endswith("- **position.rms**: pass. Reason: r\n")
+
+
+def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
+    tolerances = tmp_path / "t.yaml"
+    tolerances.write_text("units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n")
+    command = ("predict", ROBOT, "--samples", "50", "--tolerances", tolerances, "--gate")
+    done = run(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}"))
+    assert done.exit_code == 5, done.stderr
+    assert "the result has no interval for position.p95, which rule: bound needs" in one_line(done.stdout)
+    output(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, rule: simple, reason: r}"))
+
+
+def test_the_same_call_gives_the_same_bytes(tmp_path: Path) -> None:
+    path = gate(tmp_path, PASSING, FAILING, ELSEWHERE)
+    made = []
+    for _ in range(2):
+        run(*ESTIMATE, "--gate", path, "--format", "json", "-o", tmp_path / "out", "--junit", tmp_path / "junit.xml")
+        # A build server shows when and how long; all else is the same.
+        timeless = re.sub(r' (time|timestamp)="[^"]*"', "", (tmp_path / "junit.xml").read_text(encoding="utf-8"))
+        made.append(((tmp_path / "out").read_bytes(), timeless))
+    assert made[0] == made[1]
+
+
+READ = ("{poses.csv}", "--robot", "{robot.yaml}")
+
+ESTIMATED = ("estimate", *READ)
+
+
+@pytest.mark.parametrize(
+    "words",
+    [
+        (*ESTIMATED, "--output", "{poses.csv}"),
+        (*ESTIMATED, "--output", "{robot.yaml}"),
+        (*ESTIMATED, "--output", "{link.csv}"),
+        (*ESTIMATED, "--per-pose", "{poses.csv}"),
+        (*ESTIMATED, "--gate", "{gate.yaml}", "--junit", "{gate.yaml}"),
+        (*ESTIMATED, "--gate", "{gate.yaml}", "--junit", "{poses.csv}"),
+        (*ESTIMATED, "--gate", "{regression.yaml}", "--output", "{base.json}"),
+        ("calibrate", *READ, "--fit", "base_frame", "--write-model", "{robot.yaml}"),
+        ("check", "{base.json}", "--gate", "{gate.yaml}", "--output", "{base.json}"),
+    ],
+)
+def test_nothing_that_is_read_is_overwritten(words: tuple[str, ...], stored: Path, tmp_path: Path) -> None:
+    for source in (POSES, ROBOT):
+        shutil.copy(source, tmp_path)
+    shutil.copy(stored / "estimate.json", tmp_path / "base.json")
+    (tmp_path / "link.csv").symlink_to(tmp_path / "poses.csv")
+    gate(tmp_path, "{key: position.rms, baseline: base.json, reason: r}", name="regression.yaml")
+    gate(tmp_path, PASSING)
+    before = {path: path.read_bytes() for path in tmp_path.iterdir()}
+    call = [str(tmp_path / word.strip("{}")) if word.startswith("{") else word for word in words]
+    told = f"error: {call[-2]} {call[-1]} is also an input and would be overwritten; name another file"
+    assert refused(*call) == told
+    assert {path: path.read_bytes() for path in tmp_path.iterdir()} == before
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--output", "x", "--per-pose", "./x"), "error: --output and --per-pose both name "),
+        (("--junit", "j.xml"), "error: --junit writes the outcome of a gate, so it needs --gate"),
+    ],
+)
+def test_outputs_that_do_not_fit_the_call(options: tuple[str, ...], message: str) -> None:
+    assert refused(*ESTIMATE, *options).startswith(message)
+
+
+def test_examples_judge_what_they_are_written_for(stored: Path) -> None:
+    found: dict[str, Any] = {}
+    for name, result in (("assembly", "estimate"), ("machine_tending", "calibrate")):
+        path = str(ROOT / "configs" / "gates" / f"{name}.yaml")
+        done = run("check", str(stored / f"{result}.json"), "--gate", path, "--format", "json")
+        assert done.exit_code in (0, 4, 5)
+        found[name] = {one["key"]: one["outcome"] for one in json.loads(done.stdout)["gate"]["criteria"]}
+    assert "not_evaluated" not in {outcome for one in found.values() for outcome in one.values()}
+    assert found["machine_tending"]["after.held_out.position.p95"] == "pass"
+
+
+# `robacc compare` from stored results to its table and its JSON.
+
+UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
+
+STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
+
+run_compare, compared, refused_compare = (
+    partial(call, "compare") for call in (commands.run, commands.document, commands.refused)
+)
+
+PLACES = np.random.default_rng(7).uniform(-0.8, 0.8, (60, 3))
+
+
+def poses_csv(path: Path, seed: int, scale: float, n: int = 60, shift: float = 0.0) -> str:
+    """Commanded and attained positions, and ids; the same commands whatever the seed."""
+    places = PLACES[:n] + shift
+    attained = places + scale * np.random.default_rng(seed).standard_normal((n, 3))
+    lines = ["pose,cmd_x,cmd_y,cmd_z,x,y,z"]
+    lines += [",".join([f"P{i}", *(f"{value:.9f}" for value in (*places[i], *attained[i]))]) for i in range(n)]
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    return str(path)
+
+
+@pytest.fixture(scope="module")
+def estimates(tmp_path_factory: pytest.TempPathFactory) -> Callable[..., str]:
+    """Estimates of made-up robots, each computed once: the path of the result."""
+    folder = tmp_path_factory.mktemp("results")
+
+    def estimate(name: str, seed: int, scale: float, *options: str, **changes: Any) -> str:
+        target = folder / f"{name}.json"
+        if not target.exists():
+            poses = poses_csv(folder / f"{name}.csv", seed, scale, **changes)
+            output("estimate", poses, "--format", "json", "--output", target, *options)
+        return str(target)
+
+    return estimate
+
+
+@pytest.fixture
+def three(estimates: Callable[..., str]) -> tuple[str, str, str]:
+    return estimates("good", 1, 5e-5), estimates("fair", 2, 5.5e-5), estimates("poor", 3, 2e-4)
+
+
+@pytest.fixture
+def good(three: tuple[str, str, str]) -> str:
+    return three[0]
+
+
+@pytest.fixture
+def poor(three: tuple[str, str, str]) -> str:
+    return three[2]
+
+
+def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) -> None:
+    found = compared(good, poor)
+    assert (found["schema"], found["warnings"]) == ("robacc.compare/1", [])
+    assert [one["name"] for one in found["inputs"]] == ["good.json", "poor.json"]
+    results = [(one["name"], one["command"], one["n_poses"]) for one in found["results"]]
+    assert results == [("good", "estimate", 60), ("poor", "estimate", 60)]
+    assert found["pairing"] == [
+        {"first": "good", "second": "poor", "paired": True, "n_shared": 60, "n_first": 60, "n_second": 60}
+    ]
+    one, other = (json.loads(Path(path).read_text(encoding="utf-8"))["position"] for path in (good, poor))
+    rms = found["statistics"][0]
+    assert (rms["key"], rms["unit"]) == ("position.rms", "m")
+    assert [value["value"] for value in rms["values"]] == [one["rms_m"], other["rms_m"]]
+    assert rms["values"][0]["lower"] == one["intervals"]["rms_m"]["lower"]
+    difference = rms["differences"][0]
+    assert difference["value"] == pytest.approx(other["rms_m"] - one["rms_m"], rel=1e-12)
+    assert (difference["paired"], difference["n_poses"]) == (True, 60)
+    assert 0.0 < difference["lower"] < difference["value"] < difference["upper"]
+    assert difference["p_value"] < 1e-6
+    keys = [row["key"].removeprefix("position.") for row in found["statistics"]]
+    assert missing(keys, "p95", "max", "mean_x", "sd_z", "longest_sd") == []
+    ranking = found["ranking"]
+    assert (ranking["by"], ranking["text"]) == ("position.rms", ["good is better than poor"])
+    assert [one["name"] for one in ranking["order"]] == ["good", "poor"]
+
+
+def test_equal_files_do_not_differ_and_warn_of_nothing(good: str, tmp_path: Path) -> None:
+    copy = shutil.copy(good, tmp_path / "copy.json")
+    result, found = run_compare(good, copy), compared(good, copy)
+    assert (result.stderr, "- good and copy do not differ significantly" in result.stdout) == ("", True)
+    for one in (row["differences"][0] for row in found["statistics"]):
+        assert (one["value"], one["lower"], one["upper"], one["p_value"]) == (0.0, 0.0, 0.0, 1.0)
+    assert [one["letters"] for one in found["ranking"]["order"]] == ["a", "a"]
+
+
+def test_ranking_of_three_and_the_grade(three: tuple[str, str, str]) -> None:
+    good, fair, poor = three
+    found = compared(poor, good, fair, "--grade", "B")
+    order = [(one["name"], one["letters"]) for one in found["ranking"]["order"]]
+    assert order == [("good", "a"), ("fair", "a"), ("poor", "b")]
+    assert found["ranking"]["indistinguishable"] == [["good", "fair"]]
+    grade = found["grade"]
+    assert (grade["wanted"], grade["scale"]) == ("B", "CAD/CAM 0.1 mm, 0.1 degree")
+    assert grade["demonstrated_by"] == ["good", "fair"]
+    verdicts = {one["name"]: one for one in grade["results"]}
+    assert (verdicts["poor"]["verdict"], verdicts["poor"]["grade"]) == ("not_met", "D")
+    assert verdicts["poor"]["probability"] < 0.01
+    stored_grade = json.loads(Path(good).read_text(encoding="utf-8"))["grade"]
+    assert verdicts["good"]["position_upper_bound_m"] == stored_grade["position"]["upper_bound_m"]
+    table = one_line(run_compare(poor, good, fair, "--grade", "B").stdout)
+    scale = "Grade B (scale: CAD/CAM 0.1 mm, 0.1 degree)"
+    assert missing(table, scale, "each grade by itself is confirmed at 95 % confidence, not all together") == []
+
+
+MACHINING = str(ROOT / "configs" / "grades" / "machining.yaml")
+
+
+def test_a_grade_met_but_not_demonstrated_says_how_many_poses_it_takes(
+    good: str, estimates: Callable[..., str]
+) -> None:
+    call = (estimates("near", 5, 7.5e-5, n=40), good, "--grade", "B")
+    found = compared(*call)["grade"]["results"][0]
+    assert found["verdict"] == "met_not_demonstrated"
+    assert 0.5 < found["probability"] < 0.95
+    assert found["poses_to_demonstrate"] > 40
+    assert "poses in total would probably confirm it" in one_line(run_compare(*call).stdout)
+
+
+def test_scales(good: str, poor: str, estimates: Callable[..., str]) -> None:
+    found = compared(good, poor, "--grade", "medium", "--scale", MACHINING)
+    assert (found["grade"]["statistic"], found["grade"]["demonstrated_by"]) == ("rms", ["good"])
+    assert found["inputs"][-1]["kind"] == "scale"
+    other = estimates("machined", 1, 5e-5, "--scale", MACHINING)
+    told = "graded on CAD/CAM 0.1 mm, 0.1 degree and machining; choose the scale with --scale"
+    assert told in refused_compare(good, other, "--grade", "B")
+    told = "warning: made differently, grade scale: good: CAD/CAM 0.1 mm, 0.1 degree; machined: machining"
+    assert told in run_compare(good, other).stderr
+
+
+def test_what_was_made_differently_is_said(good: str, estimates: Callable[..., str]) -> None:
+    other = estimates("elsewhere", 4, 5e-5, "--confidence", "0.9", n=50, shift=0.3)
+    told = (
+        "made differently, poses: good and elsewhere have different poses",
+        "made differently, confidence: good: 0.95; elsewhere: 0.9 (the intervals are not comparable)",
+    )
+    assert missing(run_compare(good, other).stderr, *told) == []
+    found = compared(good, other)
+    assert not found["pairing"][0]["paired"]
+    assert "Welch's degrees of freedom" in found["statistics"][0]["differences"][0]["method"]
+    version = json.loads(Path(good).read_text(encoding="utf-8"))
+    older = Path(other).with_name("older.json")
+    older.write_text(json.dumps(version | {"robacc": "0.0.1"}), encoding="utf-8")
+    assert re.search(r"made differently, robacc version: good: .*; older: 0.0.1", run_compare(good, str(older)).stderr)
+
+
+def test_some_of_the_poses(good: str, estimates: Callable[..., str]) -> None:
+    told = run_compare(good, estimates("part", 6, 5e-5, n=45)).stderr
+    assert "share 45 of 60 poses; only these are compared" in told
+
+
+def test_baseline_by_name_or_path(good: str, poor: str) -> None:
+    by_name, by_path = (compared(good, poor, "--baseline", named) for named in ("poor", poor))
+    difference = by_name["statistics"][0]["differences"][0]
+    assert (by_name["baseline"], difference["name"], difference["value"] < 0.0) == ("poor", "good", True)
+    assert (by_path["baseline"], by_path["statistics"]) == ("poor", by_name["statistics"])
+
+
+def test_files_of_one_name_are_told_apart(good: str, poor: str, tmp_path: Path) -> None:
+    paths = [tmp_path / folder / "result.json" for folder in ("one", "two")]
+    for path, source in zip(paths, (good, poor), strict=True):
+        path.parent.mkdir()
+        shutil.copy(source, path)
+    assert [one["name"] for one in compared(*paths)["results"]] == ["one/result", "two/result"]
+    assert compared(good, good)["results"][1]["name"].endswith("good (2)")
+
+
+def test_many_results_stand_in_rows(three: tuple[str, str, str], estimates: Callable[..., str]) -> None:
+    more = [estimates(f"arm{i}", 10 + i, 1e-4) for i in range(3)]
+    table = run_compare(*three, *more).stdout
+    assert re.search(r"Position error, mm\n +rms +mean +95th percentile +maximum\n", table)
+    assert re.search(r"\narm2 +0\.\d+ +0\.\d+ +0\.\d+ +0\.\d+\n", table)
+
+
+def test_tables_fit_a_page(three: tuple[str, str, str]) -> None:
+    for paths in (three[::2], three):
+        lines = run_compare(*paths, "--grade", "B").stdout.splitlines()
+        assert [line for line in lines if len(line) > 90 or line != line.rstrip()] == []
+
+
+@pytest.fixture(scope="module")
+def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
+    """An estimate, two calibrations and a prediction of one simulated arm."""
+    folder = tmp_path_factory.mktemp("fits")
+    poses, apart = (str(folder / f"{name}.csv") for name in ("poses", "holdout"))
+    for path, seed in ((poses, "0"), (apart, "1")):
+        output("simulate", UR10, "--poses", "40", "--noise", "0.05mm", "--seed", seed, "--output", path)
+    fit = ("calibrate", poses, "--robot", UR10, "--folds", "2", "--fit")
+    calls = {
+        "estimate": ("estimate", poses, "--robot", UR10),
+        "frames": (*fit, "base_frame"),
+        "offsets": (*fit, "base_frame,joint_offset[all]"),
+        "apart": (*fit, "base_frame", "--holdout", apart),
+        "predict": ("predict", UR10, "--samples", "50"),
+    }
+    for name, call in calls.items():
+        output(*call, "--format", "json", "--output", folder / f"{name}.json")
+    return {name: str(folder / f"{name}.json") for name in calls}
+
+
+@pytest.mark.slow
+def test_two_calibrations_stage_by_stage(fits: dict[str, str]) -> None:
+    found = compared(fits["frames"], fits["offsets"])
+    rows = {row["key"]: row for row in found["statistics"]}
+    same = rows["nominal.held_out.position.rms"]["differences"][0]
+    assert (same["value"], same["p_value"], same["method"]) == (0.0, 1.0, "the same at every pose")
+    after = rows["position.rms"]["differences"][0]
+    assert (after["paired"], after["p_value"] is None) == (True, False)
+    one = json.loads(Path(fits["frames"]).read_text(encoding="utf-8"))["after"]
+    figures = [rows[key]["values"][0]["value"] for key in ("position.rms", "after.fitted.position.rms")]
+    assert figures == [one[kind]["position"]["rms_m"] for kind in ("held_out", "fitted")]
+    table = run_compare(fits["frames"], fits["offsets"]).stdout
+    assert re.search(r"Position rms, mm\s+frames +offsets", table)
+    assert "extended model, calibration poses" in table
+
+
+@pytest.mark.parametrize("name", ["estimate", "frames", "apart"])
+@pytest.mark.slow
+def test_figures_are_those_of_the_errors_they_are_tested_by(fits: dict[str, str], name: str) -> None:
+    found = read_compared_result(json.loads(Path(fits[name]).read_text(encoding="utf-8")), name, name, "")
+    owners = {"estimate": {"position"}, "frames": STAGES, "apart": STAGES}[name]
+    assert {owner for owner in found.errors if owner.endswith("position")} == owners
+    for owner, errors in found.errors.items():
+        lengths = np.linalg.norm(errors.vectors, axis=0)
+        # Errors of a fit are stored to 1e-12 m.
+        assert found.figures[f"{owner}.rms"].value == pytest.approx(np.sqrt(np.mean(lengths**2)), abs=2e-12)
+        assert found.figures[f"{owner}.max"].value == pytest.approx(np.max(lengths), abs=2e-12)
+
+
+def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:
+    result = run_compare(fits["estimate"], fits["offsets"])
+    told = (
+        "command: estimate: estimate; offsets: calibrate",
+        "alignment: estimate: none; offsets: fitted with the model",
+    )
+    assert missing(result.stderr, *(f"made differently, {text}" for text in told)) == []
+    found = compared(fits["estimate"], fits["offsets"])
+    assert found["pairing"][0]["paired"]
+    assert "position.rms" in [row["key"] for row in found["statistics"]]
+
+
+def test_a_prediction_demonstrates_nothing_and_is_not_ranked_with_an_arm(fits: dict[str, str]) -> None:
+    alone = compared(fits["estimate"], fits["predict"], "--grade", "D")
+    predicted = alone["grade"]["results"][1]
+    assert predicted["verdict"] in ("met_not_demonstrated", "not_met")
+    assert (predicted["probability"], predicted["why"]) == (None, "predicted from tolerances, not measured")
+    assert alone["statistics"][0]["differences"][0]["p_value"] is None
+    assert [one["name"] for one in alone["ranking"]["order"]] == ["estimate"]
+    assert (alone["ranking"]["pairs"], len(alone["ranking"]["text"])) == ([], 1)
+    found = compared(fits["predict"], fits["estimate"], fits["frames"])["ranking"]
+    assert {one["name"] for one in found["order"]} == {"estimate", "frames"}
+    assert found["text"][-1] == "predict is a prediction, which is not ranked with measured arms"
+    assert len(compared(fits["predict"], fits["predict"])["ranking"]["order"]) == 2
+
+
+def test_files_of_poses_are_estimated_first(fits: dict[str, str], tmp_path: Path) -> None:
+    poses = str(Path(fits["estimate"]).with_name("poses.csv"))
+    apart = Path(poses).with_name("holdout.csv")
+    other = str(tmp_path / "other.json")
+    output("estimate", apart, "--robot", UR10, "--output", other)
+    estimates, files = compared(fits["estimate"], other), compared(poses, str(apart), "--robot", str(UR10))
+    figures, expected = (
+        [[one["value"] for one in row["values"]] + [one["p_value"] for one in row["differences"]] for row in found]
+        for found in (files["statistics"], estimates["statistics"])
+    )
+    assert figures == expected
+    assert [one["name"] for one in files["inputs"]] == ["poses.csv", UR10.name, "holdout.csv"]
+    assert [one["name"] for one in files["results"]] == ["poses", "holdout"]
+    mixed = compared(fits["estimate"], str(apart), "--robot", str(UR10))
+    assert mixed["ranking"]["order"][0]["value"] == estimates["ranking"]["order"][0]["value"]
+    aligned = compared(poses, str(apart), "--robot", str(UR10), "--align", "base_frame")
+    assert aligned["results"][0]["made"]["alignment"] == "base_frame registered"
+    assert "--robot is for files of poses" in refused_compare(fits["estimate"], other, "--robot", UR10)
+
+
+def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
+    poses, paths = tmp_path / "poses.csv", (tmp_path / "arm1.json", tmp_path / "arm2.json")
+    for seed, path in enumerate(paths, start=1):
+        output("simulate", UR10, "--poses", 5, "--cycles", 6, "--noise", "0.05mm", "--seed", seed, "-o", poses)
+        output("iso9283", poses, "--robot", UR10, "--output", path)
+    found = compared(*paths)
+    difference = next(row for row in found["statistics"] if row["key"] == "iso9283.RP.max")["differences"][0]
+    assert found["ranking"]["by"] == "iso9283.AP.max"
+    assert "Zou and Donner" in difference["method"]
+    assert difference["p_value"] is not None
+    assert re.search(r"\nRP +\d", run_compare(*paths).stdout)
+
+
+def test_standard_input_is_one_of_the_results(good: str, poor: str) -> None:
+    found = compared("-", poor, text=Path(good).read_text(encoding="utf-8"))
+    assert found["results"][0]["name"] == "standard input"
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("{good}",), 2, "a comparison takes at least two results"),
+        (("-", "-"), 2, "standard input can be read only once"),
+        (("{good}", "{good}", "--scale", "x.yaml"), 2, "--scale needs --grade"),
+        (("{good}", "{good}", "--grade", "Z"), 2, "has no grade 'Z'"),
+        (("{good}", "{good}", "--baseline", "x"), 2, "no result is named 'x'"),
+        (("{good}", "{good}", "--by", "x"), 2, "--by: the results have no common figure 'x'"),
+        (("{good}", "none.json"), 3, "none.json: the file does not exist"),
+    ],
+)
+def test_calls_and_files_that_are_wrong(good: str, arguments: tuple[str, ...], status: int, message: str) -> None:
+    assert message in refused_compare(*(one.format(good=good) for one in arguments), status=status)
+
+
+def test_the_problems_of_every_file_are_said_at_once(good: str, tmp_path: Path) -> None:
+    cut, other = tmp_path / "cut.json", tmp_path / "other.json"
+    cut.write_text(Path(good).read_text(encoding="utf-8")[:500], encoding="utf-8")
+    other.write_text("{}", encoding="utf-8")
+    told = refused_compare(cut, other, good, status=3)
+    assert missing(told, "is incomplete; the file was truncated", "is not a result of robacc") == []
+
+
+# ``robacc report`` and ``--report`` on the command line.
+
+MAGIC = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
+
+
+@pytest.fixture
+def iso_result(tmp_path: Path) -> Path:
+    path = tmp_path / "iso.json"
+    path.write_text(results.text("iso9283"), encoding="utf-8")
+    return path
+
+
+def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> None:
+    page = tmp_path / "report.html"
+    done = run("report", iso_result, "--output", page)
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+    text = page.read_text(encoding="utf-8")
+    assert parsed(text).all("h1")[0].text.startswith("ISO 9283 pose criteria")
+    assert output("report", iso_result, "-o", "-") == text
+    header = parsed(output("report", iso_result, iso_result, "-o", "-")).all("table")[0].all("tr")[0]
+    assert [cell.text for cell in header.all("th")] == ["", "iso.json (1)", "iso.json (2)"]
+
+
+def test_without_a_name_the_page_is_beside_the_result(
+    iso_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    done = results.run("report", str(iso_result))
+    assert (done.exit_code, done.stdout, done.stderr) == (0, f"wrote {iso_result.with_suffix('.html')}\n", "")
+    assert iso_result.with_suffix(".html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    monkeypatch.chdir(tmp_path)
+    assert CliRunner().invoke(app, ["report", str(iso_result), str(iso_result)]).stdout == "wrote report.html\n"
+    assert Path("report.html").exists()
+
+
+def test_a_picture_without_a_kind_is_the_main_chart(iso_result: Path, tmp_path: Path) -> None:
+    picture, old = tmp_path / "a.svg", tmp_path / "b.svg"
+    done = results.run("report", str(iso_result), "-o", str(picture))
+    note = "note: drew the main chart, iso9283; other charts by --chart: iso9283-cloud\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", note)
+    done = results.run("plot", str(iso_result), "--kind", "iso9283", "-o", str(old))
+    renamed = "note: robacc plot is now robacc report --chart; the old name works until 0.4\n"
+    assert (done.exit_code, done.stdout, done.stderr) == (0, "", renamed)
+    assert old.read_bytes() == picture.read_bytes()
+    assert results.run("report", str(iso_result), str(iso_result), "--chart", "iso9283", "-o", str(old)).exit_code == 2
+
+
+@pytest.mark.parametrize("command", ["iso9283", pytest.param("estimate", marks=pytest.mark.slow)])
+def test_report_beside_the_command_is_the_page_of_its_json(command: str, tmp_path: Path) -> None:
+    page, other, iso_result = tmp_path / "a.html", tmp_path / "b.html", tmp_path / command
+    assert "mm" in output(command, *results.CALLS[command], "--report", page)
+    iso_result.write_text(results.text(command), encoding="utf-8")
+    output("report", iso_result, "-o", other)
+    assert page.read_bytes() == other.read_bytes()
+
+
+def test_a_failing_gate_is_in_the_report_and_in_the_exit_status(tmp_path: Path) -> None:
+    gate, page = tmp_path / "gate.yaml", tmp_path / "a.html"
+    criterion = "{name: reach, key: position.p95, limit: 0.1 mm, reason: the part}"
+    gate.write_text(f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n", encoding="utf-8")
+    done = run("estimate", *results.CALLS["estimate"], "--gate", str(gate), "--report", str(page))
+    assert done.exit_code == 4
+    assert "gate failed" in page.read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize("form", ["svg", "png", "pdf"])
+def test_a_picture_becomes_a_file(form: str, iso_result: Path, tmp_path: Path) -> None:
+    pictures = tmp_path / f"x.{form}", tmp_path / f"y.{form}"
+    for picture in pictures:
+        done = run("report", iso_result, "--chart", "iso9283", "--output", picture)
+        assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
+    data, again = (picture.read_bytes() for picture in pictures)
+    assert (data[: len(MAGIC[form])], len(data) > 5000, data == again) == (MAGIC[form], True, True)
+
+
+def test_plot_says_what_it_can_do(iso_result: Path, tmp_path: Path) -> None:
+    for kind, name, message in (
+        ("poses", "x.gif", "ends in .svg, .png or .pdf"),
+        ("budget", "x.png", "it has iso9283, iso9283-cloud"),
+    ):
+        assert message in refused("report", iso_result, "--chart", kind, "-o", tmp_path / name)
+    assert not list(tmp_path.glob("x.*"))
+
+
+@pytest.mark.parametrize("more", [(), ("--chart", "poses")])
+def test_without_the_extra_the_way_to_it_is_said(
+    more: tuple[str, ...], iso_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    real = importlib.util.find_spec
+    monkeypatch.setattr(
+        "robacc.render.plots.canvas.find_spec", lambda name: None if name == "matplotlib" else real(name)
+    )
+    told = refused("report", iso_result, *more, "-o", tmp_path / "x.png")
+    assert "pip install '.[report]' in a checkout" in told
+    # Said before anything is computed, too.
+    assert "matplotlib" in refused("estimate", "no such file", "--report", tmp_path / "x.html")
+
+
+@pytest.mark.parametrize(
+    ("change", "told"),
+    [
+        (lambda d: d.pop("visits"), "has no key 'visits'"),
+        (lambda d: d.update(iso9283=5), "iso9283: expected an object, found 5"),
+        (lambda d: d["visits"][0].update(attained_m=[[1, 2]]), "visits[0].attained_m[0]: expected 3 entries, found 2"),
+        (lambda d: d["visits"][0].update(commanded_m="x"), 'visits[0].commanded_m: expected a list, found "x"'),
+    ],
+)
+def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any, told: str, tmp_path: Path) -> None:
+    document = results.document("iso9283")
+    change(document)
+    broken = tmp_path / "broken.json"
+    broken.write_text(json.dumps(document), encoding="utf-8")
+    assert missing(refused("report", broken, "-o", tmp_path / "x.html", status=3), "broken.json", told) == []
+    assert not list(tmp_path.glob("*.html"))
+
+
+def test_the_result_is_not_overwritten_by_its_page(iso_result: Path) -> None:
+    assert "would be overwritten" in refused("report", iso_result, "-o", iso_result)
+    refused("report", "-", "-", "-o", iso_result.with_suffix(".html"))
+
+
+@pytest.mark.slow
+def test_a_page_of_1500_poses_stays_small(tmp_path: Path) -> None:
+    poses, iso_result, page = (str(tmp_path / name) for name in ("p.csv", "r.json", "r.html"))
+    simulated = ("sample_data/truth.yaml", "--poses", "1500", "--seed", "1", "--noise", "0.03mm", "-o", poses)
+    output("simulate", *simulated)
+    robot = ("--robot", "sample_data/robot.yaml", "--align", "base_frame,tool_frame")
+    output("estimate", poses, *robot, "--format", "json", "-o", iso_result)
+    output("report", iso_result, "-o", page)
+    assert Path(page).stat().st_size < 6_000_000

@@ -1,0 +1,462 @@
+"""`robacc predict`, `plan` and `iso9283` from files to tables, JSON, CSV and exit statuses."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+import os
+import re
+import subprocess
+import sys
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import commands
+import numpy as np
+import pytest
+from commands import missing, one_line, output, refused, run
+
+from robacc.poses.csv_file import read_poses
+
+# ``robacc predict`` as a process: exit statuses, standard output, the contract's keys, files.
+
+PROJECT = Path(__file__).resolve().parents[2]
+
+PUMA = "configs/robots/puma560.yaml"
+
+AGAINST = ("sample_data/robot.yaml", "--against", "sample_data/poses.csv")
+
+calls = (commands.run, commands.document, commands.refused)
+
+run_predict, predicted, refused_predict = (partial(call, "predict") for call in calls)
+
+TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2, alpha: 0.01}\n"
+
+
+@pytest.fixture
+def tolerances(tmp_path: Path) -> Path:
+    path = tmp_path / "tolerances.yaml"
+    path.write_text(TOLERANCES)
+    return path
+
+
+def test_a_robot_without_tolerances_is_bad_input() -> None:
+    told = "no parameter of sample arm has a tolerance, so no error can be predicted"
+    shown = refused_predict("sample_data/robot.yaml", status=3)
+    assert missing(shown, told, "tip: give a tolerance file with --tolerances") == []
+
+
+def test_as_a_process() -> None:
+    environment = os.environ | {"PYTHONPATH": str(PROJECT), "OPENBLAS_NUM_THREADS": "1"}
+    command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
+    result = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True)
+    # The same call gives the same bytes, in another process too.
+    same = run_predict(PUMA, "--samples", "20", "--format", "json").stdout
+    assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
+
+
+def test_json_has_the_contracts_keys() -> None:
+    found = predicted(PUMA, "--samples", "50", "--allocate", "C", "--seed", "3")
+    assert (found["schema"], found["seed"], found["n_poses"], found["against"]) == ("robacc.predict/1", 3, 50, None)
+    assert [file["kind"] for file in found["inputs"]] == ["robot"]
+    for name, unit in (("position", "m"), ("orientation", "rad")):
+        part = found[name]
+        covariances = np.array(part[f"covariance_{unit}2"])
+        assert covariances.shape == (50, 3, 3)
+        traces = np.trace(covariances, axis1=1, axis2=2)
+        assert part[f"rms_{unit}"] == pytest.approx(np.sqrt(traces.mean()))
+        assert part["worst"][f"rms_{unit}"] == pytest.approx(np.sqrt(traces[part["worst"]["pose"]]))
+        assert len(part["worst"]["q"]) == 6
+    for name in ("share_position", "share_orientation"):
+        assert sum(entry[name] for entry in found["budget"]) == pytest.approx(1.0, abs=1e-9)
+    assert {"parameter", "joint"} <= set(found["budget"][0])
+    assert found["budget"][0]["parameter"].startswith(found["budget"][0]["joint"])
+    assert found["allocation"]["met"] is True
+
+
+def test_table_is_plain_and_at_most_80_columns_wide(tolerances: Path) -> None:
+    result = run_predict(
+        *AGAINST, "--align", "base_frame,tool_frame", "--tolerances", str(tolerances), "--allocate", "C"
+    )
+    assert (result.exit_code, result.stderr) == (0, "")
+    text = result.stdout
+    assert "\x1b" not in text
+    assert max(map(len, text.splitlines())) <= 80
+    parts = (
+        "Expected accuracy of sample arm, from 24 tolerances\nat the 60 poses of sample_data/poses.csv\n",
+        "normal: a tolerance t is one standard deviation, variance t²",
+        "Grade E predicted (scale: CAD/CAM 0.1 mm, 0.1 degree)",
+        "█",
+        "Tolerances for grade C",
+        "Compared with 60 measured poses of sample_data/poses.csv",
+        "measured, registered: base_frame and tool_frame fitted\n",
+        "Likelihood ratio of the predicted covariance",
+        "Variance components (one standard deviation)",
+        "Limits of data from one robot",
+    )
+    assert missing(text, *parts) == []
+    # Each line of the budget has its share and its bar, the largest filling its columns.
+    line = next(line for line in text.splitlines() if line.startswith("j2.theta"))
+    assert line.split()[1] == "0.0200°"
+    assert not re.search(r"\d °", text)
+    enough = run_predict(PUMA, "--samples", "10", "--allocate", "E").stdout
+    assert "the given tolerances already reach this grade" in enough
+
+
+def test_against_in_json(tolerances: Path) -> None:
+    found = predicted(*AGAINST, "--tolerances", str(tolerances), "--align", "base_frame", "--noise", "0.05mm,0.1mrad")
+    against = found["against"]
+    assert (against["noise"]["position_m"], against["noise"]["source_orientation"]) == (pytest.approx(5e-5), "given")
+    tests = against["normalised_squared_error"]
+    assert tests["total"]["dof"] == 6 * 60 - 6
+    assert tests["total"]["dof"] == tests["parameters"]["dof"] + tests["noise"]["dof"]
+    assert tests["total"]["statistic"] == pytest.approx(tests["parameters"]["statistic"] + tests["noise"]["statistic"])
+    assert {"factor", "statistic", "p_value"} <= set(against["likelihood_ratio"])
+    names = [component["name"] for component in against["variance_components"]["components"]]
+    assert names == ["theta", "d", "a", "alpha"]
+    assert [file["kind"] for file in found["inputs"]] == ["robot", "tolerances", "against"]
+
+
+def test_per_pose_file(tmp_path: Path) -> None:
+    target = tmp_path / "poses.csv"
+    found = predicted(PUMA, "--samples", "7", "--per-pose", str(target))
+    rows = list(csv.DictReader(io.StringIO(target.read_text())))
+    assert [row["pose"] for row in rows] == [f"sample {k}" for k in range(1, 8)]
+    v_xz, j1, rms = ([float(row[name]) for row in rows] for name in ("v_xz_m2", "j1", "rms_rad"))
+    assert v_xz == [covariance[0][2] for covariance in found["position"]["covariance_m2"]]
+    worst = found["position"]["worst"]
+    assert j1[worst["pose"]] == worst["q"][0]
+    traces = np.trace(found["orientation"]["covariance_rad2"], axis1=1, axis2=2)
+    np.testing.assert_allclose(rms, np.sqrt(traces))
+
+
+def test_poses_of_a_file_and_another_scale(tmp_path: Path, tolerances: Path) -> None:
+    scale = tmp_path / "scale.yaml"
+    scale.write_text(
+        "robacc: 1\nname: mine\nstatistic: rms\nconfidence: 0.95\nunits: {length: mm, angle: deg}\n"
+        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n"
+    )
+    poses = ("sample_data/robot.yaml", "--poses", "sample_data/poses.csv")
+    found = predicted(*poses, "--scale", scale, "--tolerances", tolerances)
+    assert (found["n_poses"], found["grade"]["grade"]) == (60, "fine")
+    assert found["grade"]["share_of_poses_meeting"] == {"fine": 1.0}
+    assert found["position"]["worst"]["label"].startswith("line ")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("--poses", "a.csv", "--samples", "5"), 2, "--poses and --samples both say where to predict; give only one"),
+        (("--against", "a.csv", "--samples", "5"), 2, "--against predicts at the measured poses; leave out --samples"),
+        (("--align", "base_frame"), 2, "--align applies to measured poses, so it needs --against"),
+        (("--noise", "1mm"), 2, "--noise applies to measured poses, so it needs --against"),
+        (("--poses", "a.csv", "--target", "t"), 2, "--target applies to sampled configurations"),
+        (("--poses", "-", "--against", "-"), 2, "standard input can be read only once"),
+        (("--allocate", "Z"), 2, "no grade 'Z' on the scale CAD/CAM 0.1 mm, 0.1 degree; it has A, B, C, D, E"),
+        (("--against", "sample_data/poses.csv", "--noise", "0.02"), 2, "--noise: '0.02' has no unit; add a unit"),
+        (("--against", "sample_data/poses.csv", "--noise", "1,2,3"), 2, "--noise: expected a length and perhaps an"),
+        (("--tolerances", "nowhere.yaml"), 3, "nowhere.yaml: the file does not exist"),
+    ],
+)
+def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> None:
+    assert message in refused_predict(PUMA, *arguments, status=status)
+
+
+# ``robacc plan`` from the command line: its files, its answers, and its messages.
+
+ROOT = Path(__file__).resolve().parents[2]
+
+PLANNED_ROBOT = ROOT / "sample_data" / "robot.yaml"
+
+plan, planned, refused_plan = (partial(call, "plan") for call in (output, commands.document, commands.refused))
+
+SMALL = ("--candidates", "200")
+
+
+def test_the_plan_is_a_file_that_simulate_and_calibrate_take(tmp_path: Path) -> None:
+    path, check, program = tmp_path / "plan.csv", tmp_path / "validation.csv", tmp_path / "plan.src"
+    options = ("--full", "--program", program, "--validation", 5, "--validation-output", check)
+    assert "Predicted standard errors" in plan(PLANNED_ROBOT, "--poses", 14, *SMALL, "-o", path, *options)
+    poses = read_poses(path, attained=False)
+    assert np.unique(poses.groups()).size == 14
+    assert poses.direction is not None
+    assert (read_poses(check, attained=False).n, program.read_text().count("PTP {")) == (5, poses.n)
+    measured = tmp_path / "measured.csv"
+    output("simulate", PLANNED_ROBOT, "--at", path, "--noise", "0.02mm", "--position-only", "-o", measured)
+    read = read_poses(measured)
+    np.testing.assert_array_equal(read.q, poses.q)
+    # Derived from the order by the simulation, stated by the plan: the same motion.
+    np.testing.assert_array_equal(read.direction, poses.direction)
+
+
+def test_json_and_csv_agree(tmp_path: Path) -> None:
+    path, words = tmp_path / "plan.csv", (PLANNED_ROBOT, "--poses", 12, *SMALL, "--min-height", "100mm")
+    found = planned(*words, "-o", path)
+    assert found["schema"] == "robacc.plan/1"
+    np.testing.assert_allclose(np.array(found["visits"]["q"]).T, read_poses(path, attained=False).q)
+    assert min(position[2] for position in found["visits"]["target_in_base_m"]) >= 0.1
+    assert found["accuracy"]["planned"]["rms_m"] < found["accuracy"]["planned"]["random_rms_m"]
+    assert plan(*words, "-o", "-") == path.read_text()
+    summary = plan(*words).splitlines()
+    assert len(summary) <= 25
+    assert summary[0] == "Plan for the calibration of sample arm: 12 poses, 15 visits"
+    counted = "15 visits: each of the 12 poses once, 1 of them a second time, one of them 2 more times to show drift"
+    ahead = "next: write the poses (--output PLAN), measure them in the order of PLAN, add the columns x, y, z"
+    assert missing(one_line(" ".join(summary)), counted, ahead) == []
+    assert "next: measure the poses in the order of" in plan(*words, "-o", path)
+
+
+def test_enough_or_the_next_ten(tmp_path: Path) -> None:
+    measured = (PLANNED_ROBOT, *SMALL, "--already", ROOT / "sample_data" / "poses.csv", "-o", tmp_path / "next.csv")
+    fit = ("--fit", "base_frame,joint_offset")
+    assert "Enough" in plan(*measured, *fit)
+    strict = plan(*measured, *fit, "--target-error", "1um", "--full")
+    told = ("Not enough: measure the next 10", "rows measured already: fit them together with the new rows")
+    assert (missing(one_line(strict), *told), strict.count("more poses  ")) == ([], 1)
+    assert read_poses(tmp_path / "next.csv", attained=False).n == 10
+
+
+def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
+    gate = tmp_path / "gate.yaml"
+    gate.write_text(
+        "robacc_gate: 1\nname: cell\ncriteria:\n  - {key: position.p95, limit: 1mm, name: tool, reason: drawing}\n"
+    )
+    words = (PLANNED_ROBOT, "--for", "acceptance", "--gate", gate, *SMALL, "--expected")
+    assert "59 poses" in plan(*words, "0.5mm", "-o", tmp_path / "a").splitlines()[0]
+    assert f"robacc estimate PLAN --robot {PLANNED_ROBOT} --gate gate.yaml" in one_line(plan(*words, "0.5mm"))
+    assert "no number of poses" in refused_plan(*words, "0.99mm")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--inside", "x=9:10"), "no pose is feasible: of 8000 poses, 8000 are excluded by: target outside the box"),
+        (("--inside", "x=2:1"), "--inside: x ends before it begins"),
+        (("--reflector", "0,0,1"), "--reflector and --distance need --instrument"),
+        (("--noise", "0.02"), "--noise: '0.02' has no unit"),
+        (("--poses", "300"), "300 poses are planned, but only 200 candidates are feasible"),
+        (("--fit", "magic"), "no effect 'magic'"),
+        (("--gate", "none.yaml"), "none.yaml"),
+        (("--program", "plan.xyz"), "--program: expected a file name that ends in .src, .mod, .ls, .script"),
+        (("--validation", "5"), "--validation N and --validation-output FILE belong together"),
+        (("--grade", "D"), "set the number of acceptance poses"),
+    ],
+)
+def test_messages(arguments: tuple[str, ...], message: str) -> None:
+    status = 3 if "none.yaml" in arguments else 2
+    assert message in refused_plan(PLANNED_ROBOT, *SMALL, *arguments, status=status)
+
+
+def test_another_arm_is_no_model() -> None:
+    other = ROOT / "configs" / "robots" / "scara.yaml"
+    assert "give the model of this robot" in refused_plan(PLANNED_ROBOT, *SMALL, "--model", other)
+
+
+# `robacc iso9283` and `robacc plan --for iso9283` from files to tables, JSON, CSV and exit statuses.
+
+SAMPLE = ROOT / "sample_data" / "iso9283"
+
+POSES, ROBOT = SAMPLE / "poses.csv", SAMPLE / "robot.yaml"
+
+judged = partial(commands.document, "iso9283")
+
+SCARA = ROOT / "configs" / "robots" / "scara.yaml"
+
+
+@pytest.fixture(scope="module")
+def sample() -> dict[str, Any]:
+    return judged(str(POSES), "--rated-load", "6")
+
+
+def rows(path: Path) -> list[dict[str, str]]:
+    lines = path.read_text(encoding="utf-8").splitlines()
+    return list(csv.DictReader(line for line in lines if not line.startswith("#")))
+
+
+def test_json_has_its_keys_and_the_right_numbers(sample: dict[str, Any]) -> None:
+    assert (sample["schema"], sample["n_poses"], sample["n_commanded_poses"]) == ("robacc.iso9283/1", 150, 5)
+    digest = hashlib.sha256(POSES.read_bytes()).hexdigest()
+    assert sample["inputs"] == [{"name": "poses.csv", "sha256": digest, "kind": "poses"}]
+    found = sample["iso9283"]
+    assert list(found) == ["AP", "RP", "vAP", "AD", "RD", "drift", "exchangeability"]
+    accuracy, repeatability = {}, {}
+    for name in ("P1", "P2", "P3", "P4", "P5"):
+        own = [row for row in rows(POSES) if row["pose"] == name]
+        attained = np.array([[float(row[axis]) for axis in "xyz"] for row in own])
+        commanded = np.array([float(own[0][f"cmd_{axis}"]) for axis in "xyz"])
+        length = np.linalg.norm(attained - attained.mean(axis=0), axis=1)
+        accuracy[name] = float(np.linalg.norm(attained.mean(axis=0) - commanded))
+        repeatability[name] = float(length.mean() + 3 * length.std(ddof=1))
+    for key, expected in (("AP", accuracy), ("RP", repeatability)):
+        assert {one["pose"]: one["position_m"] for one in found[key]["poses"]} == pytest.approx(expected, rel=1e-9)
+        assert found[key]["max_m"] == pytest.approx(max(expected.values()), rel=1e-9)
+        assert found[key]["max_at"] == max(expected, key=expected.__getitem__)
+        interval = found[key]["intervals"]["max_m"]
+        assert interval["lower"] < found[key]["max_m"] < interval["upper_bound"] < interval["upper"]
+        assert interval["confidence"] == 0.95
+    assert found["AP"]["orientation"]["max_rad"] == pytest.approx(4.0e-4, rel=0.05)
+    assert set(found["drift"]) == {"AP", "RP", "barycentre"}
+    for absent in (found["vAP"], found["exchangeability"]):
+        assert (absent["max_m"], bool(absent["why"])) == (None, True)
+    assert (len(found["AD"]["poses"]), found["AD"]["poses"][0]["poses"]) == (10, ["P1", "P2"])
+    met = ("five poses", "diagonal plane", "10 % from the corners", "30 cycles", "rated load", "temperature")
+    unknown = ("stabilisation", "warm-up", "rated velocity")
+    status = {one["condition"]: one["status"] for one in sample["protocol"]}
+    assert dict.fromkeys(met, "met") | dict.fromkeys(unknown, "unknown") | status == status
+    first = sample["visits"][0]
+    assert (first["pose"], first["n"], len(first["attained_m"])) == ("P1", 30, 30)
+    assert first["barycentre_m"] == pytest.approx(np.mean(first["attained_m"], axis=0).tolist())
+
+
+def test_table_keeps_accuracy_and_repeatability_apart() -> None:
+    table = output("iso9283", POSES, "--ordered", "--full")
+    blocks = table.split("\n\n")
+    accuracy = next(block for block in blocks if block.startswith("Accuracy: "))
+    repeatability = next(block for block in blocks if block.startswith("Repeatability: "))
+    assert missing(accuracy, "RP", "RD") == ["RP", "RD"]
+    assert "accuracy" not in repeatability.lower()
+    titles = [block.splitlines()[0] for block in blocks]
+    assert sum("(not accuracy)" in title for title in titles) == 3
+    assert all("(not accuracy)" in title for title in titles if title.startswith(("Pose repeat", "Distance repeat")))
+    assert "every commanded pose was always approached from the same direction" in one_line(table)
+    assert max(map(len, table.splitlines())) <= 80
+    assert "30 cycles              6.9     met" in table
+
+
+def test_robot_and_alignment() -> None:
+    """The robot commands the poses as the cmd_ columns do; a frame fitted to them takes part of AP away, RP stays."""
+    call = (POSES, "--robot", ROBOT)
+    given, robot, aligned = judged(POSES), judged(*call), judged(*call, "--align", "base_frame")
+    accuracy, repeatability = (
+        [one["iso9283"][key]["max_m"] for one in (given, robot, aligned)] for key in ("AP", "RP")
+    )
+    assert (robot["commanded"], accuracy[1]) == ("robot", pytest.approx(accuracy[0], rel=1e-6))
+    assert aligned["unaligned"]["AP_max_m"] == pytest.approx([accuracy[0]], rel=1e-6)
+    assert accuracy[2] < 0.7 * accuracy[0]
+    assert repeatability[2] == repeatability[0]
+    assert aligned["alignment"][0]["what"] == ["base_frame"]
+    assert any("fitted to the same poses" in note for note in aligned["notes"])
+    shown = output("iso9283", *call, "--align", "base_frame")
+    told = ("registered: base_frame fitted, 6 parameters", "largest AP before registration: 0.137 mm")
+    assert missing(shown, *told) == []
+
+
+@pytest.mark.slow
+def test_several_files_are_robots(tmp_path: Path) -> None:
+    other = tmp_path / "other.csv"
+    options = ("--seed", "3", "--noise", "0.01mm", "--commanded", "-o", other)
+    output("simulate", ROBOT, "--at", SAMPLE / "plan.csv", *options)
+    found = judged(str(POSES), str(other))
+    assert found["files"] == ["poses.csv", "other.csv"]
+    barycentres = [
+        {one["pose"]: one["barycentre_m"] for one in found["visits"] if one["file"] == name} for name in found["files"]
+    ]
+    apart = {name: float(np.linalg.norm(np.subtract(*(b[name] for b in barycentres)))) for name in barycentres[0]}
+    exchangeability = found["iso9283"]["exchangeability"]
+    assert {one["pose"]: one["position_m"] for one in exchangeability["poses"]} == pytest.approx(apart, rel=1e-9)
+    assert exchangeability["max_m"] == pytest.approx(max(apart.values()), rel=1e-9)
+    shown = run("iso9283", str(POSES), str(other), "--full").stdout
+    assert missing(shown, "Exchangeability E by pose, mm", "poses.csv and other.csv") == []
+    aligned = judged(str(POSES), str(other), "--robot", str(ROBOT), "--align", "base_frame")
+    assert aligned["iso9283"]["exchangeability"]["max_m"] < exchangeability["max_m"]
+
+
+@pytest.mark.parametrize(
+    ("key", "limit", "status", "outcome"),
+    [
+        ("RP", "1 mm", 0, "pass"),
+        ("RP", "0.01 mm", 4, "fail"),
+        ("RP", "0.08 mm", 5, "inconclusive"),
+        ("vAP", "1 mm", 5, "not_evaluated"),
+    ],
+)
+def test_gate(tmp_path: Path, key: str, limit: str, status: int, outcome: str) -> None:
+    gate = tmp_path / "gate.yaml"
+    criterion = f"{{key: iso9283.{key}.max, limit: {limit}, reason: a test}}"
+    gate.write_text(f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n", encoding="utf-8")
+    result = run("iso9283", POSES, "--gate", gate, "--format", "json")
+    assert result.exit_code == status
+    if key == "RP":
+        # Standard output is the document; the log of a job has the outcome all the same.
+        assert result.stderr.startswith(f"Gate cell: {outcome.upper()} (1 {outcome})" if status else "")
+        assert bool(result.stderr) == bool(status)
+    criterion = json.loads(result.stdout)["gate"]["criteria"][0]
+    assert criterion["outcome"] == outcome
+    # What the data lack is not evaluated.
+    assert outcome != "not_evaluated" or "approach directions are not known" in criterion["why"]
+
+
+def test_positions_of_one_pose_without_a_command() -> None:
+    text = "pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n"
+    table = output("iso9283", "-", text=text)
+    assert missing(table, "1 commanded pose, 3 visits\nno commanded poses", "RP  pose repeatability") == []
+    assert "no AP (pose accuracy): the commanded poses are not known" in one_line(table)
+    assert len(table.splitlines()) <= 25
+
+
+@pytest.mark.parametrize(
+    ("arguments", "status", "message"),
+    [
+        (("iso9283", "-", "-"), 2, "standard input can be read only once"),
+        (("iso9283", str(POSES), "--base-link", "x"), 2, "choose a chain of a URDF, so they need --robot"),
+        (("iso9283", str(POSES), "--align", "backlash"), 2, "cannot align backlash"),
+        (("iso9283", str(POSES), "--drift-windows", "1"), 2, "--drift-windows is at least 2, not 1"),
+        (("iso9283", "nowhere.csv"), 3, "nowhere.csv"),
+        (("plan", "--for", "iso9283", str(SCARA)), 3, "found no cube of 250 mm or more"),
+        (("plan", "--for", "iso9283", str(SCARA), "--edge", "15deg"), 2, "--edge: expected a number with a unit"),
+        (("plan", "--for", "iso9283", str(SCARA), "-o", "-", "--format", "json"), 2, "--format json needs --output"),
+        (("simulate", str(ROBOT)), 2, "give either --poses"),
+        (("simulate", str(ROBOT), "--at", str(SAMPLE / "plan.csv"), "--cycles", "2"), 2, "have cycles already"),
+    ],
+)
+def test_errors(arguments: tuple[str, ...], status: int, message: str) -> None:
+    assert message in refused(*arguments, status=status)
+
+
+@pytest.mark.slow
+def test_sample_data_are_what_their_commands_make(tmp_path: Path) -> None:
+    plan, poses = tmp_path / "plan.csv", tmp_path / "poses.csv"
+    output("plan", "--for", "iso9283", ROBOT, "--payload", "6", "-o", plan)
+    assert "cube with an edge of 630 mm" in plan.read_text(encoding="utf-8")
+    command = next(line for line in (ROOT / "sample_data" / "README.md").read_text().splitlines() if "--at" in line)
+    arguments = [str(ROOT / one) if one.startswith("sample_data") else one for one in command.split()[1:]]
+    arguments[arguments.index("-o") + 1] = str(poses)
+    output(*arguments)
+    # Not the bytes: another machine's mathematical library may round a sine the other way.
+    assert agrees(POSES.read_text(encoding="utf-8"), poses.read_text(encoding="utf-8"))
+
+
+def agrees(stored: str, made: str) -> bool:
+    """Return whether two files hold the same text, and numbers that are the same to 1e-12."""
+    cells = zip(re.split(r"[,\n]", stored), re.split(r"[,\n]", made), strict=True)
+    return all(a == b or abs(float(a) - float(b)) <= 1e-12 for a, b in cells)
+
+
+def test_planned_poses_are_met_by_the_robot(tmp_path: Path) -> None:
+    """Simulated without effects or noise at the planned joints, the robot is where the plan commands it, to 1e-9."""
+    plan, visited = tmp_path / "plan.csv", tmp_path / "visited.csv"
+    made = output("plan", "--for", "iso9283", SCARA, "--edge", "150mm", "--cycles", "2", "-o", plan)
+    assert missing(made, "cube with an edge of 150 mm", "j3, mm") == []
+    assert max(map(len, made.splitlines())) <= 80
+    output("simulate", SCARA, "--at", plan, "-o", visited)
+    for wanted, attained in zip(rows(plan), rows(visited), strict=True):
+        assert (wanted["pose"], wanted["cycle"]) == (attained["pose"], attained["cycle"])
+        apart = [float(attained[axis]) - float(wanted[f"cmd_{axis}"]) for axis in "xyz"]
+        assert np.max(np.abs(apart)) < 1e-9
+
+
+def test_plan_on_standard_output_and_as_json(tmp_path: Path) -> None:
+    printed = output("plan", "--for", "iso9283", "-o", "-", ROBOT, "--cycles", "1", "--plane", "y+", "--edge", "400mm")
+    lines = [line for line in printed.splitlines() if not line.startswith("#")]
+    assert (len(lines), "cycle" in lines[0], "x" in lines[0].split(",")) == (6, False, False)
+    assert "towards y+" in printed
+    found = commands.document("plan", "--for", "iso9283", ROBOT, "-o", tmp_path / "plan.csv")
+    assert (found["schema"], found["cube"]["edge_m"]) == ("robacc.iso9283-poses/1", 0.63)
+    assert [one["pose"] for one in found["poses"]] == ["P1", "P2", "P3", "P4", "P5"]
+
+
+def test_planned_poses_without_measurements_are_refused() -> None:
+    assert "columns x, y, z are missing" in refused("iso9283", SAMPLE / "plan.csv", status=3)

@@ -84,7 +84,13 @@ class Estimate(Result, EstimateResult):
     def view(self, full: bool = False, poses: str | None = None, robot: str | None = None) -> Iterable[Section]:
         """Return one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
         names = poses or self.named("poses"), robot or self.named("robot")
-        return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short")
+        reading = next((file.reading for file in self.made.inputs if file.reading), {})
+        stated = [
+            f" --{name} {reading[name]}"
+            for name in ("units", "angles", "commanded", "camera", "board")
+            if name in reading
+        ]
+        return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""

@@ -220,13 +220,14 @@ class KindTable(ReshapedTable):
                 f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}; a photo counts as three points"
             )
             self.log.warn(Note(text), of_file=True)
-        is_several = len(known) > 1 and data.target is None and IMAGES[True] in kind
-        data = replace(data, visit=photo, target=np.where(rows, names, "") if is_several else data.target)
+        if len(known) > 1 and data.target is None and IMAGES[True] in kind:
+            on_hand = np.where(kind == IMAGES[True], names, np.where(rows, "board", ""))
+            data = replace(data, target=on_hand)
         turned = np.sqrt(np.square(spread[3:]).mean(axis=0))
         photos = Measurements(place, turn, sigma_position=spread[:3], sigma_rotation=turned)
         kinds, fixtures = kind.astype(str), fixture.astype(str)
-        data = replace(data, kind=kinds, fixture=fixtures, position=position, sigma_position=sigma, seen=seen)
-        return replace(data, photos=photos).subset(stay)
+        data = replace(data, kind=kinds, fixture=fixtures, position=position, sigma_position=sigma)
+        return replace(data, visit=photo, seen=seen, photos=photos).subset(stay)
 
     def _column(self, key: str) -> list[str]:
         """Return the cells of a column, empty ones where the file has none."""

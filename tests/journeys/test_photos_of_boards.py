@@ -56,14 +56,15 @@ def base_of(mount: str) -> np.ndarray:
 
 
 @cache
-def photos(mount: str, count: int, seed: int = 1) -> tuple[Photo, ...]:
-    """Joints (6,) and exact pixels (2, K) of photos in which the whole board is seen."""
-    generator, found = np.random.default_rng(seed), []
+def photos(mount: str, count: int, number: int = 1) -> tuple[Photo, ...]:
+    """Joints (6,) and exact pixels (2, K) of photos in which the whole board is seen, by the camera of a number."""
+    generator, found = np.random.default_rng(number), []
+    aside = shift(0.05, -0.04, 0.1) @ turn(2, 0.5) if number > 1 else np.eye(4)
     base = base_of(mount)
     while len(found) < count:
         q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, 6)
         target = base @ link_frames(q + ZEROS)[-1] @ TOOL
-        board = np.linalg.inv(target) if mount == "hand" else target
+        board = np.linalg.inv(target @ aside) if mount == "hand" else aside @ target
         points = board[:3, :3] @ BOARD + board[:3, 3:]
         if points[2].min() > 0.3 and board[2, 2] > 0.5:
             pixels = image(points)
@@ -72,10 +73,12 @@ def photos(mount: str, count: int, seed: int = 1) -> tuple[Photo, ...]:
     return tuple(found)
 
 
+COLUMNS = "pose,q1,q2,q3,q4,q5,q6,board_x_mm,board_y_mm,u_px,v_px"
+
+
 def lines(taken: tuple[Photo, ...], noise: float, seed: int = 5) -> Iterator[str]:
-    """The lines of a pose file, a row for each point."""
+    """The rows of a pose file, one for each point."""
     generator = np.random.default_rng(seed)
-    yield "pose,q1,q2,q3,q4,q5,q6,board_x_mm,board_y_mm,u_px,v_px"
     for number, (q, pixels) in enumerate(taken):
         joints = ",".join(map(repr, q.tolist()))
         seen = pixels + noise * generator.standard_normal(pixels.shape)
@@ -86,7 +89,7 @@ def lines(taken: tuple[Photo, ...], noise: float, seed: int = 5) -> Iterator[str
 def written(folder: Path, mount: str, count: int = 30, noise: float = 0.0, lens: str = LENS) -> PoseFile:
     camera, path = folder / "camera.yaml", folder / "points.csv"
     camera.write_text(f"{lens}mount: {mount}\n")
-    path.write_text("\n".join(lines(photos(mount, count), noise)) + "\n")
+    path.write_text("\n".join([COLUMNS, *lines(photos(mount, count), noise)]) + "\n")
     return PoseFile(path, camera=camera)
 
 
@@ -98,6 +101,25 @@ def test_exact_pixels_give_exact_zeros_and_the_place_of_all(mount: str, tmp_path
         assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
     tool, _ = result.robot.tool, result.robot.base
     np.testing.assert_allclose(tool.xyz, TOOL[:3, 3], atol=1e-8)
+    assert result.after.held_out.position.rms < 1e-8
+
+
+@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
+def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
+    lens = LENS.replace("\n", "\n    ")
+    cameras = "".join(f"  {name}:\n    {lens}mount: {mount}\n" for name, mount in zip("ab", mounts, strict=True))
+    (tmp_path / "cameras.yaml").write_text(f"cameras:\n{cameras}")
+    rows = [
+        f"{name},{name}{line}"
+        for number, (name, mount) in enumerate(zip("ab", mounts, strict=True), 1)
+        for line in lines(photos(mount, 20, number), 0.0)
+    ]
+    (tmp_path / "points.csv").write_text("\n".join([f"camera,{COLUMNS}", *rows]) + "\n")
+    path = PoseFile(tmp_path / "points.csv", camera=tmp_path / "cameras.yaml")
+    result = robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
+    values = {parameter.name: parameter.value for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
     assert result.after.held_out.position.rms < 1e-8
 
 

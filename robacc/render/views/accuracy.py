@@ -101,8 +101,10 @@ def _confirmed(grade: Document) -> str:
     return f"{'' if grade['demonstrated'] else 'not '}confirmed at {100 * grade['confidence']:g} % confidence"
 
 
-def estimate_view(document: Document, poses: str = "", robot: str | None = None, form: Form = "page") -> list[Section]:
-    """Return the view of an estimate; ``poses`` and ``robot`` are file names.
+def estimate_view(
+    document: Document, poses: str = "", robot: str | None = None, form: Form = "page", stated: str = ""
+) -> list[Section]:
+    """Return the view of an estimate; ``poses`` and ``robot`` are file names, ``stated`` how the poses were read.
 
     In short it has the grade, the size of the errors and the worst poses; else all statistics, registration, methods
     of the intervals and limitations.
@@ -114,7 +116,7 @@ def estimate_view(document: Document, poses: str = "", robot: str | None = None,
         [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
     )
     if form == "short":
-        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}"
+        ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}{stated}"
         return [opening, _grade(document["grade"], True), *_short_view(document, quantities, ahead)]
     methods = {name: _methods(part, unit) for part, name, unit, *_ in quantities}
     is_one = len({*methods.values()}) == 1

@@ -8,6 +8,9 @@ A chessboard has an even number of squares along one side and an odd one along t
 from __future__ import annotations
 
 import hashlib
+import io
+import math
+import re
 from pathlib import Path
 from typing import Any
 
@@ -134,3 +137,84 @@ class Board:
         if points is None or pixels is None:
             return np.empty((0, 2)), np.empty((0, 3))
         return np.asarray(pixels, dtype=float).reshape(-1, 2), np.asarray(points, dtype=float).reshape(-1, 3)
+
+
+_PAGE = (297.0, 210.0)
+"""mm, of A4."""
+_INCH = 25.4
+"""mm"""
+_EDGE, _RULER = 12.0, 100.0
+"""mm: what printers leave white, and the length of the ruler."""
+_DOTS = 10
+"""Dots of the picture to the mm."""
+_BOARD = """# Board of board.pdf. If its ruler is not {ruler:g} mm long, correct both sizes in proportion.
+type: charuco
+squares: [{columns}, {rows}]
+square_mm: {square:g}
+marker_mm: {marker:g}
+dictionary: DICT_5X5_250
+"""
+_CAMERA = """# mount: hand if the arm moves the camera; world if it stands beside the arm, which moves the board.
+mount: hand
+# The photos show the lens. If it was calibrated, state it instead (px; distortion k1, k2, p1, p2, k3):
+# fx: 1400
+# fy: 1400
+# cx: 960
+# cy: 540
+# distortion: [0, 0, 0, 0, 0]
+"""
+
+
+def printed(squares: str) -> dict[str, str | bytes]:
+    """Return a ChArUco board as a page in true size with a ruler, its file and that of a camera, by their names.
+
+    Args:
+        squares: Their numbers along x and y, such as ``7x5``.
+
+    Raises:
+        UsageError: The numbers are none, or the extra ``camera`` or ``report`` is not installed.
+    """
+    numbers = re.fullmatch(r"(\d{1,2})x(\d{1,2})", squares.strip().lower())
+    columns, rows = map(int, numbers.groups()) if numbers else (0, 0)
+    if min(columns, rows) < 3 or columns * rows > 500:
+        raise UsageError(f"`board`: expected two numbers from 3 up to 500 squares, such as 7x5, found {squares!r}")
+    width, height = _PAGE if columns >= rows else _PAGE[::-1]
+    square = math.floor(min((width - 2 * _EDGE) / columns, (height - 3 * _EDGE) / rows))
+    text = _BOARD.format(ruler=_RULER, columns=columns, rows=rows, square=square, marker=math.floor(0.75 * square))
+    out = io.BytesIO()
+    page_of(columns, rows, square, (width, height)).savefig(out, format="pdf", metadata={"CreationDate": None})
+    return {"board.pdf": out.getvalue(), "board.yaml": text, "camera.yaml": _CAMERA}
+
+
+def page_of(columns: int, rows: int, square: int, page: tuple[float, float]) -> Any:
+    """Return the figure of a page (mm) with a ChArUco board of squares (mm) in true size, and a ruler below it.
+
+    Raises:
+        UsageError: The extra ``camera`` or ``report`` is not installed.
+    """
+    try:
+        import cv2
+        from matplotlib.figure import Figure
+    except ImportError:
+        advice = f"{install_advice('camera')}, and likewise report"
+        raise UsageError(f"a board to print needs OpenCV and matplotlib; run {advice}") from None
+    marker, (width, height) = math.floor(0.75 * square), page
+    known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_5X5_250)
+    board = cv2.aruco.CharucoBoard((columns, rows), float(square), float(marker), known)
+    across, up = columns * square, rows * square
+    picture = board.generateImage((_DOTS * across, _DOTS * up))
+    figure = Figure(figsize=(width / _INCH, height / _INCH))
+    axes = figure.add_axes((0.0, 0.0, 1.0, 1.0))
+    left, low = (width - across) / 2, 2 * _EDGE + (height - 3 * _EDGE - up) / 2
+    axes.imshow(
+        picture, cmap="gray", extent=(left, left + across, low, low + up), interpolation="nearest", aspect="auto"
+    )
+    axes.set(xlim=(0.0, width), ylim=(0.0, height))
+    axes.set_axis_off()
+    for mm in range(int(_RULER) + 1):
+        axes.plot([left + mm] * 2, [_EDGE, _EDGE + (4.0 if mm % 10 == 0 else 2.0)], color="black", linewidth=0.4)
+    text = (
+        f"{_RULER:g} mm: measure it after printing.  {columns} x {rows} squares of {square} mm, markers of {marker} mm"
+    )
+    axes.text(left + _RULER + 5.0, _EDGE, text, fontsize=7)
+    return figure

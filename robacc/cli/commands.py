@@ -687,18 +687,22 @@ def init(
     robot: Annotated[str, Help("Robot file to write.", "FILE")] = "robot.yaml",
     poses: Annotated[str, Help("CSV to write.", "FILE")] = "poses.csv",
     columns: Annotated[str, Help("Column map to write for an export of poses.", "FILE")] = "columns.yaml",
+    board: Annotated[str | None, Help("Squares of a board to print for photos, such as 7x5.", "NxM")] = None,
     folder: Annotated[str, Help("Folder of the files; created if it does not exist.", "DIR")] = ".",
     force: Annotated[bool, Help("Overwrite existing files.")] = False,
     base_link: BaseLink = None,
     tip_link: TipLink = None,
 ) -> None:
-    """Write files to start from: a commented robot file and a CSV of poses, or the map of an export.
+    """Write files to start from: a commented robot file and a CSV of poses, the map of an export, or a board to print.
 
     The files for an arm or a number of joints are valid. The rows of the CSV are simulated; replace them with your
     measurements.
 
     For an export of an instrument or robot (CSV, text, workbook), init writes a column map instead: the meaning of each
     column. Correct it, and give it to other commands with --columns.
+
+    --board 7x5 writes a board to print in true size (board.pdf) with its file, and a file of the camera; see
+    robacc estimate --board and --camera.
 
     --from FILE writes a robot file from the kinematics of a controller, with options of its own: robacc init --from
     --help.
@@ -710,6 +714,8 @@ def init(
     from robacc.robots.yaml_robot import parse_robot
     from robacc.simulation.simulate import poses_template, robot_template, urdf_template
 
+    if board is not None:
+        return _write_board(board, folder, force)
     refuse(((source is None) == (joints is None), "give either a file or --joints, the number of joints"))
     files = [os.path.normpath(os.path.join(folder, name)) for name in (robot, poses, columns)]
     if source is not None and PurePath(source).suffix.lower() in _TABLES:
@@ -738,6 +744,28 @@ def init(
         f"  robacc show {files[0]}",
         f"  replace the rows of {files[1]} with your measurements",
         f"  robacc estimate {files[1]} --robot {files[0]} --align base_frame,tool_frame",
+        sep="\n",
+    )
+
+
+def _write_board(squares: str, folder: str, force: bool) -> None:
+    """Write a board to print, its file and one of the camera, and print the next steps."""
+    from robacc.io.files import make_folder, write_pieces
+    from robacc.plug_ins import plug_in
+
+    files = {name: os.path.normpath(os.path.join(folder, name)) for name in ("board.pdf", "board.yaml", "camera.yaml")}
+    _check_free([*files.values()], None, force)
+    make_folder(folder)
+    for name, content in plug_in("robacc.boards", "photos")(squares).items():
+        write_pieces(files[name], (content,))
+    print(
+        f"wrote {', '.join(files.values())}",
+        "next:",
+        f"  print {files['board.pdf']} in true size, measure its ruler, and glue it onto something flat",
+        f"  state in {files['camera.yaml']} where the camera sits",
+        "  take 30 photos or more, and write the joints of each to joints.csv (pose,q1_deg,q2_deg,…; pose: its name)",
+        f"  robacc estimate PHOTOS --joints joints.csv --board {files['board.yaml']} --camera {files['camera.yaml']} "
+        "--robot ROBOT",
         sep="\n",
     )
 

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from commands import run
 from homogeneous import shift, turn
 from independent_arm import link_frames, robot
@@ -13,6 +14,7 @@ from independent_arm import link_frames, robot
 import robacc
 from robacc.errors import InputError, UsageError
 from robacc.poses.reading import PoseFile
+from robacc_plugins.photos import Board, page_of
 
 cv2 = pytest.importorskip("cv2")
 
@@ -122,3 +124,20 @@ def test_what_is_lacking_is_said(tmp_path: Path) -> None:
     (tmp_path / "photos" / "IMG_1.png").write_bytes(b"no photo")
     with pytest.raises(InputError, match=r"IMG_1.png: is no photo that OpenCV can read"):
         robacc.estimate(path, robot=robot())
+
+
+def test_init_writes_a_board_in_true_size_and_its_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("matplotlib")
+    monkeypatch.chdir(tmp_path)
+    done = run("init", "--board", "8x5")
+    assert done.exit_code == 0, done.stderr
+    assert b"/MediaBox [ 0 0 841.8" in (tmp_path / "board.pdf").read_bytes().replace(b"[0", b"[ 0")
+    square = yaml.safe_load((tmp_path / "board.yaml").read_text())["square_mm"]
+    # Ten pixels to the mm.
+    page_of(8, 5, square, (297.0, 210.0)).savefig(tmp_path / "page.png", dpi=254)
+    pixels, points = Board("board.yaml", cv2).seen_in(cv2.imread(str(tmp_path / "page.png"), cv2.IMREAD_GRAYSCALE))
+    assert len(points) == 28
+    across, along = ((np.linalg.norm(part - part[0], axis=1)) for part in (pixels, 1e3 * points))
+    np.testing.assert_allclose(across, 10.0 * along, atol=1.0)
+    assert run("init", "--board", "8x5").exit_code == 2
+    assert "expected two numbers" in run("init", "--board", "8", "--folder", "other").stderr

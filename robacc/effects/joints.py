@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import math
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass
 from typing import Any, Literal
@@ -184,10 +185,12 @@ class Backlash(Effect):
     def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
         """Yield the form by the approach if it is known, and those by gravity if its torque changes sign."""
         number = arm.number(joints[0])
-        torque = weight_torques(arm, data)[number] if arm.chain.bodies else np.zeros(1)
+        torques = weight_torques(arm, data) if arm.chain.bodies else np.zeros((number + 1, 1))
+        # Rounding gives a joint whose axis is vertical a torque of either sign.
+        torque, none = torques[number], math.sqrt(np.finfo(float).eps) * float(np.abs(torques).max())
         if varies(data.direction):
             yield cls(joints)
-        if torque.min() < 0 < torque.max():
+        if torque.min() < -none and none < torque.max():
             yield cls(joints, "gravity")
             if varies(data.direction):
                 # Frictions near these shares of the largest torque, each of which changes the flank of some poses.

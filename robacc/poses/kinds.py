@@ -181,7 +181,7 @@ class KindTable(ReshapedTable):
         known, names = read_cameras(self._cameras or ""), np.array(self._column("camera"))
         pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
         points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
-        noise = self._numbers("sigma", rows, data, least=0.0, unit="px") if "sigma" in self._cells else None
+        noise = self._numbers("sigma", rows, data, least=SMALLEST_SIGMA, unit="px") if "sigma" in self._cells else None
         self.log.raise_if_any()
         photo = data.visit
         if photo is None:
@@ -194,7 +194,8 @@ class KindTable(ReshapedTable):
         kind, fixture = data.kind.astype(object), data.fixture.astype(object)
         for name in np.unique(names[rows]).tolist():
             mine = np.flatnonzero(rows & (names == name))
-            if (camera := known.get(name) or known.get("")) is None:
+            only = next(iter(known.values())) if len(known) == 1 and name == "" else known.get("")
+            if (camera := known.get(name, only)) is None:
                 expected = f"expected a camera of {self._cameras}: {', '.join(known)}"
                 self._add(f"found {name!r}, {expected}", data, int(mine[0]), "camera")
                 continue

@@ -51,7 +51,7 @@ ROBOTS = part(
                         "maker": Key(text, "Maker of the arm."),
                         "model": Key(text, "The maker's name of the arm."),
                         "n_axes": Key(ordinal, "Number of joint variables.", "axes"),
-                        "reach_m": Key(size, "Reach as the maker states it, m."),
+                        "reach_m": Key(size, "Reach as the maker states it, or computed where the source says so, m."),
                         "source": Key(text, "Source of the geometry."),
                     }
                 )

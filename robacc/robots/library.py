@@ -32,7 +32,7 @@ class LibraryArm:
     """The maker's name of the arm."""
     axes: int
     reach: float
-    """Reach as the maker states it, m; what it is measured to differs between makers."""
+    """Reach as the maker states it, m, or computed where the source says so; what it is measured to differs."""
     source: str
     path: Path
 

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from math import degrees
 from typing import NamedTuple
 
 Numbers = tuple[float, float, float]
@@ -41,6 +42,7 @@ ABB = "github.com/ros-industrial/abb, "
 FANUC = "github.com/ros-industrial/fanuc, "
 MOTOMAN = "github.com/ros-industrial/motoman, "
 STAUBLI = "github.com/ros-industrial/staubli and staubli_experimental, "
+INTERBOTIX = "github.com/Interbotix/interbotix_ros_manipulators, "
 DOOSAN = "github.com/doosan-robotics/doosan-robot2, "
 _FORWARD = (0, 90, 0)
 _FORWARD_X_UP = (180, -90, 0)
@@ -87,6 +89,14 @@ def _rotated(source: str, *origins: tuple[Numbers, Numbers]) -> Facts:
     """Return the facts of origins ``xyz``, ``rpy`` with all axes z; the last is the flange."""
     *joints, flange = [UrdfJoint(xyz, "z", rpy) for xyz, rpy in origins]
     return Facts(source, tuple(joints), flange)
+
+
+def _interbotix(
+    file: str, heights: tuple[float, float], elbow: tuple[float, float], forearm: Numbers, tip: float
+) -> Facts:
+    rows = [(0, 0, heights[0], "z"), (0, 0, heights[1], "y"), (elbow[0], 0, elbow[1], "y")]
+    rows += [(x, 0, 0, axis) for x, axis in zip(forearm, "xyx", strict=True)]
+    return Facts(INTERBOTIX + file, serial(*rows), UrdfJoint((tip, 0, 0), "x"))
 
 
 _FRANKA = _rotated(
@@ -185,4 +195,60 @@ URDF_FACTS = {
     "fr3": _FRANKA,
     "m0609": _doosan("macro.m0609.white.xacro", 900, 100, 6.2, 411, 368, 121),
     "m1013": _doosan("macro.m1013.white.xacro", 1300, 152.5, 34.5, 620, 559, 121),
+    "so100": Facts(
+        "github.com/TheRobotStudio/SO-ARM100, Simulation/SO100/so100.urdf; its base turned by 90 degrees about z",
+        (
+            UrdfJoint((45.2, 0, 16.5), "y", (90, 0, 90)),
+            UrdfJoint((0, 102.5, 30.6), "x", (degrees(-1.8), 0, 0)),
+            UrdfJoint((0, 112.57, 28), "x", (90, 0, 0)),
+            UrdfJoint((0, 5.2, 134.9), "x", (degrees(-1), 0, 0)),
+            UrdfJoint((0, -60.1, 0), "y", (0, 90, 0)),
+        ),
+        UrdfJoint((0, 0, 0), "z"),
+    ),
+    "so101": _rotated(
+        "github.com/TheRobotStudio/SO-ARM100, Simulation/SO101/so101_new_calib.urdf",
+        ((38.8353, 0, 62.4), (180, 0, 180)),
+        ((-30.3992, -18.2778, -54.2), (-90, -90, 0)),
+        ((-112.57, -28, 0), (0, 0, 90)),
+        ((-134.9, 5.2, 0), (0, 0, -90)),
+        ((0, -61.1, 18.1), (90, degrees(0.0486795), 180)),
+        ((-7.9, -0.218121, -98.1274), (0, 180, 0)),
+    ),
+    "koch_v1_1": Facts(
+        "github.com/s1lent4gnt/koch-v1-1, simulation/follower.urdf",
+        serial(
+            (12, 0, 40.9, "-z"),
+            (0, -20.9, 15.4, "y"),
+            (-14.8, 6.5, 108.3, "y"),
+            (-100.48, 0.05, 2.6999, "y"),
+            (-45, 13.097, 0, "x"),
+        ),
+        UrdfJoint((0, 0, 0), "z"),
+    ),
+    "wx250s": _interbotix("wx250s.urdf.xacro", (72, 38.65), (49.75, 250), (175, 75, 65), 43 + 23 + 27.575),
+    "vx300s": _interbotix("vx300s.urdf.xacro", (79, 48.05), (59.55, 300), (200, 100, 69.744), 42.825 + 25.875 + 38.5),
+    "mycobot_280": _rotated(
+        "github.com/elephantrobotics/mycobot_ros2, mycobot_280_m5.urdf",
+        ((0, 0, 131.56), (0, 0, 0)),
+        ((0, 0, 0), (0, 90, -90)),
+        ((-110.4, 0, 0), (0, 0, 0)),
+        ((-96, 0, 64.62), (0, 0, -90)),
+        ((0, -73.18, 0), (90, -90, 0)),
+        ((0, 45.6, 0), (-90, 0, 0)),
+        ((0, 0, 0), (0, 0, 0)),
+    ),
+    "openarm_v1": Facts(
+        "github.com/enactic/openarm_mujoco, v1/openarm.xml",
+        serial(
+            (0, 0, 62.5, "z"),
+            (-30.1, 0, 60, "-x"),
+            (30.1, 0, 66.25, "z"),
+            (0, 31.5, 153.75, "y"),
+            (0, -31.5, 95.5, "z"),
+            (37.5, 0, 120.5, "x"),
+            (-37.5, 0, 0, "y"),
+        ),
+        UrdfJoint((0, 0, 100.1), "z"),
+    ),
 }

@@ -199,6 +199,50 @@ def test_universal_robots_tables_agree_with_a_second_source(key: str) -> None:
     assert [row["alpha"] for row in p] == pytest.approx([math.pi / 2, 0, 0, math.pi / 2, -math.pi / 2, 0])
 
 
+# The maker's screw axes of the arms at zero, m, and the gripper's position (docs.trossenrobotics.com).
+SCREWS = {
+    "wx250s": (0.11065, 0.36065, 0.04975, 0.29975, 0.458325),
+    "vx300s": (0.12705, 0.42705, 0.05955, 0.35955, 0.536494),
+}
+
+
+@pytest.mark.parametrize("key", SCREWS)
+def test_interbotix_arms_agree_with_the_makers_screws(key: str) -> None:
+    shoulder, height, elbow, wrist, tip = SCREWS[key]
+    points = ((0, 0, 0), (0, 0, shoulder), (elbow, 0, height), (0, 0, height), (wrist, 0, height), (0, 0, height))
+    q = np.random.default_rng(1).uniform(-2, 2, (6, 10))
+    expected = np.eye(4)
+    for point, axis, angle in zip(points, "zyyxyx", q, strict=True):
+        expected = expected @ shift(*point) @ about(axis, angle) @ shift(*(-value for value in point))
+    poses = build_chain(read_robot(key)).forward(q).matrices()
+    np.testing.assert_allclose(poses, expected @ shift(tip, 0, height), atol=1e-12)
+
+
+def test_the_mycobot_reaches_its_working_radius_with_axis_6() -> None:
+    joints = [joint.parameters for joint in read_robot("mycobot_280").joints]
+    assert joints[1]["a"] + joints[2]["a"] + joints[4]["d"] == pytest.approx(0.28, abs=5e-4)
+
+
+@pytest.mark.parametrize("key", [arm.key for arm in library() if "computed" in arm.source])
+def test_computed_reach_is_the_greatest_distance_from_axis_1(key: str) -> None:
+    facts, robot = URDF_FACTS[key], read_robot(key)
+    low, high = np.array([joint.limits or (-math.pi, math.pi) for joint in robot.joints]).T
+    foot = facts.joints[0].xyz
+
+    def distance(q: np.ndarray) -> np.ndarray:
+        place = flange_poses(facts, q)[:, :3, 3]
+        return np.hypot(place[:, 0] - foot[0], place[:, 1] - foot[1])
+
+    trials = np.random.default_rng(0).uniform(low[:, None], high[:, None], (low.size, 5000))
+    q = trials[:, np.argsort(distance(trials))[-1:]]
+    for joint in list(range(low.size)) * 12:
+        trials = np.repeat(q, 2001, axis=1)
+        trials[joint, 1:] = np.linspace(low[joint], high[joint], 2000)
+        q = trials[:, [int(np.argmax(distance(trials)))]]
+    reach = next(arm for arm in library() if arm.key == key).reach
+    assert float(distance(q)[0]) == pytest.approx(1e3 * reach, abs=0.6)
+
+
 def test_the_scara_stretched_is_the_books() -> None:
     # Schilling, p_z = d1 - q3 - d4: 877 - 100 - 200 mm, at a reach of 425 + 375 mm.
     pose = build_chain(read_robot("adept_one")).forward(np.array([[0.0], [0.0], [0.1], [0.0]]))

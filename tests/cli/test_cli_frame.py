@@ -307,7 +307,7 @@ SHOWS_COMMANDS = {
     "render/views/accuracy.py",  # the command that comes next
     "render/views/fit.py",  # the same
     "render/views/expected.py",  # the same
-    "simulation/templates.py",  # comments of files that `robacc init` writes
+    "simulation/simulate.py",  # comments of files that `robacc init` writes
     "poses/column_proposal.py",  # the same
     "render/plots/canvas.py",  # variables of CSS
     "render/text.py",

@@ -27,6 +27,8 @@ _SUFFIXES = frozenset({".png", ".jpg", ".jpeg", ".bmp", ".tif", ".tiff", ".webp"
 _TYPES = ("charuco", "apriltag", "chessboard")
 _NAMED = 5
 """Photos that a message names."""
+_MOST = 100
+"""Squares along a side at most: no camera resolves more."""
 
 
 def takes(path: str, first: bytes) -> bool:
@@ -76,7 +78,8 @@ def read(path: str, options: TableOptions) -> ColumnTable:
 
 
 def _photos(path: str) -> list[Path]:
-    return sorted(file for file in Path(path).iterdir() if file.suffix.lower() in _SUFFIXES)
+    files = (file for file in Path(path).iterdir() if file.suffix.lower() in _SUFFIXES and file.name[0] != ".")
+    return sorted(file for file in files if file.is_file())
 
 
 class Board:
@@ -94,17 +97,26 @@ class Board:
         squares = None if node is None else top.source.numbers(node, "squares", 2)
         square = top.number("square_mm", lambda size: size > 0, "a size above 0 mm") / 1e3
         if self._type != "chessboard":
-            marker = top.number("marker_mm", lambda size: 0 < size <= 1e3 * square, "a size up to square_mm") / 1e3
+            marker = top.number("marker_mm", lambda size: 0 < size < 1e3 * square, "a size below square_mm") / 1e3
             names = [name for name in dir(cv2.aruco) if name.startswith("DICT_")]
             dictionary = top.text("dictionary", names, needed=True)
-        if squares is not None and self._type == "chessboard" and sum(squares) % 2 == 0:
+        least = {"charuco": 2, "apriltag": 1}.get(str(self._type), 4)
+        if squares is not None and not all(least <= number <= _MOST and number % 1 == 0 for number in squares):
+            top.report(
+                "squares", f"expected whole numbers from {least} to {_MOST}, found {squares[0]:g}, {squares[1]:g}"
+            )
+        elif squares is not None and self._type == "chessboard" and sum(squares) % 2 == 0:
             top.report("squares", "such a chessboard looks the same when it is turned by half", "for example [8, 5]")
         top.source.finish()
         assert squares is not None
         self._size = (int(squares[0]), int(squares[1]))
         self._square = square
         if self._type != "chessboard":
+            needed = self._size[0] * self._size[1] // (2 if self._type == "charuco" else 1)
             known = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, str(dictionary)))
+            if needed > len(known.bytesList):
+                message = f"the board needs {needed} markers, and the dictionary has {len(known.bytesList)}"
+                raise InputError(Problem(message, path, column="dictionary", fix="name a larger one of its kind"))
             if self._type == "charuco":
                 self._board = cv2.aruco.CharucoBoard(self._size, square, marker, known)
                 self._detector = cv2.aruco.CharucoDetector(self._board)
@@ -123,9 +135,9 @@ class Board:
             is_seen, pixels = self._cv2.findChessboardCornersSB(image, inner)
             if is_seen:
                 corners = pixels.reshape(inner[1], inner[0], 2)
-                outside = np.array([1.5 * corners[i, i] - 0.5 * corners[i + j, i + j] for i, j in ((0, 1), (-1, -1))])
-                first, last = (float(image[round(v), round(u)]) for u, v in outside.tolist())
-                pixels = pixels if first < last else pixels[::-1]  # The origin is where a black square is.
+                inside = np.array([corners[:2, :2].mean(axis=(0, 1)), corners[-2:, -2:].mean(axis=(0, 1))])
+                first, last = (float(image[round(v), round(u)]) for u, v in inside.tolist())
+                pixels = pixels if first < last else pixels[::-1]  # The square across from a black corner is black.
             grid = [(x, y, 0.0) for y in range(1, inner[1] + 1) for x in range(1, inner[0] + 1)]
             points = self._square * np.array(grid) if is_seen else None
         elif self._type == "charuco":
@@ -145,6 +157,8 @@ _INCH = 25.4
 """mm"""
 _EDGE, _RULER = 12.0, 100.0
 """mm: what printers leave white, and the length of the ruler."""
+_LEAST = 10
+"""mm: a marker of three quarters of it has modules of 1 mm, which a camera half a metre away resolves."""
 _DOTS = 10
 """Dots of the picture to the mm."""
 _BOARD = """# Board of board.pdf. If its ruler is not {ruler:g} mm long, correct both sizes in proportion.
@@ -176,10 +190,13 @@ def printed(squares: str) -> dict[str, str | bytes]:
     """
     numbers = re.fullmatch(r"(\d{1,2})x(\d{1,2})", squares.strip().lower())
     columns, rows = map(int, numbers.groups()) if numbers else (0, 0)
-    if min(columns, rows) < 3 or columns * rows > 500:
-        raise UsageError(f"`board`: expected two numbers from 3 up to 500 squares, such as 7x5, found {squares!r}")
     width, height = _PAGE if columns >= rows else _PAGE[::-1]
-    square = math.floor(min((width - 2 * _EDGE) / columns, (height - 3 * _EDGE) / rows))
+    square = math.floor(min((width - 2 * _EDGE) / max(columns, 1), (height - 3 * _EDGE) / max(rows, 1)))
+    if min(columns, rows) < 3 or square < _LEAST:
+        raise UsageError(
+            f"`board`: expected two numbers of squares from 3, each square {_LEAST} mm or more on A4, such as 7x5, "
+            f"found {squares!r}"
+        )
     text = _BOARD.format(ruler=_RULER, columns=columns, rows=rows, square=square, marker=math.floor(0.75 * square))
     out = io.BytesIO()
     page_of(columns, rows, square, (width, height)).savefig(out, format="pdf", metadata={"CreationDate": None})

@@ -55,6 +55,7 @@ from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
+from robacc.poses.reading import PoseFile
 from robacc.quantities import optional_size
 from robacc.render.text import Section
 from robacc.render.views.accuracy import estimate_view
@@ -170,6 +171,8 @@ def estimate(
     poses = inputs.stated(poses)
     arm = inputs.optional_robot(poses)
     aligned = None if align is None else effect_names(align)
+    if align is None and arm is not None and isinstance(poses, PoseFile) and poses.reading.camera is not None:
+        aligned = ("base_frame", "tool_frame")  # Nobody knows where the camera and the board are.
     # Only a fit of the tool finds the place of a target that the robot file lacks.
     any_target = arm is not None and "tool_frame" in (aligned or ())
     data = inputs.poses(poses, arm, any_target=any_target)

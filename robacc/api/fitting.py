@@ -385,7 +385,10 @@ def _solvable(data: Measurements) -> Iterator[None]:
 def _rows(data: Measurements) -> Iterator[bytes]:
     """Return the numbers of each row as bytes; measurement noise makes them differ between visits to a pose."""
     rotation = None if data.rotation is None else data.rotation.reshape(9, data.n)
-    columns = (data.q, data.position, rotation, data.time, data.temperature, data.payload)
+    position = data.position
+    if data.seen is not None:  # Rays do not depend on the other photos, as the usual depth does.
+        position = np.round(position / np.where(data.seen[3] > 0.0, data.seen[3], 1.0), 9)
+    columns = (data.q, position, rotation, data.time, data.temperature, data.payload)
     return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 

@@ -148,7 +148,8 @@ def fit_warnings(
         advice = f"; declare {','.join(absent)}" * bool(absent)
         cause = "frames that do not agree" if absent else cause
         yield f"errors this large come from {cause} rather than from the arm{advice}"
-    if noise.noise.source == "file" and (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio * ALIKE < 1.0:
+    is_small = (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio * ALIKE < 1.0
+    if is_small and noise.noise.source == "file" and data.seen is None:
         yield (
             f"the residual is only {noise.ratio:.2g} times the measurement noise of the file's sigma columns, so the "
             "sigma columns are too large (wrong unit, or k = 2), and so are the standard errors"

@@ -21,9 +21,13 @@ from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
 
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
+_MOST = 1e6
+"""px: no lens is longer, and no picture wider."""
 _STEPS = 100
 """Steps at most; distortion of usual lenses takes ten, the pose of a board five."""
 _SETTLED = 1e-12
+_WIDEST = 100.0
+"""Tangent of the largest angle to the axis of a camera; that of no lens is near it."""
 _TRIM = 6.0
 """Median errors beyond which a point is no image of its board, as a wrong corner is."""
 FEWEST_POINTS = 4
@@ -46,11 +50,7 @@ class Camera:
     """The arm moves the camera; otherwise it stands beside the arm, and the arm moves the board."""
 
     def rays(self, pixels: Array) -> Array:
-        """Return the directions x/z, y/z ``(2, N)`` of pixels ``(2, N)``.
-
-        Raises:
-            ValueError: The distortion has no inverse there, so that it is not of this camera.
-        """
+        """Return the directions x/z, y/z ``(2, N)`` of pixels ``(2, N)``; NaN where the distortion has no inverse."""
         seen = ((pixels.T - self.centre) / self.focal).T
         ray = seen
         for _ in range(_STEPS):
@@ -61,13 +61,13 @@ class Camera:
             if np.max(np.abs(ray - before), initial=0.0) < _SETTLED:
                 break
         radius, shift = self._distortion(ray)
-        if not np.max(np.abs(radius * ray + shift - seen), initial=0.0) < _SETTLED**0.5:
-            raise ValueError("the distortion of the camera has no inverse at the pixels")
-        return ray
+        found: Array = np.where(np.abs(radius * ray + shift - seen).max(axis=0) < _SETTLED**0.5, ray, np.nan)
+        return found
 
     def _distortion(self, ray: Array) -> tuple[Array, Array]:
         """Return the factor ``(N,)`` and the shift ``(2, N)`` by which the lens moves rays."""
         k1, k2, p1, p2, k3 = self.distortion
+        ray = np.where(np.abs(ray) < _WIDEST, ray, np.nan)
         (x, y), square = ray, np.sum(np.square(ray), axis=0)
         shift = np.stack((2 * p1 * x * y + p2 * (square + 2 * x * x), p1 * (square + 2 * y * y) + 2 * p2 * x * y))
         return 1 + square * (k1 + square * (k2 + square * k3)), shift
@@ -82,7 +82,10 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
     name = os.fspath(path)
     top = top_section(read_text(name), name, (*_KEYS, "cameras"))
     sections = {"": top}
-    if (several := top.get("cameras")) is not None:
+    several = top.get("cameras")
+    for key in (key for key in _KEYS if several is not None and top.get(key) is not None):
+        top.report(key, "stands beside cameras", "write it under the name of each")
+    if several is not None:
         names = top.source.plain(several, "cameras")
         if not isinstance(names, dict):
             top.report("cameras", "expected names with the keys of each camera")
@@ -127,7 +130,9 @@ def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]
 def _camera(section: YamlSection) -> Camera:
     is_known = any(section.get(key) is not None for key in _KEYS[:5])
     fx, fy, cx, cy = (
-        section.number(key, lambda value: value > 0, "a positive number of pixels") if is_known else 0.0
+        section.number(key, lambda value: 0 < value < _MOST, f"pixels, above 0 and below {_MOST:g}")
+        if is_known
+        else 0.0
         for key in _KEYS[:4]
     )
     lists: dict[str, tuple[float, ...] | None] = {"distortion": None, "size": None}
@@ -135,6 +140,8 @@ def _camera(section: YamlSection) -> Camera:
         if (node := section.get(key)) is not None:
             lists[key] = section.source.numbers(node, section.at(key), count)
     mount = section.text("mount", ("hand", "world"), needed=True)
+    if lists["size"] is not None and min(lists["size"]) <= 0:
+        section.report("size", "expected a width and a height above 0 px")
     return Camera((fx, fy), (cx, cy), lists["distortion"] or (0.0,) * 5, lists["size"], mount == "hand")
 
 

@@ -31,6 +31,7 @@ from robacc.io.table import Table, TableBody
 from robacc.measurements import IMAGES, Measurements
 from robacc.poses.cameras import calibrated, read_cameras, views_of
 from robacc.poses.columns import AXES, UNITS, Heading, heading_of, labelled, source_of
+from robacc.poses.layout import listing
 from robacc.poses.motion import numbered, rank_among_equals
 from robacc.poses.reading import Reading
 from robacc.poses.reshaped_tables import ReshapedTable, Rows
@@ -44,6 +45,10 @@ _LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
 _TEXTS = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
 _LARGEST = 100.0
 """m; a larger length is in another unit."""
+_LEAST_PIXELS = 1e-3
+"""px; no corner is found as well."""
+_FAR_OFF = 1.0
+"""px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
 _MOST_PIXELS = 1e5
 """px; no sensor is wider."""
 
@@ -79,7 +84,7 @@ class KindTable(ReshapedTable):
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}
         apart = {key: keys[key] for key in (*_TEXTS, *_LENGTHS) if key in keys}
-        is_other = not {"distance", "socket", "plane", "u_px"}.isdisjoint(apart)
+        is_other = not {"distance", "socket", "plane", *_PIXELS}.isdisjoint(apart)
         others = [each for each in headings if _key(each) not in (*_BOARD, *_PIXELS)]
         parts = [part for each in others if (part := labelled(each)) and source_of(each.words) >= 0]
         if not is_other or (any(axis != "turn" for _, axis in parts) and "kind" not in apart):
@@ -178,18 +183,29 @@ class KindTable(ReshapedTable):
         if self._cameras is None:
             self.log.add("images need the camera that took them", self.line, fix="give its file as `camera`")
             self.log.raise_if_any()
+        for key in (key for key in (*_PIXELS, *_BOARD[:2]) if key not in self._cells):
+            self.log.add(f"images need the column {key}, which is missing", self.line)
+        if "sigma" in self._cells and heading_of(self._names["sigma"]).unit is not None:
+            self.log.add("the sigma of images is in px", self.line, self._names["sigma"], "name the column sigma")
+        self.log.raise_if_any()
         known, names = read_cameras(self._cameras or ""), np.array(self._column("camera"))
         pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
         points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
-        noise = self._numbers("sigma", rows, data, least=SMALLEST_SIGMA, unit="px") if "sigma" in self._cells else None
+        noise = self._numbers("sigma", rows, data, least=_LEAST_PIXELS, unit="px") if "sigma" in self._cells else None
         self.log.raise_if_any()
+        values = np.vstack((pixels, points, *([] if data.q is None else [data.q])))
+        first = np.zeros(data.n, dtype=bool)
+        first[np.unique(values, axis=1, return_index=True)[1]] = True
+        if copied := int(np.count_nonzero(rows & ~first)):
+            self.log.warn(f"{copied} points repeat pixel and joints of earlier rows and are left out", of_file=True)
+        stay, rows = ~rows, rows & first
         photo = data.visit
         if photo is None:
             poses, place = numbered(data.groups(), np.zeros(data.n) if data.cycle is None else data.cycle), points.T
             which = np.unique(place, axis=0, return_inverse=True)[1].ravel()
             photo = numbered(poses, rank_among_equals(numbered(poses, names, which))).astype(str)
         seen, place, spread = (np.zeros((count, data.n)) for count in (4, 3, 6))
-        turn, position, stay = np.zeros((3, 3, data.n)), data.position.copy(), ~rows
+        turn, position = np.zeros((3, 3, data.n)), data.position.copy()
         sigma = np.zeros((3, data.n)) if data.sigma_position is None else data.sigma_position.copy()
         kind, fixture = data.kind.astype(object), data.fixture.astype(object)
         for name in np.unique(names[rows]).tolist():
@@ -203,6 +219,9 @@ class KindTable(ReshapedTable):
             try:
                 camera = calibrated(camera, pixels[:, mine], *of_board)
                 rays = camera.rays(pixels[:, mine])
+                for row in mine[np.isnan(rays).any(axis=0)].tolist():
+                    self._add("the lens of the camera cannot show anything at this pixel", data, row, "u_px")
+                self.log.raise_if_any()
                 views, used, rest = views_of(camera, rays, *of_board, None if noise is None else noise[mine])
             except ValueError as error:
                 self._add(str(error), data, int(mine[0]), fix="check u_px, v_px, board_x, board_y and the camera")
@@ -216,11 +235,18 @@ class KindTable(ReshapedTable):
                 spread[:, three] = view.pose_std[:, None]
             kind[mine], fixture[mine] = IMAGES[camera.is_on_hand], "board" if camera.is_on_hand else name or "camera"
             lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
+            taken, shown = np.unique(photo[mine]), {photo[mine[view.rows[0]]] for view in views}
+            lost = [data.place(int(mine[photo[mine] == each][0])) for each in taken if each not in shown]
+            of_name = f"camera {name}: " if name else ""
             text = (
-                f"{used} of {mine.size} points in {len(views)} of {np.unique(photo[mine]).size} photos are "
+                f"{of_name}{used} of {mine.size} points in {len(views)} of {taken.size} photos are "
                 f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}; a photo counts as three points"
             )
-            self.log.warn(Note(text), of_file=True)
+            if lost:
+                text += f"; photos that do not show the board begin at {listing(lost)}"
+            if rest > _FAR_OFF:
+                text += "; usual is a third of a pixel or less: check the lens, its size, and the sizes of the board"
+            self.log.warn(Note(text) if used == mine.size and rest <= _FAR_OFF else text, of_file=True)
         if len(known) > 1 and data.target is None and IMAGES[True] in kind:
             on_hand = np.where(kind == IMAGES[True], names, np.where(rows, "board", ""))
             data = replace(data, target=on_hand)

@@ -235,10 +235,11 @@ def test_three_points_show_nearly_as_much_as_the_board() -> None:
     ("lens", "change", "message"),
     [
         ("fx: 1400\n", ("", ""), "camera.yaml:1, fy: is missing"),
-        (LENS.replace("1400", "-1400"), ("", ""), "fx: found -1400, expected a positive number of pixels"),
-        (LENS.replace("-0.12", "900.0"), ("", ""), "the distortion of the camera has no inverse at the pixels"),
-        (LENS, ("u_px", "u_pixel"), "v_px"),
+        (LENS.replace("1400", "-1400"), ("", ""), "fx: found -1400, expected pixels, above 0 and below 1e+06"),
+        (LENS.replace("-0.12", "900.0"), ("", ""), "the lens of the camera cannot show anything at this pixel"),
+        (LENS, ("u_px", "u_pixel"), "images need the column u_px, which is missing"),
         (LENS, ("40.000000", "0.000000"), "no photo shows 4 points of a board that are not in a line"),
+        (f"{LENS}cameras: {{a: {{mount: hand}}}}\n", ("", ""), "fx: stands beside cameras"),
         (LENS, ("120.000000", "x"), "board_x_mm: found 'x', expected a number"),
     ],
 )
@@ -266,3 +267,23 @@ def test_the_command_asks_for_the_camera(tmp_path: Path) -> None:
     done = run("estimate", str(path), "--robot", str(arm), "--camera", str(tmp_path / "camera.yaml"))
     assert done.exit_code == 0
     assert "Error of 5 measured poses" in done.stdout
+
+
+def test_what_could_mislead_is_said(tmp_path: Path) -> None:
+    path = written(tmp_path, "hand", 20, 0.1, LENS.replace("1400", "1250").replace("-0.12", "0.0"))
+    result = robacc.estimate(path, robot=robot())
+    assert any("px (rms) off the board" in warning and "check the lens" in warning for warning in result.warnings)
+    path = written(tmp_path, "hand", 20, 0.1)
+    rows = Path(path).read_text().splitlines()
+    Path(path).write_text("\n".join([*rows, *rows[1:41]]) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert result.n_poses == 20
+    assert any("40 points repeat pixel and joints of earlier rows" in warning for warning in result.warnings)
+    apart = tmp_path / "apart.csv"
+    apart.write_text("\n".join(rows[:41]) + "\n")
+    with pytest.raises(InputError, match="validation poses are also among the calibration poses"):
+        robacc.calibrate(path, robot=robot(), holdout=PoseFile(apart, camera=tmp_path / "camera.yaml"))
+    Path(path).write_text("\n".join(rows[:101] + rows[101:104]) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert result.alignment is not None
+    assert any("photos that do not show the board begin at line 102" in warning for warning in result.warnings)

@@ -116,7 +116,7 @@ def test_what_is_lacking_is_said(tmp_path: Path) -> None:
     with pytest.raises(UsageError, match="state the board that they show"):
         robacc.estimate(PoseFile(str(path), camera=tmp_path / "camera.yaml"), robot=robot())
     (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("22", "40"))
-    with pytest.raises(InputError, match="a size up to square_mm"):
+    with pytest.raises(InputError, match="a size below square_mm"):
         robacc.estimate(path, robot=robot())
     (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("4X4", "7X7"))
     with pytest.raises(InputError, match="none of 2 photos shows the board"):
@@ -141,3 +141,32 @@ def test_init_writes_a_board_in_true_size_and_its_file(tmp_path: Path, monkeypat
     np.testing.assert_allclose(across, 10.0 * along, atol=1.0)
     assert run("init", "--board", "8x5").exit_code == 2
     assert "expected two numbers" in run("init", "--board", "8", "--folder", "other").stderr
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (("[8, 5]", "[7, 5]"), "looks the same when it is turned by half"),
+        (("[8, 5]", "[8.5, 5]"), "expected whole numbers from 4 to 100, found 8.5, 5"),
+        (("[8, 5]", "[100000, 3]"), "expected whole numbers from 4 to 100"),
+        (("chessboard", "charuco\nmarker_mm: 15\ndictionary: DICT_4X4_50\nother: 1"), "other"),
+        (
+            ("chessboard\nsquares: [8, 5]", "charuco\nmarker_mm: 15\ndictionary: DICT_4X4_50\nsquares: [20, 9]"),
+            "90 markers",
+        ),
+    ],
+)
+def test_a_wrong_board_is_refused(change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    (tmp_path / "board.yaml").write_text(BOARDS["chessboard"].replace(*change))
+    with pytest.raises(InputError) as caught:
+        Board(str(tmp_path / "board.yaml"), cv2)
+    assert message in str(caught.value)
+
+
+def test_a_chessboard_is_numbered_from_its_black_corner_however_it_is_turned(tmp_path: Path) -> None:
+    (tmp_path / "board.yaml").write_text(BOARDS["chessboard"])
+    board, picture = Board(str(tmp_path / "board.yaml"), cv2), printed("chessboard")[::2, ::2]
+    upright, points = board.seen_in(picture)
+    turned, same = board.seen_in(picture[::-1, ::-1].copy())
+    np.testing.assert_array_equal(points, same)
+    np.testing.assert_allclose(turned, np.array(picture.shape[::-1]) - 1 - upright, atol=0.5)

@@ -693,7 +693,7 @@ def init(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
 ) -> None:
-    """Write files to start from: a commented robot file and a CSV of poses, the map of an export, or a board to print.
+    """Write files to start from: a robot file and a CSV of poses, the map of an export, or a board to print.
 
     The files for an arm or a number of joints are valid. The rows of the CSV are simulated; replace them with your
     measurements.

@@ -30,7 +30,7 @@ COMMANDS = {
     "compare": "Compare stored results or files of poses: significant differences, ranking and confirmed grades.",
     "report": "Write stored results as an HTML page with charts and tables, or one chart as SVG, PNG or PDF.",
     "show": "Show a robot file or URDF; or the arms, effects and result schemas that robacc knows.",
-    "init": "Write files to start from: a commented robot file and a CSV of poses, the map of an export, or a board to print.",
+    "init": "Write files to start from: a robot file and a CSV of poses, the map of an export, or a board to print.",
     "plan": "Plan a measurement: choose the poses worth measuring, order them, and predict the result.",
     "simulate": "Simulate measured poses of a robot with the effects of its file, and write them as a CSV.",
     "export": "Write a robot model for a controller, a driver or a simulator, with the error that remains there.",

@@ -240,7 +240,7 @@ class KindTable(ReshapedTable):
             of_name = f"camera {name}: " if name else ""
             text = (
                 f"{of_name}{used} of {mine.size} points in {len(views)} of {taken.size} photos are "
-                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}; a photo counts as three points"
+                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
             )
             if lost:
                 text += f"; photos that do not show the board begin at {listing(lost)}"
@@ -251,10 +251,16 @@ class KindTable(ReshapedTable):
             on_hand = np.where(kind == IMAGES[True], names, np.where(rows, "board", ""))
             data = replace(data, target=on_hand)
         turned = np.sqrt(np.square(spread[3:]).mean(axis=0))
-        photos = Measurements(place, turn, sigma_position=spread[:3], sigma_rotation=turned)
-        kinds, fixtures = kind.astype(str), fixture.astype(str)
-        data = replace(data, kind=kinds, fixture=fixtures, position=position, sigma_position=sigma)
-        return replace(data, visit=photo, seen=seen, photos=photos).subset(stay)
+        return replace(
+            data,
+            kind=kind.astype(str),
+            fixture=fixture.astype(str),
+            position=position,
+            sigma_position=sigma,
+            visit=photo,
+            seen=seen,
+            photos=Measurements(place, turn, sigma_position=spread[:3], sigma_rotation=turned),
+        ).subset(stay)
 
     def _column(self, key: str) -> list[str]:
         """Return the cells of a column, empty ones where the file has none."""

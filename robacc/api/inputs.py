@@ -226,8 +226,10 @@ class Inputs:
             if reading:
                 record = replace(record, reading={**(record.reading or {}), **reading})
         if data.seen is not None and any_kind:
-            text = f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
-            data = replace(data, warnings=(*data.warnings, Note(text)))
+            note = Note(
+                f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
+            )
+            data = replace(data, warnings=(*data.warnings, note))
         if data.kind is not None and not any_kind and np.isin(data.kind, IMAGES).all():
             data = replace(data.each_photo() or data, warnings=data.warnings)
         elif data.kind is not None and not any_kind:

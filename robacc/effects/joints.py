@@ -148,6 +148,7 @@ class Backlash(Effect):
 
     name = "backlash"
     traits = Traits(
+        implausible_factor=60.0,  # Hobby servos have a degree (github.com/TheRobotStudio/SO-ARM100, issue 134).
         needs=(
             Need(
                 "no dir_q columns, `ordered` is not set, and no masses in the robot file",
@@ -167,7 +168,7 @@ class Backlash(Effect):
         equation="theta_j + c sign(approach_j); with by: gravity, c sign(tau_j + friction approach_j), tau_j the "
         "torque of gravity about the axis",
         unit="rad (m for a prismatic joint), half the gap",
-        usual_size="1e-5 to 5e-4 rad; negative where the joint stops short",
+        usual_size="1e-5 to 5e-4 rad, 1e-2 in hobby servos; negative where the joint stops short",
         usual_range=(1e-05, 0.0005),
         needs="dir_q1 … dir_qN, or `ordered`; by gravity: masses, and a torque that changes sign",
         confused_with="approach_lag where all speeds are similar, joint_compliance where gravity decides",

@@ -163,8 +163,8 @@ class Photo(NamedTuple):
         """Return the pose of the camera in the board: it stands at -R' t, which a turn of the board moves too."""
         back = self.pose.rotation.T
         moves = np.block([[-back, -back @ skew(self.pose.translation)], [np.zeros((3, 3)), -back]])
-        covariance = np.asarray(moves @ self.covariance @ moves.T)
-        return self._replace(pose=Poses(back, -back @ self.pose.translation), covariance=covariance)
+        at = Poses(back, -back @ self.pose.translation)
+        return self._replace(pose=at, covariance=np.asarray(moves @ self.covariance @ moves.T))
 
 
 def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
@@ -224,10 +224,9 @@ def views_of(
     for each in photos:
         std = rest if noise is None else math.sqrt(np.mean(np.square(noise[each.rows]))) / focal
         three, shown = three_points(points[:, each.rows]), each.of_camera() if camera.is_on_hand else each
-        own = std * math.sqrt(3.0 / each.rows.size)
-        pose_std = std * np.sqrt(np.diag(shown.covariance))
-        seen, depth = rays_of(each.pose, three), float(each.pose.translation[2])
-        views.append(View(each.rows[:3], three, seen, own, depth, shown.pose, pose_std))
+        own, pose_std = std * math.sqrt(3.0 / each.rows.size), std * np.sqrt(np.diag(shown.covariance))
+        depth = float(each.pose.translation[2])
+        views.append(View(each.rows[:3], three, rays_of(each.pose, three), own, depth, shown.pose, pose_std))
     if not views:
         raise ValueError(f"no photo shows {FEWEST_POINTS} points of a board that are not in a line")
     return views, sum(each.rows.size for each in photos), rest * focal

@@ -234,19 +234,21 @@ class KindTable(ReshapedTable):
                 place[:, three], turn[..., three] = view.pose.translation[:, None], view.pose.rotation[..., None]
                 spread[:, three] = view.pose_std[:, None]
             kind[mine], fixture[mine] = IMAGES[camera.is_on_hand], "board" if camera.is_on_hand else name or "camera"
-            lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
             taken, shown = np.unique(photo[mine]), {photo[mine[view.rows[0]]] for view in views}
             lost = [data.place(int(mine[photo[mine] == each][0])) for each in taken if each not in shown]
-            of_name = f"camera {name}: " if name else ""
+            lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
             text = (
-                f"{of_name}{used} of {mine.size} points in {len(views)} of {taken.size} photos are "
-                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
+                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(views)} of {taken.size} photos "
+                f"are {rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
+                f"{'; photos that do not show the board begin at ' * bool(lost)}{listing(lost)}"
             )
-            if lost:
-                text += f"; photos that do not show the board begin at {listing(lost)}"
             if rest > _FAR_OFF:
                 text += "; usual is a third of a pixel or less: check the lens, its size, and the sizes of the board"
             self.log.warn(Note(text) if used == mine.size and rest <= _FAR_OFF else text, of_file=True)
+        if data.direction is not None and data.speed is not None:  # The points of a photo were reached by one motion.
+            _, begin, which = np.unique(photo, return_index=True, return_inverse=True)
+            begin = np.where(rows, begin[which], np.arange(data.n))
+            data = replace(data, direction=data.direction[:, begin], speed=data.speed[:, begin])
         if len(known) > 1 and data.target is None and IMAGES[True] in kind:
             on_hand = np.where(kind == IMAGES[True], names, np.where(rows, "board", ""))
             data = replace(data, target=on_hand)

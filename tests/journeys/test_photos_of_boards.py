@@ -167,6 +167,25 @@ def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:
     assert ("transmission_error", ("j3",)) in [(finding.effect, finding.joints) for finding in result.findings]
 
 
+def test_photos_in_their_order_show_the_backlash_of_a_servo(tmp_path: Path) -> None:
+    """Half a degree in the third joint, as servos of low-cost arms have it."""
+    gap, taken, before = math.radians(0.5), [], MIDDLE
+    for reached, pixels in photos("world", 64):
+        # The joint stands where its gear leaves it: behind its command by the gap, on the side that it came from.
+        q, side = reached.copy(), math.copysign(1.0, reached[2] - before[2])
+        if abs(reached[2] - before[2]) > 2 * gap:
+            q[2] -= gap * side
+            taken.append((q, pixels))
+            before = q
+    path = written(tmp_path, "world")
+    Path(path).write_text("\n".join([COLUMNS, *lines(tuple(taken), 0.2)]) + "\n")
+    result = robacc.trace(path, robot=robot(), declared=DECLARED, ordered=True)
+    (finding,) = result.findings
+    assert (finding.effect, finding.joints) == ("backlash", ("j3",))
+    (value,) = (parameter.value for parameter in result.parameters if parameter.name == "backlash.j3")
+    assert value == pytest.approx(gap, rel=0.05)
+
+
 def test_a_wrong_corner_is_left_out(tmp_path: Path) -> None:
     path = written(tmp_path, "hand", noise=0.1)
     rows = Path(path).read_text().splitlines()

@@ -238,8 +238,9 @@ class KindTable(ReshapedTable):
             lost = [data.place(int(mine[photo[mine] == each][0])) for each in taken if each not in shown]
             lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
             text = (
-                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(views)} of {taken.size} photos "
-                f"are {rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
+                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(views)} of {taken.size} "
+                "photos are "
+                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
                 f"{'; photos that do not show the board begin at ' * bool(lost)}{listing(lost)}"
             )
             if rest > _FAR_OFF:

@@ -755,8 +755,9 @@ def _write_board(squares: str, folder: str, force: bool) -> None:
 
     files = {name: os.path.normpath(os.path.join(folder, name)) for name in ("board.pdf", "board.yaml", "camera.yaml")}
     _check_free([*files.values()], None, force)
+    made = plug_in("robacc.boards", "photos")(squares)
     make_folder(folder)
-    for name, content in plug_in("robacc.boards", "photos")(squares).items():
+    for name, content in made.items():
         write_pieces(files[name], (content,))
     print(
         f"wrote {', '.join(files.values())}",

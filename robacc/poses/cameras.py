@@ -115,7 +115,7 @@ def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]
     except ImportError:
         message = f"the lens of a camera without fx needs opencv: {install_advice('camera')}"
         raise UsageError(message) from None
-    photos = [rows for each in np.unique(photo) if (rows := np.flatnonzero(photo == each)).size >= FEWEST_POINTS]
+    photos = [rows for rows in _rows_of_each(photo) if rows.size >= FEWEST_POINTS]
     size = camera.size or tuple(np.ceil(pixels.max(axis=1) + pixels.min(axis=1)).tolist())
     each_board = [np.ascontiguousarray(points[:, rows].T, dtype=np.float32) for rows in photos]
     each_image = [np.ascontiguousarray(pixels[:, rows].T, dtype=np.float32) for rows in photos]
@@ -167,6 +167,12 @@ class Photo(NamedTuple):
         return self._replace(pose=at, covariance=np.asarray(moves @ self.covariance @ moves.T))
 
 
+def _rows_of_each(photo: NDArray[Any]) -> list[NDArray[np.int64]]:
+    """Return the rows of each photo, in their order."""
+    which = np.unique(photo, return_inverse=True)[1]
+    return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
+
+
 def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
     """Return the photos that show the pose of the board.
 
@@ -176,8 +182,7 @@ def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
         photo: ``(N,)`` the photo of each.
     """
     found = []
-    for name in np.unique(photo):
-        rows = np.flatnonzero(photo == name)
+    for rows in _rows_of_each(photo):
         each = _fitted(rays, points, rows)
         if each is not None:
             errors = np.linalg.norm(rays[:, rows] - rays_of(each.pose, points[:, rows]), axis=0)

@@ -182,7 +182,6 @@ class KindTable(ReshapedTable):
             return data
         if self._cameras is None:
             self.log.add("images need the camera that took them", self.line, fix="give its file as `camera`")
-            self.log.raise_if_any()
         for key in (key for key in (*_PIXELS, *_BOARD[:2]) if key not in self._cells):
             self.log.add(f"images need the column {key}, which is missing", self.line)
         if "sigma" in self._cells and heading_of(self._names["sigma"]).unit is not None:
@@ -251,9 +250,7 @@ class KindTable(ReshapedTable):
             begin = np.where(rows, begin[which], np.arange(data.n))
             data = replace(data, direction=data.direction[:, begin], speed=data.speed[:, begin])
         if len(known) > 1 and data.target is None and IMAGES[True] in kind:
-            on_hand = np.where(kind == IMAGES[True], names, np.where(rows, "board", ""))
-            data = replace(data, target=on_hand)
-        turned = np.sqrt(np.square(spread[3:]).mean(axis=0))
+            data = replace(data, target=np.where(kind == IMAGES[True], names, np.where(rows, "board", "")))
         return replace(
             data,
             kind=kind.astype(str),
@@ -262,7 +259,12 @@ class KindTable(ReshapedTable):
             sigma_position=sigma,
             visit=photo,
             seen=seen,
-            photos=Measurements(place, turn, sigma_position=spread[:3], sigma_rotation=turned),
+            photos=Measurements(
+                place,
+                turn,
+                sigma_position=spread[:3],
+                sigma_rotation=np.sqrt(np.square(spread[3:]).mean(axis=0)),
+            ),
         ).subset(stay)
 
     def _column(self, key: str) -> list[str]:

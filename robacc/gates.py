@@ -79,8 +79,8 @@ LARGER_IS_BETTER = frozenset(
 
 def is_known(key: str) -> bool:
     """Return whether the result of a command can have the key."""
-    # Keys of an ISO 9283 result, which depend on the criteria that its data support.
-    return key in KEYS or re.fullmatch(r"iso9283(\.[A-Za-z]\w*)+", key) is not None
+    # Keys of an ISO 9283 result depend on the criteria that its data support, those of a history on its coefficients.
+    return key in KEYS or re.fullmatch(r"(iso9283|history)(\.[A-Za-z]\w*)+", key) is not None
 
 
 def nearest_key(key: str) -> str:

@@ -228,6 +228,8 @@ RobotArgument = Annotated[
 ]
 NeededRobot = Annotated["RobotSource", _ROBOT]
 OptionalRobot = Annotated["RobotSource | None", _ROBOT]
+Database = Annotated["StrPath", Help("Database of results, one SQLite file.", "FILE")]
+ArmName = Annotated[str | None, Help("Serial number or name of one arm; default: every arm.", "NAME")]
 BaseLink = Annotated[str | None, Help("First link of the chain in a URDF.", "NAME")]
 TipLink = Annotated[str | None, Help("Last link of the chain in a URDF; default: by the joint columns.", "NAME")]
 Ordered = Annotated[

@@ -61,13 +61,13 @@ def check(
         fail 4
     """
     loaded, baselines, records = read_gate(os.fspath(gate))
-    stored = _stored(result)
+    stored = stored_result(result)
     with understood(stored.name, stored.command):
         outcome = evaluate_gate(loaded, stored.document, baselines)
     return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records)))
 
 
-def _stored(source: StrPath | Result | StoredResult) -> StoredResult:
+def stored_result(source: StrPath | Result | StoredResult) -> StoredResult:
     """Return a stored result; one just computed becomes what its file would be, named by its command.
 
     Raises:
@@ -180,10 +180,10 @@ def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[li
             if is_poses:
                 made = estimate(_path(source), **options)
                 warnings += [type(text)(f"{name}: {text}") for text in made.warnings]
-                result = _stored(made)
+                result = stored_result(made)
                 inputs.records += [record for record in made.made.inputs if record not in inputs.records]
             else:
-                result = _stored(source)
+                result = stored_result(source)
                 inputs.records.append(result.record)
             with understood(result.name, result.command):
                 compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))

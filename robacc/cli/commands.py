@@ -30,7 +30,7 @@ from robacc.cli.output import (
     progress_bar,
     write,
 )
-from robacc.errors import InputError, Note, Problem, refuse
+from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
 
 if TYPE_CHECKING:
@@ -532,6 +532,103 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     if not kind:
         others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
         say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `chart`: {others}")])
+
+
+# Results over time.
+
+
+def history() -> None:
+    """Keep results in a database, and say what changed, when and by how much.
+
+    robacc history add RESULT … --db FILE adds results, show lists them, trend KEY shows one figure or coefficient over
+    time, changes says what changed; each has a --help of its own.
+
+    Example: robacc history add result.json --db arm.db
+    """
+    raise UsageError("say what to do: robacc history add, show, trend or changes; each explains itself with --help")
+
+
+def history_add(call: Call, *, format: PlainFormat = None, output: Output = "-") -> None:
+    """Add results to a database, which is made if there is none; a result that it has already changes nothing.
+
+    Example: robacc history add result.json --db arm.db --at 2026-05-31
+    """
+    result = call()
+    emit(format, output, result.view, result.document)
+
+
+def history_show(
+    call: Call,
+    *,
+    table: Annotated[
+        str | None, Help("CSV or Parquet to write with every figure and coefficient.", "FILE", holds="output")
+    ] = None,
+    format: PlainFormat = None,
+    output: Output = "-",
+) -> None:
+    """Show the results of a database by arm and date.
+
+    Example: robacc history show --db arm.db --table arm.csv
+    """
+    result = call()
+    if table is not None:
+        result.table(table)
+    emit(format, output, result.view, result.document)
+
+
+def history_trend(call: Call, *, format: PlainFormat = None, output: Output = "-") -> None:
+    """Show one figure or coefficient over time, with its slope.
+
+    Example: robacc history trend joint_offset.j3 --db arm.db
+    """
+    result = call()
+    emit(format, output, result.view, result.document)
+
+
+def fleet(
+    call: Call,
+    results: Annotated[
+        list[str] | None, Help("Results of calibrate or trace, one an arm; or --db.", "[RESULT …]")
+    ] = None,
+    *,
+    write_tolerances: Annotated[
+        str | None, Help("Tolerance file to write, for predict --tolerances.", "FILE", holds="output")
+    ] = None,
+    write_robot: Annotated[
+        str | None,
+        Help("Robot file to write: `robot` with the fleet's means and tolerances.", "FILE", holds="output"),
+    ] = None,
+    outlets: Outlets,
+) -> None:
+    """Compute mean and standard deviation of each coefficient over many arms, and name the arms unlike the others.
+
+    The standard deviations are tolerances as built: predict takes them, and calibrate --prior takes the robot file of
+    --write-robot, with which the next arm needs fewer poses.
+
+    Example: robacc fleet results/*.json --write-tolerances tolerances.yaml
+    """
+    result = call(*(results or ()))
+    write(write_tolerances, result.tolerances_yaml)
+    write(write_robot, result.robot_yaml)
+    deliver(outlets, result, result.view)
+
+
+def health(call: Call, *, outlets: Outlets) -> None:
+    """Say from a few poses whether a coefficient of an arm moved since its last full test, and which.
+
+    Example: robacc health poses.csv --robot model.yaml --db arm.db
+    """
+    result = call()
+    deliver(outlets, result, result.view)
+
+
+def history_changes(call: Call, *, outlets: Outlets) -> None:
+    """Say what changed between the tests of an arm, when, by how much, and whether by a step, a ramp or temperature.
+
+    Example: robacc history changes --db arm.db
+    """
+    result = call()
+    deliver(outlets, result, result.view)
 
 
 # What robacc knows.

@@ -29,6 +29,9 @@ COMMANDS = {
     "check": "Check a stored result against a gate; exit 0: pass, 4: fail, 5: inconclusive.",
     "compare": "Compare stored results or files of poses: significant differences, ranking and confirmed grades.",
     "report": "Write stored results as an HTML page with charts and tables, or one chart as SVG, PNG or PDF.",
+    "fleet": "Compute the tolerances of a model of arm from the fits of many, and name the arms unlike the others.",
+    "health": "Say from a few poses whether a coefficient of an arm moved since its last full test.",
+    "history": "Keep results in a database, and say what changed, when and by how much: add, show, trend, changes.",
     "show": "Show a robot file or URDF; or the arms, effects and result schemas that robacc knows.",
     "init": "Write files to start from: a robot file and a CSV of poses, the map of an export, or a board to print.",
     "plan": "Plan a measurement: choose the poses worth measuring, order them, and predict the result.",
@@ -37,6 +40,10 @@ COMMANDS = {
 }
 """Each command and its line in ``robacc --help``; its function has the same name."""
 FORMS = {
+    "history add": "history_add",
+    "history show": "history_show",
+    "history trend": "history_trend",
+    "history changes": "history_changes",
     "show robots": "robots",
     "show effects": "effects",
     "show schema": "schema",

@@ -430,7 +430,7 @@ def registered_uncertainty(
     weight = np.where(registration.inliers, registration.weight, 0.0)
     size, rows = len(registration.names), weight.shape[0]
     normal, scatter, crossed = np.zeros((size, size)), np.zeros((size, size)), np.zeros((size, 1))
-    for block, columns, correlated, independent in _blocks_with_frames(robot, fit, used, data, frames):
+    for block, columns, correlated, independent in blocks_with_frames(robot, fit, used, data, frames):
         weighed = np.square(weight[:, block])[:, None] * columns[:rows]
         normal += np.einsum("ipn,iqn->pq", weighed, columns[:rows])
         scatter += np.einsum("ipn,ijn,jqn->pq", weighed, independent[:rows, :rows], weighed, optimize=True)
@@ -438,7 +438,7 @@ def registered_uncertainty(
     inverse = scaled_inverse(normal)
     moved, spread = inverse @ crossed, inverse @ scatter @ inverse
     covariances = np.empty((2, 3, 3, data.n))
-    for block, columns, correlated, independent in _blocks_with_frames(robot, fit, data, data, frames):
+    for block, columns, correlated, independent in blocks_with_frames(robot, fit, data, data, frames):
         changed = correlated - np.einsum("ipn,pk->ikn", columns, moved, optimize=True)
         for result, part in zip(covariances, (slice(0, 3), slice(3, 6)), strict=True):
             result[..., block] = outer_sums(changed[part]) + independent[part, part]
@@ -446,7 +446,7 @@ def registered_uncertainty(
     return covariances
 
 
-def _blocks_with_frames(
+def blocks_with_frames(
     robot: Robot, fit: ModelFit, data: Measurements, sample: Measurements, frames: Model
 ) -> Iterator[tuple[slice, Array, Array, Array]]:
     """Yield blocks of poses: columns of the frames and of correlated errors, and the covariance of the others."""

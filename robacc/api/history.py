@@ -1,0 +1,511 @@
+"""Calls of ``robacc history`` and its forms: a database of results, and what changed between them."""
+
+from __future__ import annotations
+
+import os
+import time
+from collections.abc import Mapping
+from dataclasses import dataclass
+from datetime import UTC, datetime
+from itertools import groupby
+from typing import Annotated, Any, ClassVar, NamedTuple
+
+import numpy as np
+import yaml
+
+from robacc.api.inputs import STDIN, Inputs, path_of
+from robacc.api.parameters import (
+    ArmName,
+    BaseLink,
+    Database,
+    Help,
+    IgnoreLimits,
+    NeededRobot,
+    OptionalRobot,
+    Ordered,
+    Poses,
+    StrPath,
+    TipLink,
+    call,
+)
+from robacc.api.result import Result
+from robacc.api.stored import Source, stored_result
+from robacc.comparison.stored_results import FITS
+from robacc.documents.envelope import csv_text, understood
+from robacc.documents.history import FLEET, HEALTH, HISTORY_ADD, HISTORY_CHANGES, HISTORY_SHOW, HISTORY_TREND, date_text
+from robacc.errors import UsageError, refuse
+from robacc.history import store
+from robacc.history.changes import Change, Limit, Series, Spread, find_changes, level_of, slope_of
+from robacc.history.fleet import FleetCoefficient, Stranger, arm_fit, fleet_of, joint_tolerances, typical_robot
+from robacc.history.quick_test import quick_test
+from robacc.history.store import Test, add, arm_of, document_of, opened, series_of, tests
+from robacc.prediction.model_uncertainty import model_fit
+from robacc.render.text import Section
+from robacc.render.views import history as views
+from robacc.robots.description import Robot
+from robacc.robots.yaml_robot import robot_to_yaml
+from robacc.version import __version__
+
+
+def _time(text: str | None) -> float | None:
+    """Return a date as s since 1970; without a zone, it is UTC."""
+    if text is None:
+        return None
+    try:
+        date = datetime.fromisoformat(text)
+    except ValueError:
+        raise UsageError(f"`at`: expected a date such as 2026-05-31 or 2026-05-31T14:30, found {text!r}") from None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+class HistoryResult(Result):
+    """Result from a database, which has no warnings."""
+
+    __slots__ = ()
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """No warnings: what limits a result stands in its notes."""
+        return ()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryAdded(HistoryResult):
+    """Results that were added to a database."""
+
+    command: ClassVar[str] = "history-add"
+    keys = HISTORY_ADD
+    added: int
+    known: int
+    n_results: int
+    arms: tuple[str, ...]
+
+    def view(self) -> list[Section]:
+        """Return how many results were added."""
+        return views.added_view(self.payload())
+
+
+@call
+def history_add(
+    *results: Annotated[
+        Source, Help("Results stored as JSON; - reads standard input.", "RESULT [RESULT …]", "Or results of calls.")
+    ],
+    db: Database,
+    at: Annotated[
+        str | None, Help("Date of the tests, such as 2026-05-31; default: that of each file's last change.", "DATE")
+    ] = None,
+    arm: Annotated[
+        str | None, Help("Arm that was tested; default: serial number of the robot file, else its name.", "NAME")
+    ] = None,
+) -> HistoryAdded:
+    """Add results to a database, which is made if there is none; a result that it has already changes nothing.
+
+    Returns:
+        ``added`` and ``known``, the numbers of new results and of those that the database had.
+
+    Raises:
+        InputError: A result cannot be read, or the database cannot be written; nothing is added then.
+        UsageError: A result is of a command without figures to compare, or the date is none.
+    """
+    refuse((not results, "name the results to add"))
+    inputs, when, added = Inputs({"at": at, "arm": arm}), _time(at), 0
+    with opened(os.fspath(db), writes=True) as base:
+        for source in results:
+            stored, path = stored_result(source), path_of(source)
+            own = os.path.getmtime(path) if path not in (None, STDIN) and os.path.isfile(str(path)) else time.time()
+            added += add(base, stored, own if when is None else when, arm)
+            inputs.records.append(stored.record)
+        found = tests(base, None)
+    arms = tuple(dict.fromkeys(test.arm for test in found))
+    known = len(results) - added
+    return HistoryAdded(added=added, known=known, n_results=len(found), arms=arms, made=inputs.made())
+
+
+class ShownTest(NamedTuple):
+    """A result of the database with its error."""
+
+    arm: str
+    at: float
+    name: str
+    command: str
+    n_poses: int
+    rms: float | None
+    grade: str | None
+    temperature: float | None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryShown(HistoryResult):
+    """Results of a database."""
+
+    command: ClassVar[str] = "history-show"
+    keys = HISTORY_SHOW
+    results: tuple[ShownTest, ...]
+    db: str
+    arm: str | None
+
+    def view(self) -> list[Section]:
+        """Return a line for each result."""
+        return views.history_view(self.payload())
+
+    def table(self, path: StrPath) -> None:
+        """Write every figure and coefficient, one a line, as a CSV or, by the ending of the name, as Parquet.
+
+        Raises:
+            InputError: The file cannot be written.
+            UsageError: The name ends in .parquet, and pyarrow is not installed.
+        """
+        from robacc.io.files import write_parquet, write_text
+
+        with opened(self.db) as base:
+            by_id = {test.id: test for test in tests(base, self.arm)}
+            found = [*store.figures(base, self.arm), *store.coefficients(base, self.arm)]
+        at = [by_id[row.test] for row in found]
+        columns = {
+            "arm": [test.arm for test in at],
+            "at": [date_text(test.at) for test in at],
+            "result": [test.name for test in at],
+            **{name: [getattr(row, name) for row in found] for name in ("key", "value", "std", "unit")},
+        }
+        if os.fspath(path).endswith(".parquet"):
+            write_parquet(path, columns)
+            return
+        texts = {name: ["" if cell is None else cell for cell in column] for name, column in columns.items()}
+        write_text(path, csv_text(texts))
+
+
+@call
+def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
+    """Show the results of a database by arm and date.
+
+    Returns:
+        ``results`` with date, command, rms error and grade.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: The database has no such arm.
+    """
+    with opened(os.fspath(db)) as base:
+        found = tests(base, arm)
+        errors = {row.test: row.value for row in store.figures(base, arm, "position.rms")}
+    shown = (
+        ShownTest(t.arm, t.at, t.name, t.command, t.n_poses, errors.get(t.id), t.grade, t.temperature) for t in found
+    )
+    return HistoryShown(results=tuple(shown), db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
+
+
+class TrendValue(NamedTuple):
+    """Value of a key in a test."""
+
+    at: float
+    value: float
+    std: float | None
+
+
+class Trend(NamedTuple):
+    """Values of a key of one arm, and their slope."""
+
+    arm: str
+    values: tuple[TrendValue, ...]
+    rate_per_year: float | None = None
+    low: float | None = None
+    high: float | None = None
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryTrend(HistoryResult):
+    """One figure or coefficient over time."""
+
+    command: ClassVar[str] = "history-trend"
+    keys = HISTORY_TREND
+    key: str
+    unit: str
+    trends: tuple[Trend, ...]
+
+    def view(self) -> list[Section]:
+        """Return the values of each arm and their slope."""
+        return views.trend_view(self.payload())
+
+
+@call
+def history_trend(
+    key: Annotated[str, Help("Figure or coefficient, such as position.rms or joint_offset.j3.", "KEY")],
+    *,
+    db: Database,
+    arm: ArmName = None,
+) -> HistoryTrend:
+    """Show one figure or coefficient over time, with its slope.
+
+    Returns:
+        ``trends``: the values of each arm, and the slope of a straight line with its 95 % interval.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: No result has the key, or the database has no such arm.
+    """
+    with opened(os.fspath(db)) as base:
+        found = {test.id: test for test in tests(base, arm)}
+        own = [*store.figures(base, arm, key), *store.coefficients(base, arm, key)]
+        keys = ", ".join(store.keys(base, arm))
+    own = [row for row in own if row.value is not None]
+    refuse((not own, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
+    trends = []
+    for name, group in groupby(sorted(own, key=lambda row: found[row.test].arm), key=lambda row: found[row.test].arm):
+        values = tuple(TrendValue(found[row.test].at, row.value or 0.0, row.std) for row in group)
+        known = [value for value in values if value.std]
+        slope: tuple[float, ...] = ()
+        if len(known) > 2 and known[0].at < known[-1].at:
+            at, sizes, stds = (np.array(column, dtype=float) for column in zip(*known, strict=True))
+            slope = slope_of(Series(key, own[0].unit, at, sizes, stds, np.full(len(known), np.nan)))
+        trends.append(Trend(name, values, *slope))
+    return HistoryTrend(key=key, unit=own[0].unit, trends=tuple(trends), made=Inputs({"key": key, "arm": arm}).made())
+
+
+class ArmHistory(NamedTuple):
+    """Tests of one arm, and what changed."""
+
+    arm: str
+    n_tests: int
+    level: float
+    changes: tuple[Change, ...]
+    detection_limits: tuple[Limit, ...]
+    notes: tuple[str, ...]
+
+
+def arm_history(arm: str, own: list[Test], series: list[Series]) -> ArmHistory:
+    """Return what changed in the tests of an arm."""
+    level = level_of(np.array([test.at for test in own]))
+    changes, limits = find_changes(series, level)
+    notes = (
+        (len(own) < 3, "fewer than three tests: how much tests differ without a change is not known yet"),
+        (
+            all(test.temperature is None for test in own),
+            "no test recorded a temperature (column temperature_c): its changes may look like ramps",
+        ),
+        (
+            len({test.robot_sha256 for test in own if test.robot_sha256}) > 1,
+            "the robot file changed: coefficients count from its last change on",
+        ),
+    )
+    texts = tuple(text for holds, text in notes if holds)
+    return ArmHistory(arm, len(own), level, tuple(changes), tuple(limits), texts)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryChanges(HistoryResult):
+    """What changed in the tests of each arm."""
+
+    command: ClassVar[str] = "history-changes"
+    keys = HISTORY_CHANGES
+    arms: tuple[ArmHistory, ...]
+
+    @property
+    def changes(self) -> tuple[Change, ...]:
+        """Changes of all arms."""
+        return tuple(change for arm in self.arms for change in arm.changes)
+
+    @property
+    def detection_limits(self) -> tuple[Limit, ...]:
+        """Detection limits of all arms."""
+        return tuple(limit for arm in self.arms for limit in arm.detection_limits)
+
+    def view(self) -> list[Section]:
+        """Return the changes of each arm."""
+        return views.changes_view(self.payload())
+
+
+@call
+def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
+    """Say what changed between the tests of an arm, when, by how much, and whether by a step, a ramp or temperature.
+
+    Coefficients come from results of calibrate and trace, the rms error from those of estimate. A coefficient of
+    base_frame or tool_frame tells that the set-up changed, not the arm. A false alarm is expected once in a year.
+
+    Returns:
+        ``changes``, the most certain first, each with its date, size and 95 % interval; ``arms`` with the detection
+        limits of each.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: The database has no such arm.
+    """
+    with opened(os.fspath(db)) as base:
+        arms = []
+        for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
+            own = [*group]
+            arms.append(arm_history(name, own, series_of(base, own)))
+    return HistoryChanges(arms=tuple(arms), made=Inputs({"arm": arm}).made())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Health(Result):
+    """Quick test of an arm."""
+
+    command: ClassVar[str] = "health"
+    keys = HEALTH
+    arm: str
+    n_poses: int
+    rms: float
+    level: float
+    changes: tuple[Change, ...]
+    detection_limits: tuple[Limit, ...]
+    hidden: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+    def view(self) -> list[Section]:
+        """Return what moved, and the least change that would have been seen."""
+        return views.health_view(self.payload())
+
+
+@call
+def health(
+    poses: Poses,
+    *,
+    db: Database,
+    robot: NeededRobot,
+    arm: Annotated[
+        str | None, Help("Arm of the database; default: serial number or name of the robot file.", "NAME")
+    ] = None,
+    at: Annotated[str | None, Help("Date of the test; default: that of the file's last change.", "DATE")] = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Health:
+    """Say from a few poses whether a coefficient of an arm moved since its last full test, and which.
+
+    The robot is the model that calibrate or trace wrote at the last full test. Base and target may be set up anew. The
+    database tells how much the arm's tests differ without a change, and how often they are made.
+
+    Returns:
+        ``changes``: the coefficients that moved, with size and 95 % interval; ``detection_limits`` of the others.
+
+    Raises:
+        InputError: A file cannot be used, or the poses are too few.
+        UsageError: The robot has no fit, or the database no such arm.
+    """
+    inputs = Inputs(locals(), "poses")
+    model = inputs.robot(robot, poses)
+    record = model_fit(model)
+    name = path_of(robot) or model.name
+    refuse((record is None, f"{name} has no fit; give the model that calibrate or trace wrote with `write_model`"))
+    assert record is not None
+    data = inputs.poses(poses, model)
+    refuse((data.q is None, "the poses have no joint columns"))
+    own_name = arm or model.identity.get("serial_number") or model.name
+    with opened(os.fspath(db)) as base:
+        own = tests(base, own_name)
+        series = [one for one in series_of(base, own) if not one.is_of_setup]
+    level = level_of(np.array([test.at for test in own]))
+    found = quick_test(model, record, data, level, Spread.of(series).factor)
+    path, last = path_of(poses), own[-1].at
+    when = _time(at) or (os.path.getmtime(path) if path and os.path.isfile(path) else time.time())
+    changes = tuple(
+        Change(one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals)
+        for one in found.shifts
+    )
+    limits = tuple(Limit(key, *limit) for key, limit in found.limits.items())
+    return Health(
+        arm=own_name,
+        n_poses=data.n,
+        rms=found.rms,
+        level=level,
+        changes=changes,
+        detection_limits=limits,
+        hidden=found.hidden,
+        warnings=(*data.warnings, *inputs.warnings),
+        made=inputs.made("db", poses=path, robot=path_of(robot)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fleet(HistoryResult):
+    """Coefficients over the arms of a fleet."""
+
+    command: ClassVar[str] = "fleet"
+    keys = FLEET
+    n_arms: int
+    coefficients: tuple[FleetCoefficient, ...]
+    strangers: tuple[Stranger, ...]
+    covariance: Mapping[str, Any]
+    notes: tuple[str, ...]
+    robot: Robot | None
+
+    def view(self) -> list[Section]:
+        """Return mean and standard deviation of each coefficient, and the arms out of family."""
+        return views.fleet_view(self.payload())
+
+    def tolerances_yaml(self) -> str:
+        """Return the standard deviations between arms as a tolerance file of ``predict``."""
+        is_urdf = any(one.key.rpartition(".")[2] in ("roll", "pitch", "yaw") for one in self.coefficients)
+        head = f"# Standard deviations between {self.n_arms} arms, written by robacc {__version__} fleet.\n"
+        content = {"units": {"length": "m", "angle": "rad"}, "joints": joint_tolerances(self.coefficients, is_urdf)}
+        return head + yaml.safe_dump(content, sort_keys=False)
+
+    def robot_yaml(self) -> str:
+        """Return the typical arm as a robot file: the nominal robot with the fleet's means and tolerances.
+
+        Raises:
+            UsageError: The call had no ``robot``.
+        """
+        if self.robot is None:
+            raise UsageError("the typical arm needs `robot`, the nominal robot of the fleet")
+        text = f"Typical arm of a fleet of {self.n_arms}, written by robacc {__version__}."
+        return robot_to_yaml(typical_robot(self.robot, self.coefficients), [text])
+
+
+@call
+def fleet(
+    *results: Annotated[
+        Source,
+        Help("Results of calibrate or trace, one an arm; or `db`.", "[RESULT …]", "Or results of calls."),
+    ],
+    db: Annotated[
+        StrPath | None, Help("Database of results, in place of files: the latest fit of each arm counts.", "FILE")
+    ] = None,
+    robot: OptionalRobot = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Fleet:
+    """Compute mean and standard deviation of each coefficient over many arms, and name the arms unlike the others.
+
+    The standard deviations are tolerances as built: the noise of each arm's fit is taken off.
+
+    Returns:
+        ``coefficients`` with 95 % intervals, ``strangers``, the arms out of family, and the ``covariance``.
+
+    Raises:
+        InputError: A result or the database cannot be read.
+        UsageError: There are fewer than two arms, or a result is not one of calibrate or trace.
+    """
+    refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
+    inputs = Inputs({"base_link": base_link, "tip_link": tip_link})
+    documents: dict[str, Mapping[str, Any]] = {}
+    if db is not None:
+        with opened(os.fspath(db)) as base:
+            latest = {test.arm: test for test in tests(base, None) if test.command in FITS}
+            documents = {name: document_of(base, test) for name, test in latest.items()}
+    for number, source in enumerate(results, 1):
+        stored = stored_result(source)
+        inputs.records.append(stored.record)
+        is_fit = stored.command in FITS
+        refuse((not is_fit, f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"))
+        name = arm_of(stored.document)
+        documents[name if name not in documents else f"{name} ({number})"] = stored.document
+    refuse((len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"))
+    arms = []
+    for name, document in documents.items():
+        with understood(name, document["command"]):
+            arms.append(arm_fit(document, name))
+    coefficients, strangers, (names, matrix) = fleet_of(arms)
+    shrunk = sum(bool(document["options"].get("shrink")) for document in documents.values())
+    note = f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
+    return Fleet(
+        n_arms=len(arms),
+        coefficients=tuple(coefficients),
+        strangers=tuple(strangers),
+        covariance={"names": names, "matrix": matrix},
+        notes=(note,) if shrunk else (),
+        robot=None if robot is None else inputs.robot(robot),
+        made=inputs.made(),
+    )

@@ -1,0 +1,239 @@
+"""Keys of ``robacc history`` and its forms, of ``health`` and of ``fleet``."""
+
+from __future__ import annotations
+
+from datetime import UTC, datetime
+from typing import Any
+
+from robacc.documents.keys import (
+    Document,
+    Key,
+    array,
+    choice,
+    count,
+    flag,
+    number,
+    part,
+    share,
+    size,
+    table,
+    text,
+)
+from robacc.history.changes import Change
+
+
+def date_text(seconds: float) -> str:
+    """Return a time in s since 1970 as ISO 8601, UTC, to the second."""
+    return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
+
+
+def _date(meaning: str, name: str) -> Key:
+    return Key(text, f"{meaning}, ISO 8601, UTC.", lambda record: date_text(getattr(record, name)))
+
+
+TEST = part(
+    {
+        "arm": Key(text, "Serial number of the arm, else the robot's name."),
+        "at": _date("Time of the test", "at"),
+        "name": Key(text, "Name of the result file."),
+        "command": Key(text, "Command that made the result."),
+        "n_poses": Key(count, "Number of measured poses."),
+        "rms_m": Key(number | None, "Rms position error, m; of a fit, of its model on held-out poses."),
+        "grade": Key(text | None, "Grade; null without one."),
+        "temperature_c": Key(number | None, "Mean temperature, °C; null where none was recorded.", "temperature"),
+    }
+)
+HISTORY_ADD = part(
+    {
+        "added": Key(count, "Number of results that were added."),
+        "known": Key(count, "Number of results that the database had already."),
+        "n_results": Key(count, "Number of results of the database."),
+        "arms": Key(array(text), "Arms of the database."),
+    },
+    about="Results that were added to a database.",
+)
+HISTORY_SHOW = part(
+    {"results": Key(array(TEST), "Results by arm and date.")},
+    about="Results of a database.",
+)
+HISTORY_TREND = part(
+    {
+        "key": Key(text, "Figure or coefficient."),
+        "unit": Key(text, "Unit of the values."),
+        "trends": Key(
+            array(
+                part(
+                    {
+                        "arm": Key(text, "The arm."),
+                        "values": Key(
+                            array(
+                                part(
+                                    {
+                                        "at": _date("Time of the test", "at"),
+                                        "value": Key(number, "Value."),
+                                        "std": Key(number | None, "Standard deviation; null without one."),
+                                    }
+                                )
+                            ),
+                            "Values by date.",
+                        ),
+                        "rate_per_year": Key(number | None, "Slope of a straight line; null for fewer than 3 values."),
+                        "low": Key(number | None, "Lower end of the slope's 95 % interval."),
+                        "high": Key(number | None, "Upper end of the slope's 95 % interval."),
+                    }
+                )
+            ),
+            "Values of each arm.",
+        ),
+    },
+    about="One figure or coefficient over time.",
+)
+CHANGE = part(
+    {
+        "arm": Key(text, "The arm."),
+        "key": Key(text, "Coefficient or figure that changed."),
+        "kind": Key(
+            choice("step", "ramp", "temperature", "setup"),
+            "step: from one test to the next. ramp: steadily. temperature: with it. setup: base or target set up anew.",
+        ),
+        "at": _date("First test that shows the change; the last test for a temperature", "at"),
+        "earliest": _date("Earliest such test that the data allow, 95 %", "earliest"),
+        "latest": _date("Latest such test that the data allow, 95 %", "latest"),
+        "size": Key(number, "Step, rise of a ramp until the last test, or change per kelvin."),
+        "low": Key(number, "Lower end of the 95 % interval."),
+        "high": Key(number, "Upper end of the 95 % interval."),
+        "unit": Key(text, "Unit of the size."),
+        "p_value": Key(share, "Probability of such a change in any series of the arm without one, at most."),
+        "confirmed": Key(flag, "Whether two tests or more show it."),
+        "alternatives": Key(array(text), "Other kinds and coefficients that explain the values as well."),
+    }
+)
+LIMITS = Key(
+    array(
+        part(
+            {
+                "key": Key(text, "Coefficient or figure."),
+                "limit": Key(size, "Step that the next test finds with a probability of 95 %."),
+                "unit": Key(text, "Unit."),
+            }
+        )
+    ),
+    "Detection limits.",
+)
+
+
+def _by_kind(result: Any) -> Document:
+    """Return the most certain change by kind and key, as gates name it; without one 0, up to the detection limit."""
+    sizes: Document = {}
+    known = {(kind, limit.key): limit for kind in ("step", "ramp", "setup") for limit in result.detection_limits}
+    for change in reversed(result.changes):
+        known[change.kind, change.key] = change
+    for (kind, key), one in known.items():
+        *path, name = key.split(".")
+        node = sizes.setdefault(kind, {})
+        for part_of_key in path:
+            node = node.setdefault(part_of_key, {})
+        size, low, high = (abs(one.size), one.low, one.high) if isinstance(one, Change) else (0.0, 0.0, one.limit)
+        ends = sorted((abs(low), abs(high)))
+        name = name if one.unit in ("1", "") else f"{name}_{one.unit}"
+        interval = {"lower": ends[0] * (low * high > 0.0), "upper": ends[1], "upper_bound": ends[1], "confidence": 0.95}
+        node[name] = size
+        node.setdefault("intervals", {})[name] = interval
+    return sizes
+
+
+BY_KIND = Key(
+    table(), "Most certain change by kind and key, for gates; without one 0, up to the detection limit.", _by_kind
+)
+HISTORY_CHANGES = part(
+    {
+        "changes": Key(
+            array(CHANGE),
+            "Changes of all arms.",
+            lambda result: [CHANGE.write(change, arm=arm.arm) for arm in result.arms for change in arm.changes],
+        ),
+        "arms": Key(
+            array(
+                part(
+                    {
+                        "arm": Key(text, "The arm."),
+                        "n_tests": Key(count, "Number of its tests."),
+                        "level": Key(share, "Probability of a false alarm in a test, at most: one in a year."),
+                        "detection_limits": LIMITS,
+                        "notes": Key(array(text), "Assumptions and limitations."),
+                    }
+                )
+            ),
+            "Each arm.",
+        ),
+        "history": BY_KIND,
+    },
+    about="What changed, when, by how much, and how.",
+)
+HEALTH = part(
+    {
+        "arm": Key(text, "The arm."),
+        "n_poses": Key(count, "Number of measured poses."),
+        "rms_m": Key(size, "Rms position error of the model with base and target registered, m.", "rms"),
+        "level": Key(share, "Probability of a false alarm, at most."),
+        "changes": Key(
+            array(CHANGE),
+            "Coefficients that moved since the last full test.",
+            lambda result: [CHANGE.write(change, arm=result.arm) for change in result.changes],
+        ),
+        "detection_limits": LIMITS,
+        "hidden": Key(array(text), "Coefficients whose change these poses cannot distinguish from one of the set-up."),
+        "history": BY_KIND,
+    },
+    about="Quick test of an arm against the model of its last full test.",
+)
+
+FLEET = part(
+    {
+        "n_arms": Key(count, "Number of arms."),
+        "coefficients": Key(
+            array(
+                part(
+                    {
+                        "key": Key(text, "Coefficient."),
+                        "unit": Key(text, "Unit."),
+                        "n_arms": Key(count, "Arms that count: those that know it and are like the others."),
+                        "mean": Key(number, "Mean over the arms."),
+                        "mean_low": Key(number, "Lower end of the 95 % interval of the mean."),
+                        "mean_high": Key(number, "Upper end."),
+                        "std": Key(size, "Standard deviation between arms, without the noise of their fits."),
+                        "std_low": Key(size, "Lower end of the 95 % interval of the standard deviation."),
+                        "std_high": Key(size, "Upper end."),
+                    }
+                )
+            ),
+            "Coefficients over the arms.",
+        ),
+        "strangers": Key(
+            array(
+                part(
+                    {
+                        "arm": Key(text, "The arm."),
+                        "key": Key(text, "Coefficient that is unlike that of the other arms."),
+                        "unit": Key(text, "Unit."),
+                        "value": Key(number, "Value of the arm."),
+                        "expected": Key(number, "Mean of the other arms."),
+                        "p_value": Key(share, "Probability of any such arm in a fleet without one, at most."),
+                    }
+                )
+            ),
+            "Arms out of family.",
+        ),
+        "covariance": Key(
+            part(
+                {
+                    "names": Key(array(text), "Coefficients."),
+                    "matrix": Key(array(array(number)), "Covariance between arms, SI."),
+                }
+            ),
+            "Covariance of the coefficients over the arms.",
+        ),
+        "notes": Key(array(text), "Assumptions and limitations."),
+    },
+    about="Coefficients over the arms of a fleet.",
+)

@@ -1,0 +1,295 @@
+"""Changes of the coefficients and figures of one arm over its tests: what changed, when, by how much, and how.
+
+A series is ``y = c + k T + changes + e``: the value of each test, with the temperature T where it was recorded. A
+change is a step (a collision, a new mastering, a frame set up anew) or a ramp (wear) that begins after one of the
+tests; a single test may be unlike the others. The error e has the variance that the fit of the test states, times a
+factor that the series itself shows: tests differ by more than their noise. Few tests show the factor of one series
+badly, so that it is estimated together with those of the other series.
+
+Source of the factor: G. K. Smyth, "Linear models and empirical Bayes methods for assessing differential expression in
+microarray experiments", Statistical Applications in Genetics and Molecular Biology 3, 2004, section 6. Degrees of
+freedom of successive differences: J. von Neumann, Annals of Mathematical Statistics 12, 1941. Number of independent
+values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical Society 98, 1935.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
+
+import numpy as np
+
+from robacc.geometry import Array
+from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, root, student_quantile
+
+YEAR = 365.25 * 86400.0
+"""s"""
+FALSE_ALARMS = 1.0
+"""Expected false alarms of an arm in a year, at most."""
+_MOST_LEVEL = 0.05
+"""Level of tests that are rare."""
+POWER = 0.95
+"""Probability that a change of the size of the detection limit is found in the first test after it."""
+RIVAL = 3.0
+"""Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
+_NEAR = 3.841
+"""Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
+_FEWEST_FOR_HEAT = 3
+"""Tests beyond which a dependence on temperature is told from the values."""
+_TINY = 1e-300
+_SAME = 1e-9
+"""Share of a column's square below which the other columns make it up."""
+SETUP = ("base_frame.", "tool_frame.")
+"""Coefficients of the set-up."""
+ChangeKind = Literal["step", "ramp", "temperature", "setup"]
+_SHAPES = ("step", "ramp", "single test")
+
+
+@dataclass(frozen=True, slots=True, eq=False)
+class Series:
+    """Values of one coefficient or figure in the tests of an arm, in the order of time."""
+
+    key: str
+    unit: str
+    times: Array
+    """``(n,)`` s since 1970"""
+    values: Array
+    """``(n,)``"""
+    stds: Array
+    """``(n,)`` standard deviations that the tests state."""
+    temperatures: Array
+    """``(n,)`` °C; NaN where a test recorded none."""
+    rivals: tuple[str, ...] = ()
+    """Coefficients that the poses of the tests cannot distinguish from this one."""
+
+    @property
+    def is_of_setup(self) -> bool:
+        """Whether a change is one of the set-up: where the robot stands, or where the target sits."""
+        return self.key.startswith(SETUP)
+
+
+class Change(NamedTuple):
+    """A change of a series."""
+
+    key: str
+    kind: ChangeKind
+    at: float
+    """First test that shows it, s since 1970; the last test for a temperature."""
+    earliest: float
+    latest: float
+    """Tests between which the data place the first one that shows it."""
+    size: float
+    """Step, rise of a ramp until the last test, or change per kelvin."""
+    low: float
+    high: float
+    """Ends of the 95 % interval."""
+    unit: str
+    p_value: float
+    """Probability of such a change in any series of the arm without one, at most."""
+    confirmed: bool
+    """Whether two tests or more show it."""
+    alternatives: tuple[str, ...]
+    """Other kinds, and other coefficients, that explain the values as well."""
+
+
+class Spread(NamedTuple):
+    """Distribution of the factors of variance over the series: scaled inverse chi-square."""
+
+    factor: float
+    dof: float
+
+    @classmethod
+    def of(cls, series: Sequence[Series]) -> Spread:
+        """Return the distribution that the differences of successive tests show."""
+        from scipy.special import digamma, polygamma
+
+        several = [one for one in series if len(one.values) > 1]
+        if len(several) < 2:
+            return cls(1.0, 0.0)
+        n = np.array([len(one.values) for one in several])
+        half = (n - 1.0) ** 2 / (3.0 * n - 4.0)
+        squares = [
+            float(np.mean(np.square(np.diff(one.values)) / (np.square(one.stds[1:]) + np.square(one.stds[:-1]))))
+            for one in several
+        ]
+        logs = np.log(np.maximum(squares, _TINY)) - digamma(half) + np.log(half)
+        excess = float(np.var(logs, ddof=1) - np.mean(polygamma(1, half)))
+        if excess <= 0.0:
+            return cls(math.exp(float(np.mean(logs))), math.inf)
+        own = math.exp(root(lambda log: float(polygamma(1, math.exp(log))) - excess, -20.0, 20.0))
+        return cls(math.exp(float(np.mean(logs) + digamma(own)) - math.log(own)), 2.0 * own)
+
+
+class _Fit:
+    """Weighted least squares of a series with the columns ``x (n, b)``."""
+
+    def __init__(self, series: Series, x: Array, spread: Spread) -> None:
+        self.weights = 1.0 / np.square(series.stds)
+        self.weighted = x * self.weights[:, None]
+        self.inverse = np.linalg.inv(x.T @ self.weighted)
+        self.coefficients = self.inverse @ (self.weighted.T @ series.values)
+        self.rest = series.values - x @ self.coefficients
+        own = len(x) - x.shape[1]
+        self.dof = own + spread.dof
+        factor = spread.factor
+        if math.isfinite(self.dof) and self.dof > 0.0:
+            factor = (spread.dof * factor + float(self.weights @ np.square(self.rest))) / self.dof
+        rest = self.rest * np.sqrt(self.weights)
+        lag, n = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), _TINY), len(x)
+        # White errors have a correlation of up to 1.6 / sqrt(n) by chance.
+        lag = min(lag, 1.0 - 1.0 / n) if lag > normal_quantile(0.95) / math.sqrt(n) else 0.0
+        self.factor = max(1.0, factor) * (1.0 + lag) / (1.0 - lag)
+
+    def std(self, column: int) -> float:
+        return math.sqrt(self.factor * float(self.inverse[column, column]))
+
+    def p_value(self, column: int) -> float:
+        """Return the probability of a coefficient as far from 0 without a change."""
+        ratio = float(self.coefficients[column]) / self.std(column)
+        return 2.0 * normal_cdf(-abs(ratio)) if math.isinf(self.dof) else f_sf(ratio**2, 1.0, self.dof)
+
+    def gains(self, times: Array) -> Array:
+        """Return the fall of the weighted sum of squares by each of :data:`_SHAPES` at each test ``(3, n)``.
+
+        Sums over the tests from each one on give all of them at once.
+        """
+        w, n = self.weights, len(times)
+        rest, start = w * self.rest, np.concatenate([times[:1], times[:-1]])
+
+        def after(values: Array) -> Array:
+            return np.cumsum(values[::-1], axis=0)[::-1]
+
+        step = after(rest), after(w), after(self.weighted)
+        ramp = (
+            after(times * rest) - start * step[0],
+            after(times**2 * w) - 2.0 * start * after(times * w) + start**2 * step[1],
+            after(times[:, None] * self.weighted) - start[:, None] * step[2],
+        )
+        gains = np.zeros((3, n))
+        # With two tests behind its start, a ramp is told from a step by chance; the last test alone is a step too.
+        for row, (along, size, cross) in enumerate((step, ramp, (rest, w, self.weighted))):
+            left = size - np.einsum("ij,jk,ik->i", cross, self.inverse, cross)
+            known = np.flatnonzero(left > _SAME * size)
+            known = known[(known >= (row < 2)) & (known < n - (0, 2, 1)[row])]
+            gains[row, known] = np.square(along[known]) / left[known]
+        return gains
+
+
+def level_of(times: Array) -> float:
+    """Return the probability of a false alarm in a test: :data:`FALSE_ALARMS` in a year of tests."""
+    gaps = np.diff(np.unique(times))
+    return min(_MOST_LEVEL, FALSE_ALARMS * float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
+
+
+class Limit(NamedTuple):
+    """Detection limit of a series: the change that the next test finds with a probability of 95 %."""
+
+    key: str
+    limit: float
+    unit: str
+
+
+def find_changes(series: Sequence[Series], level: float) -> tuple[list[Change], list[Limit]]:
+    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits."""
+    spread = Spread.of([one for one in series if not one.is_of_setup] or series)
+    changes: list[Change] = []
+    limits: list[Limit] = []
+    for one in series:
+        found, limit = _changes(one, level, len(series), spread)
+        changes += found
+        limits.append(Limit(one.key, limit, one.unit))
+    return sorted(changes, key=lambda change: change.p_value), limits
+
+
+def slope_of(series: Series) -> tuple[float, float, float]:
+    """Return the slope of a straight line, per year, and the ends of its 95 % interval."""
+    columns = np.column_stack([np.ones(len(series.times)), (series.times - series.times.mean()) / YEAR])
+    fit = _Fit(series, columns, Spread(1.0, 0.0))
+    value, half = float(fit.coefficients[1]), student_quantile(0.975, fit.dof) * fit.std(1)
+    return value, value - half, value + half
+
+
+def _n_candidates(n: int) -> int:
+    """Return the number of steps, ramps and single tests of a series of ``n`` tests."""
+    return max(1, 3 * n - 5)
+
+
+def _changes(series: Series, level: float, n_series: int, spread: Spread) -> tuple[list[Change], float]:
+    """Return the changes of a series and its detection limit.
+
+    The most probable change is taken until none is improbable without a change.
+    """
+    n = len(series.values)
+    times = (series.times - series.times[-1]) / YEAR
+    heat = series.temperatures - np.mean(series.temperatures)
+    has_heat = n > _FEWEST_FOR_HEAT and float(np.ptp(heat)) > 0.0  # false for NaN
+    base = [np.ones(n), *([heat] if has_heat else [])]
+    start = np.concatenate([times[:1], times[:-1]])
+    order = np.arange(n)
+
+    def fitted(changes: Sequence[tuple[int, int]]) -> _Fit:
+        columns = ((order >= at, np.maximum(times - start[at], 0.0), order == at)[shape] for shape, at in changes)
+        return _Fit(series, np.column_stack([*base, *columns]), spread)
+
+    def best(fit: _Fit) -> tuple[int, int] | None:
+        gains = fit.gains(times)
+        shape, at = np.unravel_index(np.argmax(gains), gains.shape)
+        return (int(shape), int(at)) if gains[shape, at] > 0.0 else None
+
+    found: list[tuple[int, int]] = []
+    count, whole = n_series * _n_candidates(n), fitted(found)
+    more: list[tuple[int, int]] = []
+    # One more change, or two where one alone leaves a rest that does not look like noise: up, and down again.
+    while len(more) < 2 and n > len(base) + len(found) + len(more):
+        change = best(fitted([*found, *more]))
+        if change is None:
+            break
+        more.append(change)
+        with_more = fitted([*found, *more])
+        if with_more.dof <= 0.0 or any(with_more.p_value(-1 - i) * count >= level for i in range(len(more))):
+            continue
+        found, whole, more = [*found, *more], with_more, []
+        if len(found) > 1:
+            for i in range(len(found)):
+                found[i] = best(fitted(found[:i] + found[i + 1 :])) or found[i]
+            whole = fitted(found)
+    changes: list[Change] = []
+    for i, (shape, at) in enumerate(found):
+        if shape == _SHAPES.index("single test"):
+            continue
+        gains = fitted(found[:i] + found[i + 1 :]).gains(times) / whole.factor
+        near = np.flatnonzero(gains[shape] > gains[shape, at] - _NEAR)
+        others = [_SHAPES[row] for row in (1 - shape, 2) if np.max(gains[row]) > gains[shape, at] - 2.0 * RIVAL]
+        kind: ChangeKind = "setup" if series.is_of_setup else "ramp" if shape else "step"
+        length = -float(start[at]) if shape else 1.0
+        tests = series.times[[at, near[0], near[-1]]]
+        others = [*others, *(["temperature"] if shape and not has_heat else []), *series.rivals]
+        changes.append(_change(series, whole, len(base) + i, length, kind, tests, count, n - at > 1, others))
+    if has_heat and whole.p_value(1) * n_series < level:
+        tests = series.times[[-1, 0, -1]]
+        changes.append(_change(series, whole, 1, 1.0, "temperature", tests, n_series, True, []))
+    critical = student_quantile(1.0 - 0.5 * level / (n_series * _n_candidates(n + 1)), max(whole.dof, 1.0))
+    # The next test against all: its own variance and that of the mean.
+    variance = whole.factor * (float(whole.inverse[0, 0]) + float(np.median(np.square(series.stds))))
+    return changes, (critical + normal_quantile(POWER)) * math.sqrt(variance)
+
+
+def _change(
+    series: Series,
+    fit: _Fit,
+    column: int,
+    length: float,
+    kind: ChangeKind,
+    tests: Array,
+    count: int,
+    confirmed: bool,
+    alternatives: Sequence[str],
+) -> Change:
+    value, half = float(fit.coefficients[column]), student_quantile(0.975, max(fit.dof, 1.0)) * fit.std(column)
+    at, earliest, latest = map(float, tests)
+    unit = f"{series.unit}/K" if kind == "temperature" else series.unit
+    sizes = (length * value, length * (value - half), length * (value + half))
+    p_value = min(1.0, fit.p_value(column) * count)
+    return Change(series.key, kind, at, earliest, latest, *sizes, unit, p_value, confirmed, tuple(alternatives))

@@ -1,0 +1,152 @@
+"""Quick test of an arm: a few poses against the model of its last full fit show whether one of its coefficients moved.
+
+The poses cannot show all coefficients anew. But their error is known as far as nothing changed: the model's own
+covariance, the scatter of the joints, what the fit left unexplained, and the noise. Base and target may be set up anew
+and are free. Each coefficient in turn is put to the test with the weights of that error, and the most significant one
+is taken, as long as one is improbable without a change.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from robacc.fitting.parameters import apply_fit
+from robacc.fitting.solver import fit
+from robacc.geometry import Array
+from robacc.history.changes import POWER, RIVAL, SETUP
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, residuals
+from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
+from robacc.robots.description import Robot
+from robacc.statistics.distributions import f_sf, normal_quantile, student_quantile
+from robacc.tracing.calibrating import default_frames
+
+_HIDDEN = 1e-6
+"""Share of a coefficient's information, frames fixed, below which free frames hide it."""
+_FINEST = 1e-9
+"""m or rad: no instrument measures finer, and exact data have no noise."""
+
+
+class Shift(NamedTuple):
+    """Change of a coefficient, in its unit."""
+
+    key: str
+    unit: str
+    size: float
+    low: float
+    high: float
+    p_value: float
+    rivals: tuple[str, ...]
+    """Other coefficients whose change explains the poses as well."""
+
+
+class QuickTest(NamedTuple):
+    """Outcome of a quick test."""
+
+    shifts: tuple[Shift, ...]
+    limits: dict[str, tuple[float, str]]
+    """Change of each coefficient that such poses show with a probability of 95 %, and its unit."""
+    hidden: tuple[str, ...]
+    """Coefficients that the poses cannot distinguish from the set-up."""
+    rms: float
+    """Rms position error of the model with base and target registered, m."""
+
+
+def quick_test(robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float) -> QuickTest:
+    """Return which coefficients of the model ``robot`` moved since its fit.
+
+    Args:
+        robot: Model that a fit wrote.
+        record: Record of that fit.
+        data: Poses measured now.
+        level: Probability of a false alarm.
+        factor: How much more the variance of a coefficient is from test to test than within one.
+
+    Raises:
+        InputError: Fewer measured components than the frames have parameters.
+    """
+    frames = default_frames(robot, data)
+    robot = apply_fit(fit(Model.of(robot, frames), data))
+    model = Model.of(robot, record.effects)
+    poses, jacobian, covariance = fitted_jacobian(model, record, data)
+    error = residuals(data, poses)
+    rows, n = error.shape
+    free, common, single = [], [], np.zeros((n, rows, n, rows))
+    for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
+        free.append(own[:rows])
+        common.append(correlated[:rows])
+        for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
+            single[i, :, i, :] = variance + np.square(_FINEST) * np.eye(rows)
+
+    def flat(columns: Array) -> Array:
+        """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""
+        return columns.transpose(2, 0, 1).reshape(n * rows, -1)
+
+    shared = flat(np.concatenate(common, axis=2))
+    shared[:, : len(covariance)] *= math.sqrt(max(1.0, factor))
+    whitener = np.linalg.cholesky(single.reshape(n * rows, n * rows) + shared @ shared.T)
+    setup, moved, rest = (
+        np.linalg.solve(whitener, flat(columns))
+        for columns in (np.concatenate(free, axis=2), jacobian[:rows], error[:, None, :])
+    )
+    terms = {term.name: term for term in model.bind(data).terms}
+    names = [name for name in dict.fromkeys(record.coefficients) if name in terms]
+    columns = {name: moved[:, i] for i, name in enumerate(names) if not name.startswith(SETUP)}
+    found: list[str] = []
+    while True:
+        chosen = np.column_stack([setup, *(columns[name] for name in found)])
+        basis, triangle = np.linalg.qr(chosen)
+        left = rest[:, 0] - basis @ (basis.T @ rest[:, 0])
+        dof = left.size - chosen.shape[1] - 1
+        free_of = {name: column - basis @ (basis.T @ column) for name, column in columns.items()}
+        sizes = {name: float(column @ column) for name, column in free_of.items()}
+        known = [name for name in columns if sizes[name] > _HIDDEN * float(columns[name] @ columns[name])]
+        gains = {name: float(free_of[name] @ left) ** 2 / sizes[name] for name in known}
+        if not known or dof < 1:
+            break
+        best = max(known, key=lambda name: gains[name])
+        variance = max(1.0, (float(left @ left) - gains[best]) / dof)
+        if len(known) * f_sf(gains[best] / variance, 1.0, dof) >= level:
+            break
+        found.append(best)
+    variance = max(1.0, float(left @ left) / max(dof + 1, 1))
+    critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))
+    limits = {
+        name: ((critical + normal_quantile(POWER)) * math.sqrt(variance / sizes[name]), terms[name].unit)
+        for name in known
+    }
+    values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
+    spread = variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1)
+    half = student_quantile(0.975, max(dof + 1, 1)) * np.sqrt(spread)
+    shifts = [
+        Shift(
+            name,
+            terms[name].unit,
+            float(values[i]),
+            float(values[i] - half[i]),
+            float(values[i] + half[i]),
+            min(1.0, len(columns) * f_sf(float(values[i] ** 2 / spread[i]), 1.0, max(dof + 1, 1))),
+            _rivals(name, found, columns, setup, rest[:, 0], variance),
+        )
+        for i, name in enumerate(found, setup.shape[1])
+    ]
+    hidden = tuple(name for name in columns if name not in known and name not in found)
+    places = np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))
+    return QuickTest(tuple(shifts), limits, hidden, float(places))
+
+
+def _rivals(
+    name: str, found: list[str], columns: dict[str, Array], setup: Array, error: Array, variance: float
+) -> tuple[str, ...]:
+    """Return the coefficients whose change in place of one explains the whitened errors within 3 nats."""
+    others = np.column_stack([setup, *(columns[other] for other in found if other != name)])
+
+    def left_with(rival: str) -> float:
+        basis = np.linalg.qr(np.column_stack([others, columns[rival]]))[0]
+        return float(np.sum(np.square(error - basis @ (basis.T @ error)))) / variance
+
+    least = left_with(name)
+    return tuple(other for other in columns if other not in found and left_with(other) < least + 2.0 * RIVAL)

@@ -1,0 +1,242 @@
+"""Database of results: one SQLite file with every result of one arm or of many, and what robacc compares of them.
+
+Tables, for other programs that read the file:
+
+- ``results``: ``id``, ``sha256`` of the result file, ``at`` (s since 1970, of the test), ``name`` of the file, ``arm``
+  (serial number, else the robot's name), ``robot_sha256`` (of the robot file), ``command``, ``version`` of robacc,
+  ``n_poses``, ``grade``, ``temperature_c`` (mean), ``document`` (JSON without its lists of poses, compressed by zlib).
+- ``figures``: ``result``, ``key`` as gates name it (``position.rms``), ``value``, ``low``, ``high`` (95 %), ``unit``.
+- ``coefficients``: ``result``, ``key`` (``joint_offset.j3``), ``value``, ``std``, ``unit``, or ``why`` without std.
+
+A result is added as a whole or not at all, by one transaction; write-ahead logging lets several programs add and read.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+import math
+import operator
+import os
+import re
+import sqlite3
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
+from typing import Any, NamedTuple
+from urllib.parse import quote
+
+import numpy as np
+
+from robacc.comparison.stored_results import FITS, read_compared_result, unit_of
+from robacc.documents.envelope import StoredResult, understood
+from robacc.errors import InputError, Problem, refuse
+from robacc.history.changes import Series
+from robacc.statistics.distributions import normal_quantile
+
+_SCHEMAS = (
+    """
+    CREATE TABLE results (id INTEGER PRIMARY KEY, sha256 TEXT NOT NULL UNIQUE, at REAL NOT NULL, name TEXT NOT NULL,
+        arm TEXT NOT NULL, robot_sha256 TEXT, command TEXT NOT NULL, version TEXT NOT NULL, n_poses INTEGER NOT NULL,
+        grade TEXT, temperature_c REAL, document BLOB NOT NULL);
+    CREATE TABLE figures (result INTEGER NOT NULL REFERENCES results, key TEXT NOT NULL, value REAL NOT NULL,
+        low REAL, high REAL, unit TEXT NOT NULL, PRIMARY KEY (result, key)) WITHOUT ROWID;
+    CREATE TABLE coefficients (result INTEGER NOT NULL REFERENCES results, key TEXT NOT NULL, value REAL, std REAL,
+        unit TEXT NOT NULL, why TEXT, PRIMARY KEY (result, key)) WITHOUT ROWID;
+    CREATE INDEX results_by_arm ON results (arm, at);
+    """,
+)
+"""Statements that bring a database of each version to the next; its version is SQLite's ``user_version``."""
+_OTHER = "is not a database of robacc history"
+_PATIENCE = 30.0
+"""s to wait for another program that writes."""
+_WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
+"""Lists that the stored document lacks: they are long, and the result file has them."""
+_RIVAL = re.compile(r"is not distinguishable from (\S+) on these poses")
+"""Reason that names one other coefficient."""
+_STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
+_COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low"
+"""Figures that are series of their own: the others say the same of the same poses."""
+
+
+class Test(NamedTuple):
+    """A result of the database."""
+
+    id: int
+    at: float
+    """s since 1970"""
+    name: str
+    arm: str
+    robot_sha256: str | None
+    command: str
+    n_poses: int
+    grade: str | None
+    temperature: float | None
+    """°C"""
+
+
+class Row(NamedTuple):
+    """Figure or coefficient of a test."""
+
+    test: int
+    key: str
+    value: float | None
+    std: float | None
+    unit: str
+
+
+@contextmanager
+def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
+    """Yield the database in a file; it is made if it is to be written, and is brought to this version of its tables.
+
+    Raises:
+        InputError: The file does not exist, is no such database, is of a later version, or cannot be written.
+    """
+    exists = os.path.exists(path) and os.path.getsize(path) > 0
+    missing = Problem("no such database", path, fix="robacc history add RESULT --db FILE makes it")
+    refuse((not exists and not writes, missing), (os.path.isdir(path), Problem("is a folder, not a database", path)))
+    try:
+        uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}"
+        with closing(sqlite3.connect(uri, _PATIENCE, uri=True, isolation_level=None)) as db:
+            if writes:
+                db.execute("PRAGMA journal_mode = WAL")
+                db.execute("BEGIN IMMEDIATE")
+            version = db.execute("PRAGMA user_version").fetchone()[0]
+            is_empty = version == 0 and not db.execute("SELECT 1 FROM sqlite_master").fetchall()
+            later = f"has tables of version {version}; this robacc knows {len(_SCHEMAS)}"
+            refuse(
+                (is_empty and not writes, missing),
+                (version == 0 and not is_empty, Problem(_OTHER, path, fix="name another file")),
+                (version > len(_SCHEMAS), Problem(later, path, fix="use a later version of robacc")),
+            )
+            if writes:
+                for statement in ";".join(_SCHEMAS[version:]).split(";"):
+                    db.execute(statement)
+                db.execute(f"PRAGMA user_version = {len(_SCHEMAS)}")
+            yield db
+            if writes:
+                db.execute("COMMIT")
+    except sqlite3.Error as error:
+        text = _OTHER if "not a database" in str(error) else f"cannot be used as a database: {error}"
+        raise InputError(Problem(text, path)) from None
+
+
+def arm_of(document: Mapping[str, Any], otherwise: str = "unnamed") -> str:
+    """Return the serial number of the arm of a result, else the robot's name."""
+    identities = (entry.get("identity") or {} for entry in document["inputs"] if entry["kind"] == "robot")
+    serial = next((identity["serial_number"] for identity in identities if "serial_number" in identity), None)
+    return str(serial or (document.get("robot") or {}).get("name") or otherwise)
+
+
+def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None = None) -> bool:
+    """Add a result of ``arm``, by default of :func:`arm_of`; return whether it was new.
+
+    Raises:
+        UsageError: The command's results cannot be compared.
+        InputError: The document lacks what its command writes.
+    """
+    document = result.document
+    with understood(result.name, result.command):
+        figures = read_compared_result(document, result.name, result.name, result.sha256).figures
+        coefficients = document.get("parameters", [])
+        robot: dict[str, Any] = next((entry for entry in document["inputs"] if entry["kind"] == "robot"), {})
+        heat = [value for value in (document.get("poses") or {}).get("temperature_c") or () if value is not None]
+        values = {
+            "sha256": result.sha256,
+            "at": at,
+            "name": os.path.basename(result.name),
+            "arm": arm or arm_of(document),
+            "robot_sha256": robot.get("sha256"),
+            "command": result.command,
+            "version": document["robacc"],
+            "n_poses": document["n_poses"],
+            "grade": (document.get("grade") or {}).get("grade"),
+            "temperature_c": float(np.mean(heat)) if heat else None,
+            "document": zlib.compress(json.dumps({k: v for k, v in document.items() if k not in _WITHOUT}).encode()),
+        }
+        names, marks = ", ".join(values), ", ".join("?" * len(values))
+        added = db.execute(f"INSERT OR IGNORE INTO results ({names}) VALUES ({marks})", [*values.values()])
+        if not added.rowcount:
+            return False
+        number = added.lastrowid
+        for key, figure in figures.items():
+            ends = (None, None) if figure.interval is None else (figure.interval.lower, figure.interval.upper)
+            row = (number, key, figure.value, *ends, unit_of(key))
+            db.execute("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", row)
+        for entry in coefficients:
+            row = (number, entry["name"], entry["value"], entry["std"], entry["unit"], entry.get("why"))
+            db.execute("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", row)
+    return True
+
+
+def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
+    """Return the results of an arm, or of all, by arm and date.
+
+    Raises:
+        UsageError: The database has no such arm.
+    """
+    names = ", ".join(name if name != "temperature" else "temperature_c" for name in Test._fields)
+    where, values = ("", []) if arm is None else ("WHERE arm = ?", [arm])
+    found = [Test(*row) for row in db.execute(f"SELECT {names} FROM results {where} ORDER BY arm, at, id", values)]
+    arms = ", ".join(name for (name,) in db.execute("SELECT DISTINCT arm FROM results ORDER BY arm LIMIT 20"))
+    refuse((arm is not None and not found, f"the database has no arm {arm!r}; it has {arms or 'no results'}"))
+    return found
+
+
+def document_of(db: sqlite3.Connection, test: Test) -> dict[str, Any]:
+    """Return the stored document of a test."""
+    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test.id]).fetchone()
+    document: dict[str, Any] = json.loads(zlib.decompress(packed))
+    return document
+
+
+def figures(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[Row]:
+    """Return the figures of an arm or of all, by key, arm and date; with ``key`` those of one key.
+
+    The standard deviation is the width of the 95 % interval over twice the normal distribution's quantile.
+    """
+    return _rows(db, "figures", _STD, arm, key)
+
+
+def coefficients(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[Row]:
+    """Return the coefficients of an arm or of all, by key, arm and date; with ``key`` those of one key."""
+    return _rows(db, "coefficients", "t.std", arm, key)
+
+
+def _rows(db: sqlite3.Connection, table: str, std: str, arm: str | None, key: str | None) -> list[Row]:
+    query = f"SELECT r.id, t.key, t.value, {std}, t.unit FROM {table} t JOIN results r ON r.id = t.result"
+    where = "WHERE ifnull(r.arm = ?, 1) AND ifnull(t.key = ?, 1) ORDER BY t.key, r.arm, r.at, r.id"
+    return [Row(*row) for row in db.execute(f"{query} {where}", [arm, key])]
+
+
+def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
+    """Return the keys of the figures and coefficients of an arm or of all."""
+    one = "SELECT DISTINCT t.key FROM {} t JOIN results r ON r.id = t.result WHERE ifnull(r.arm = ?1, 1)"
+    return [key for (key,) in db.execute(f"{one.format('figures')} UNION {one.format('coefficients')}", [arm])]
+
+
+def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[Series]:
+    """Return the series of the tests of one arm: its coefficients, and the rms errors of results that have none.
+
+    A coefficient counts from the last change of the robot file on: it is relative to the file's own numbers.
+    """
+    fits = [test for test in own if test.command in FITS]
+    first = max((test.at for test in fits if test.robot_sha256 != fits[-1].robot_sha256), default=-math.inf)
+    of_fit = f"r.command IN {FITS}"
+    query = "SELECT t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {} t JOIN results r ON r.id = t.result"
+    where = f"WHERE r.arm = ? AND {{}} AND {of_fit} = ? AND r.at > ? ORDER BY t.key, r.at, r.id"
+    found = [
+        *db.execute(f"{query.format(_STD, 'figures')} {where.format(_COMPARED)}", [own[0].arm, False, -math.inf]),
+        *db.execute(f"{query.format('t.std', 'coefficients')} {where.format('t.std > 0')}", [own[0].arm, True, first]),
+    ]
+    reasons = "SELECT DISTINCT t.key, t.why FROM coefficients t JOIN results r ON r.id = t.result"
+    rivals: dict[str, set[str]] = {}
+    for key, why in db.execute(f"{reasons} WHERE r.arm = ? AND t.std IS NULL AND r.at > ?", [own[0].arm, first]):
+        if (match := _RIVAL.search(why or "")) is not None:
+            rivals.setdefault(match[1], set()).add(key)
+    series = []
+    for (key, unit), group in itertools.groupby(found, key=operator.itemgetter(0, 1)):
+        times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
+        if len(times) > 1:
+            series.append(Series(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))
+    return series

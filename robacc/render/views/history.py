@@ -1,0 +1,189 @@
+"""Results over time: a list of tests, the trend of one key, and what changed."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from itertools import groupby
+
+from robacc.history.changes import SETUP
+from robacc.render.text import (
+    IN_MM,
+    Block,
+    Document,
+    Grid,
+    Listing,
+    Section,
+    Text,
+    chance,
+    fixed,
+    grid,
+    p_value,
+    three_digits,
+    unit_of,
+)
+
+_LISTED = 12
+"""Detection limits that a text lists."""
+_KINDS = {
+    "step": "step",
+    "ramp": "ramp",
+    "temperature": "with temperature",
+    "setup": "set-up, not the arm",
+}
+
+
+def added_view(document: Document) -> list[Section]:
+    """Return how many results were added."""
+    known = f", {document['known']} known already" if document["known"] else ""
+    total = f"the database has {document['n_results']} results of {len(document['arms'])} arms"
+    return [Section("", [Text(f"added {document['added']} results{known}; {total}")])]
+
+
+def history_view(document: Document) -> list[Section]:
+    """Return a table of the results of each arm."""
+    results = document["results"]
+    heat = "°C" if any(result["temperature_c"] is not None for result in results) else None
+    return [
+        Section(
+            f"{arm}: {len(own)} results",
+            [
+                grid(
+                    ("date", "command", "poses", "rms mm", "grade", heat, "file"),
+                    [
+                        (
+                            _day(result["at"]),
+                            result["command"],
+                            str(result["n_poses"]),
+                            "–" if result["rms_m"] is None else fixed(result["rms_m"] * IN_MM, 4),
+                            result["grade"] or "–",
+                            "–" if result["temperature_c"] is None else fixed(result["temperature_c"], 1),
+                            result["name"],
+                        )
+                        for result in own
+                    ],
+                    left=(0, 1, 6),
+                )
+            ],
+        )
+        for arm, group in groupby(results, key=lambda result: result["arm"])
+        for own in [[*group]]
+    ]
+
+
+def trend_view(document: Document) -> list[Section]:
+    """Return the values of each arm, and their slope."""
+    unit = unit_of(document["unit"])
+    sections = []
+    for trend in document["trends"]:
+        rows = [
+            (_day(value["at"]), _number(value["value"], unit.factor), _number(value["std"], unit.factor))
+            for value in trend["values"]
+        ]
+        text = "fewer than three values with a standard deviation: no slope"
+        if trend["rate_per_year"] is not None:
+            slope, *ends = (three_digits(trend[name] * unit.factor) for name in ("rate_per_year", "low", "high"))
+            text = f"slope {slope} {unit.name} a year, 95 % interval {' to '.join(ends)}"
+        title = f"{document['key']} of {trend['arm']}"
+        table = Grid(("date", f"value {unit.name}".strip(), "std"), rows)
+        sections.append(Section(title, [table, Text(text, is_note=True)]))
+    return sections
+
+
+def changes_view(document: Document) -> list[Section]:
+    """Return the changes of each arm with their intervals, and the least change that is found."""
+    sections = []
+    for arm in document["arms"]:
+        own = [change for change in document["changes"] if change["arm"] == arm["arm"]]
+        title = f"{arm['arm']}: {len(own) or 'no'} change{'s' * (len(own) != 1)} in {arm['n_tests']} tests"
+        sections.append(Section(title, [change_table(own), Listing([*_remarks(own), *arm["notes"]])]))
+        sections.append(_limits(arm))
+    return sections
+
+
+def _limits(part: Document) -> Section:
+    """Return the least change of each coefficient that is found, those of the set-up last."""
+    limits = sorted(part["detection_limits"], key=lambda limit: (limit["key"].startswith(SETUP), limit["key"]))
+    rows = [(limit["key"], unit_of(limit["unit"]).text(limit["limit"])) for limit in limits[:_LISTED]]
+    note = f"a false alarm in a test has a probability of at most {chance(part['level'])}"
+    more = f"; and {len(limits) - _LISTED} more in the JSON result" if len(limits) > _LISTED else ""
+    blocks: list[Block] = [Grid(("", "least change found with 95 %"), rows), Text(note + more, is_note=True)]
+    return Section("Detection limits", blocks[: 2 * bool(rows)])
+
+
+def health_view(document: Document) -> list[Section]:
+    """Return what moved since the last full test, and the least change that is found."""
+    changes = document["changes"]
+    moved = f"{', '.join(change['key'] for change in changes)} moved" if changes else "no change found"
+    rms = unit_of("m", document["rms_m"]).text(document["rms_m"])
+    facts = [f"rms error of the model with base and target registered: {rms} at {document['n_poses']} poses"]
+    facts += [
+        f"{change['key']}: {', '.join(change['alternatives'])} explains the poses as well"
+        for change in changes
+        if change["alternatives"]
+    ]
+    facts += (
+        [f"a change of the set-up would look like one of {', '.join(document['hidden'])}"] if document["hidden"] else []
+    )
+    return [Section(f"{document['arm']}: {moved}", [change_table(changes), Listing(facts)]), _limits(document)]
+
+
+def change_table(changes: Sequence[Document]) -> Grid:
+    """Return a table of changes."""
+    rows = [
+        (
+            change["key"],
+            _KINDS[change["kind"]],
+            "–" if change["kind"] == "temperature" else _day(change["at"]),
+            unit_of(change["unit"]).text(change["size"]),
+            " to ".join(_number(change[end], unit_of(change["unit"]).factor) for end in ("low", "high")),
+            p_value(change["p_value"]).removeprefix("p "),
+        )
+        for change in changes
+    ]
+    return Grid(("changed", "how", "first seen", "by", "95 % interval", "p"), rows, left=(0, 1, 2))
+
+
+def _remarks(changes: Sequence[Document]) -> list[str]:
+    """Return what else could explain each change, and which only one test shows."""
+    remarks = []
+    for change in changes:
+        if change["alternatives"]:
+            remarks.append(f"{change['key']}: {', '.join(change['alternatives'])} would explain the tests as well")
+        if not change["confirmed"]:
+            remarks.append(f"{change['key']}: only the last test shows it; repeat the test")
+    return remarks
+
+
+def _day(date: str) -> str:
+    """Return a date to the minute, or to the day at midnight."""
+    return date[:10] if date.endswith("T00:00:00Z") else date[:16].replace("T", " ")
+
+
+def _number(value: float | None, factor: float) -> str:
+    return "–" if value is None else three_digits(value * factor)
+
+
+def fleet_view(document: Document) -> list[Section]:
+    """Return mean and standard deviation of each coefficient, and the arms out of family."""
+    rows = [
+        (
+            one["key"],
+            unit.name,
+            str(one["n_arms"]),
+            *(_number(one[name], unit.factor) for name in ("mean", "std")),
+            f"{_number(one['std_low'], unit.factor)} to {_number(one['std_high'], unit.factor)}",
+        )
+        for one in document["coefficients"]
+        for unit in [unit_of(one["unit"])]
+    ]
+    table = Grid(("coefficient", "unit", "arms", "mean", "std of arms", "95 % interval"), rows, left=(0, 1))
+    strangers = [
+        f"{one['arm']}: {one['key']} is {unit_of(one['unit']).text(one['value'])}, other arms have "
+        f"{unit_of(one['unit']).text(one['expected'])} ({p_value(one['p_value'])})"
+        for one in document["strangers"]
+    ]
+    return [
+        Section(f"Fleet of {document['n_arms']} arms", [table]),
+        Section("Arms out of family", [Listing(strangers or ["none"])]),
+        Section("", [Listing(document["notes"])]),
+    ]

@@ -1,0 +1,148 @@
+"""Changes over tests, from series of an own generator: noise, differences between tests, temperature, events."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from robacc.history.changes import Limit, Series, find_changes, level_of, slope_of
+
+WEEK = 7 * 86400.0
+LEVEL = WEEK / (365.25 * 86400.0)
+
+
+def life(rng, n=80, p=20, *, between=1.0, heat=0.0, tails=None):
+    """Series of ``p`` coefficients over ``n`` weekly tests without a change; six of them are of the set-up."""
+    times = np.arange(n) * WEEK
+    temperature = 20.0 + 6.0 * np.sin(times / (8 * WEEK) + rng.uniform(0, 6)) + rng.normal(0, 1, n)
+    series = []
+    for k in range(p):
+        usual = 1e-5 * np.exp(rng.normal())
+        stds = usual * np.exp(rng.normal(0, 0.15, n))
+        noise = rng.normal(size=n) if tails is None else rng.standard_t(tails, n)
+        values = rng.normal(0, 1e-3) + noise * np.hypot(stds, between * usual * abs(rng.normal()))
+        values += heat * usual * (temperature - 20.0) * (k % 4 == 0)
+        key = f"base_frame.{k}" if k >= p - 6 else f"joint_offset.j{k}"
+        series.append(Series(key, "rad", times, values, stds, temperature if heat else np.full(n, np.nan)))
+    return series
+
+
+def cut(series, n):
+    return [Series(s.key, s.unit, s.times[:n], s.values[:n], s.stds[:n], s.temperatures[:n], s.rivals) for s in series]
+
+
+def moved(series, key, change):
+    return [
+        Series(s.key, s.unit, s.times, s.values + change * (s.key == key), s.stds, s.temperatures, s.rivals)
+        for s in series
+    ]
+
+
+def limit_of(series, key):
+    return next(limit.limit for limit in find_changes(series, LEVEL)[1] if limit.key == key)
+
+
+@pytest.mark.parametrize("kind", [{}, {"between": 3.0}, {"heat": 1.0}, {"tails": 5}])
+def test_a_life_without_a_change_gives_at_most_one_false_alarm_a_year(kind):
+    rng, alarms, years = np.random.default_rng(1), set(), 0.0
+    for arm in range(4):
+        series = life(rng, **kind)
+        for n in range(2, 81):
+            found, _ = find_changes(cut(series, n), LEVEL)
+            alarms |= {(arm, c.key, c.kind) for c in found if c.kind in ("step", "ramp") and c.confirmed}
+        years += 80 * LEVEL
+    assert len(alarms) <= years
+
+
+@pytest.mark.parametrize("heat", [0.0, 1.0])
+def test_a_step_of_twice_the_limit_is_found_within_two_tests_and_named_with_its_date_and_size(heat):
+    rng, inside = np.random.default_rng(2), 0
+    for _ in range(20):
+        series, at = life(rng, heat=heat), int(rng.integers(20, 70))
+        size = 2.0 * limit_of(cut(series, at), "joint_offset.j3")
+        series = moved(series, "joint_offset.j3", size * (np.arange(80) >= at))
+        soon = [c for c in find_changes(cut(series, at + 2), LEVEL)[0] if c.key == "joint_offset.j3"]
+        assert any(c.kind == "step" and c.at == at * WEEK for c in soon)
+        steps = [c for c in find_changes(series, LEVEL)[0] if c.kind in ("step", "ramp")]
+        assert [(c.key, c.kind, c.at) for c in steps] == [("joint_offset.j3", "step", at * WEEK)]
+        assert steps[0].earliest <= at * WEEK <= steps[0].latest
+        assert steps[0].p_value < LEVEL
+        inside += steps[0].low <= size <= steps[0].high
+    assert inside >= 17  # 19 expected; fewer than 17 of 20 has a probability of 0.3 % where intervals hold 95 %
+
+
+def test_wear_is_a_ramp_and_its_interval_holds_the_rise():
+    rng, inside = np.random.default_rng(3), 0
+    for _ in range(15):
+        series, at = life(rng), int(rng.integers(10, 40))
+        size = 3.0 * limit_of(cut(series, at), "joint_offset.j1")
+        rise = np.maximum(np.arange(80) - at + 1, 0) / (80 - at)
+        series = moved(series, "joint_offset.j1", size * rise)
+        (ramp,) = [c for c in find_changes(series, LEVEL)[0] if c.kind in ("step", "ramp")]
+        assert (ramp.key, ramp.kind) == ("joint_offset.j1", "ramp")
+        assert "temperature" in ramp.alternatives  # none was recorded
+        inside += ramp.low <= size <= ramp.high
+    assert inside >= 12
+
+
+def test_a_dependence_on_temperature_is_no_ramp():
+    series = life(np.random.default_rng(4), heat=2.0)
+    found = find_changes(series, LEVEL)[0]
+    heated = {*(f"joint_offset.j{k}" for k in (0, 4, 8, 12)), "base_frame.16"}
+    assert {c.key for c in found if c.kind == "temperature"} == heated
+    assert all(c.unit == "rad/K" for c in found if c.kind == "temperature")
+    assert not [c for c in found if c.kind in ("step", "ramp")]
+
+
+def test_a_base_set_up_anew_is_no_change_of_the_arm():
+    series = moved(life(np.random.default_rng(5)), "base_frame.15", 1e-3 * (np.arange(80) >= 40))
+    assert [(c.key, c.kind) for c in find_changes(series, LEVEL)[0]] == [("base_frame.15", "setup")]
+
+
+def test_one_bad_test_is_no_change_once_others_follow():
+    series = moved(life(np.random.default_rng(6)), "joint_offset.j2", 1e-3 * (np.arange(80) == 40))
+    assert not find_changes(series, LEVEL)[0]
+    (last,) = find_changes(cut(series, 41), LEVEL)[0]
+    assert (last.key, last.kind, last.confirmed) == ("joint_offset.j2", "step", False)
+
+
+def test_two_changes_of_one_coefficient_are_both_found():
+    series = life(np.random.default_rng(7))
+    order = np.arange(80)
+    series = moved(series, "joint_offset.j5", 5e-4 * (order >= 30) - 8e-4 * (order >= 60))
+    found = sorted((c.at / WEEK, c.size) for c in find_changes(series, LEVEL)[0])
+    assert [at for at, _ in found] == [30, 60]
+    assert [size for _, size in found] == pytest.approx([5e-4, -8e-4], abs=2e-4)
+
+
+def test_few_tests_of_few_coefficients_give_no_change_and_no_error():
+    rng = np.random.default_rng(8)
+    for n, p in itertools.product((2, 3, 4), (1, 2, 3)):
+        changes, limits = find_changes(
+            [
+                Series(f"k{k}", "m", np.arange(n) * WEEK, rng.normal(size=n), np.ones(n), np.full(n, np.nan))
+                for k in range(p)
+            ],
+            LEVEL,
+        )
+        assert not changes
+        assert [limit.key for limit in limits] == [f"k{k}" for k in range(p)]
+        assert all(isinstance(limit, Limit) and limit.limit > 0.0 for limit in limits)
+
+
+def test_level_is_one_alarm_a_year_at_most_five_percent():
+    assert level_of(np.arange(10) * WEEK) == pytest.approx(7 / 365.25)
+    assert level_of(np.arange(3) * 365.25 * 86400.0) == 0.05
+    assert level_of(np.array([5.0, 5.0])) == 0.05
+
+
+def test_slope_agrees_with_numpy():
+    rng, n = np.random.default_rng(9), 12
+    values = rng.normal(size=n)
+    series = Series("k", "m", np.arange(n) * WEEK, values, np.full(n, 0.1), np.full(n, np.nan))
+    slope, low, high = slope_of(series)
+    line, covariance = np.polyfit(np.arange(n) * LEVEL, values, 1, cov=True)
+    assert slope == pytest.approx(line[0], rel=1e-9)
+    from scipy.stats import t
+
+    assert (high - low) / 2 == pytest.approx(t.ppf(0.975, n - 2) * covariance[0, 0] ** 0.5, rel=1e-6)

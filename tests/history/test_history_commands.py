@@ -1,0 +1,282 @@
+"""Database of results by its commands: what is added, shown and found; a kill, two writers, other files."""
+
+import json
+import shutil
+import signal
+import sqlite3
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from commands import document, missing, one_line, output, refused, run
+
+import robacc
+
+ROOT = Path(__file__).resolve().parents[2]
+NOMINAL = ROOT / "configs/robots/irb1600.yaml"
+STEP = float(np.degrees(4e-4))
+"""Change of the third joint's zero from the seventh test on, degrees."""
+
+
+def arm_with(folder, *, j3=0.0, x=0.0):
+    content = yaml.safe_load(NOMINAL.read_text())
+    content["effects"] = [
+        {"effect": "base_frame", "values": {"x": 1.0 + x, "y": 2.0, "z": -1.0, "roll": 0.05, "yaw": 0.02}},
+        {"effect": "joint_offset", "joints": ["j2", "j3", "j5"], "values": {"j2": 0.06, "j3": 0.1 + j3, "j5": -0.1}},
+    ]
+    path = folder / "arm.yaml"
+    path.write_text(yaml.safe_dump(content))
+    return path
+
+
+def measured(folder, name, seed, poses=30, **arm):
+    path = folder / name
+    noises = {"noise": "0.03mm", "noise_orientation": "0.03mrad"}
+    robacc.simulate(arm_with(folder, **arm), poses=poses, seed=seed, **noises).write(path)
+    return path
+
+
+@pytest.fixture(scope="module")
+def tests(tmp_path_factory):
+    """Ten weekly tests, as results of calibrate; the third joint's zero moved before the seventh."""
+    folder, found = tmp_path_factory.mktemp("tests"), []
+    for week in range(10):
+        poses = measured(folder, f"w{week}.csv", week, j3=STEP * (week >= 6))
+        result = robacc.calibrate(poses, robot=NOMINAL, fit="base_frame,tool_frame,joint_offset")
+        result.save(folder / f"w{week}.json")
+        if week == 9:
+            result.write_model(folder / "model.yaml")
+        found.append(folder / f"w{week}.json")
+    return found
+
+
+@pytest.fixture(scope="module")
+def database(tests, tmp_path_factory):
+    path = tmp_path_factory.mktemp("db") / "arm.db"
+    for week, result in enumerate(tests):
+        output(
+            "history", "add", result, "--db", path, "--at", f"2026-01-{1 + 7 * week:02d}" if week < 5 else _day(week)
+        )
+    return path
+
+
+def _day(week):
+    return str(np.datetime64("2026-01-01") + 7 * week)
+
+
+def test_a_result_added_again_changes_nothing(tests, database, tmp_path):
+    copy = shutil.copy(database, tmp_path / "copy.db")
+    added = document("history", "add", tests[0], tests[1], "--db", copy)
+    assert (added["added"], added["known"], added["n_results"]) == (0, 2, 10)
+    assert "2 known already" in output("history", "add", *tests[:2], "--db", copy)
+
+
+def test_show_lists_results_by_date(database):
+    shown = document("history", "show", "--db", database)["results"]
+    assert [one["at"] for one in shown] == [f"{_day(week)}T00:00:00Z" for week in range(10)]
+    assert {one["command"] for one in shown} == {"calibrate"}
+    assert {one["arm"] for one in shown} == {"ABB IRB 1600-x/1.45"}
+    assert not missing(output("history", "show", "--db", database), "2026-01-08", "w1.json", "10 results")
+
+
+def test_the_step_is_found_with_its_joint_date_and_size(database):
+    found = document("history", "changes", "--db", database)
+    (change,) = found["changes"]
+    assert (change["key"], change["kind"], change["unit"]) == ("joint_offset.j3", "step", "rad")
+    assert change["at"] == f"{_day(6)}T00:00:00Z"
+    assert change["low"] < 4e-4 < change["high"]
+    assert change["size"] == pytest.approx(4e-4, rel=0.1)
+    limits = {limit["key"]: limit["limit"] for limit in found["arms"][0]["detection_limits"]}
+    assert limits["joint_offset.j2"] < 4e-4
+    text = one_line(output("history", "changes", "--db", database))
+    assert not missing(text, "1 change in 10 tests", "joint_offset.j3", "2026-02-12", "0.023", "temperature_c")
+
+
+def test_a_gate_judges_a_change_by_its_size(database, tmp_path):
+    gate = tmp_path / "gate.yaml"
+
+    def status(limit, key):
+        criterion = {"name": "zero", "key": key, "limit": limit, "reason": "What the cell can bear."}
+        gate.write_text(yaml.safe_dump({"robacc_gate": 1, "name": "change", "criteria": [criterion]}))
+        return run("history", "changes", "--db", database, "--gate", gate).exit_code
+
+    assert status("0.2 mrad", "history.step.joint_offset.j3") == 4
+    assert status("0.5 mrad", "history.step.joint_offset.j3") == 0
+    assert status("0.2 mrad", "history.step.joint_offset.j2") == 0  # no change, and 0.2 mrad would have been seen
+    assert status("0.001 mrad", "history.step.joint_offset.j2") == 5  # so small a change would not
+
+
+def test_trend_and_tables(database, tmp_path):
+    trend = document("history", "trend", "joint_offset.j3", "--db", database)
+    (arm,) = trend["trends"]
+    assert (trend["unit"], len(arm["values"])) == ("rad", 10)
+    assert 0.0 < arm["low"] < arm["rate_per_year"] < arm["high"]
+    output("history", "show", "--db", database, "--table", tmp_path / "all.csv")
+    output("history", "show", "--db", database, "--table", tmp_path / "all.parquet")
+    rows = (tmp_path / "all.csv").read_text().splitlines()
+    assert rows[0] == "arm,at,result,key,value,std,unit"
+    from pyarrow import parquet
+
+    assert parquet.read_table(tmp_path / "all.parquet").num_rows == len(rows) - 1
+    assert "the keys are" in refused("history", "trend", "joint_offset.j9", "--db", database)
+    assert "has no arm 'other'" in refused("history", "show", "--db", database, "--arm", "other")
+
+
+def test_other_programs_read_the_database(database):
+    with sqlite3.connect(database) as base:
+        found = base.execute(
+            "SELECT r.at, c.value FROM coefficients c JOIN results r ON r.id = c.result "
+            "WHERE c.key = 'joint_offset.j3' ORDER BY r.at"
+        ).fetchall()
+    assert [value for _, value in found[6:]] == pytest.approx([np.radians(0.1 + STEP)] * 4, abs=5e-5)
+
+
+def test_what_is_no_database_and_no_result_is_refused(database, tests, tmp_path):
+    text = tmp_path / "text.db"
+    text.write_text("not a database, but a text that is long enough to be one")
+    assert "is not a database of robacc history" in refused("history", "show", "--db", text, status=3)
+    with sqlite3.connect(tmp_path / "other.db") as other:
+        other.execute("CREATE TABLE things (name TEXT)")
+    assert "is not a database of robacc" in refused("history", "add", tests[0], "--db", tmp_path / "other.db", status=3)
+    assert "no such database" in refused("history", "show", "--db", tmp_path / "none.db", status=3)
+    later = shutil.copy(database, tmp_path / "later.db")
+    with sqlite3.connect(later) as base:
+        base.execute("PRAGMA user_version = 99")
+    assert "version 99" in refused("history", "changes", "--db", later, status=3)
+    broken = tmp_path / "broken.json"
+    broken.write_text(tests[0].read_text()[:3000])
+    fresh = tmp_path / "fresh.db"
+    assert "truncated" in refused("history", "add", tests[0], broken, "--db", fresh, status=3)
+    assert "no such database" in refused("history", "show", "--db", fresh, status=3)
+    assert "expected a date" in refused("history", "add", tests[0], "--db", fresh, "--at", "yesterday")
+    assert "add, show, trend or changes" in refused("history")
+
+
+def test_two_writers_add_everything(tests, tmp_path):
+    path = tmp_path / "two.db"
+    command = [sys.executable, "-m", "robacc", "history", "add"]
+    with ThreadPoolExecutor(4) as pool:
+        ended = pool.map(lambda file: subprocess.run([*command, file, "--db", path], cwd=ROOT).returncode, tests[:6])
+    assert [*ended] == [0] * 6
+    assert len(document("history", "show", "--db", path)["results"]) == 6
+
+
+@pytest.mark.slow
+def test_a_kill_at_any_moment_loses_nothing(tests, tmp_path):
+    path, added = tmp_path / "killed.db", 0
+    script = (
+        "import sys, robacc\n"
+        "for name in sys.argv[2:]:\n"
+        "    robacc.history_add(name, db=sys.argv[1]); print(name, flush=True)"
+    )
+    rng = np.random.default_rng(0)
+    for round_ in range(20):
+        files = []
+        for i in range(10):
+            copy = tmp_path / f"r{round_}_{i}.json"
+            copy.write_text(tests[i].read_text().replace('"seed": 0', f'"seed": {100 * round_ + i}'))
+            files.append(str(copy))
+        with subprocess.Popen([sys.executable, "-c", script, path, *files], stdout=subprocess.PIPE, text=True) as child:
+            assert child.stdout.readline()
+            time.sleep(rng.uniform(0.0, 0.05))
+            child.send_signal(signal.SIGKILL)
+            added += 1 + len(child.stdout.read().splitlines())
+        with sqlite3.connect(path) as base:
+            assert base.execute("PRAGMA integrity_check").fetchone() == ("ok",)
+            (count,) = base.execute("SELECT count(*) FROM results").fetchone()
+            (whole,) = base.execute("SELECT count(DISTINCT result) FROM coefficients").fetchone()
+        assert added <= count == whole <= added + round_ + 1
+
+
+# Quick tests.
+
+
+def test_a_quick_test_names_the_joint_that_moved(tests, database, tmp_path):
+    folder = tests[0].parent
+    same = measured(tmp_path, "same.csv", 50, poses=12, j3=STEP, x=0.7)
+    words = ("--robot", folder / "model.yaml", "--db", database)
+    found = document("health", same, *words)
+    assert found["changes"] == []
+    limits = {limit["key"]: limit["limit"] for limit in found["detection_limits"]}
+    assert 1e-5 < limits["joint_offset.j3"] < 3e-4
+    moved = measured(tmp_path, "moved.csv", 51, poses=12, j3=2 * STEP, x=0.7)
+    (change,) = document("health", moved, *words)["changes"]
+    assert (change["key"], change["kind"]) == ("joint_offset.j3", "step")
+    assert change["low"] < 4e-4 < change["high"]
+    assert change["earliest"] == f"{_day(9)}T00:00:00Z"
+    assert "joint_offset.j3 moved" in output("health", moved, *words)
+    assert "has no fit" in refused("health", moved, "--robot", NOMINAL, "--db", database)
+
+
+# Fleets.
+
+
+@pytest.fixture(scope="module")
+def fleet_results(tmp_path_factory):
+    """Eight arms whose third joint's zero has a standard deviation of 1 mrad; one arm is far off."""
+    folder, rng, found = tmp_path_factory.mktemp("fleet"), np.random.default_rng(4), []
+    for arm in range(8):
+        j3 = float(np.degrees(rng.normal(0, 1e-3))) if arm != 5 else 1.5
+        poses = measured(folder, f"a{arm}.csv", arm, 20, j3=j3)
+        own = folder / f"n{arm}.yaml"
+        own.write_text(f"{NOMINAL.read_text()}\nidentity: {{serial_number: SN{arm:02d}}}\n")
+        fitted = robacc.calibrate(poses, robot=own, fit="base_frame,tool_frame,joint_offset", shrink=False)
+        fitted.save(folder / f"a{arm}.json")
+        found.append(folder / f"a{arm}.json")
+    return found
+
+
+def test_a_fleet_has_tolerances_and_names_the_stranger(fleet_results, tmp_path):
+    paths = tmp_path / "tolerances.yaml", tmp_path / "typical.yaml"
+    words = ("--robot", NOMINAL, "--write-tolerances", paths[0], "--write-robot", paths[1])
+    found = document("fleet", *fleet_results, *words)
+    (stranger,) = found["strangers"]
+    assert stranger["arm"] == "SN05"
+    assert stranger["key"] == "joint_offset.j3"
+    assert stranger["value"] == pytest.approx(np.radians(1.6), rel=0.05)
+    by_key = {one["key"]: one for one in found["coefficients"]}
+    third = by_key["joint_offset.j3"]
+    assert third["n_arms"] == 7
+    assert third["std_low"] < 1e-3 < third["std_high"]
+    assert third["mean_low"] < np.radians(0.1) < third["mean_high"]
+    assert by_key["joint_offset.j2"]["std"] < 1e-5
+    matrix = np.array(found["covariance"]["matrix"])
+    assert np.linalg.eigvalsh(matrix).min() > -1e-18
+    # The tolerances are those of predict, the typical arm is a robot whose tolerances are priors of calibrate.
+    budget = document("predict", NOMINAL, "--tolerances", paths[0], "--samples", 50)["budget"]
+    assert max(budget, key=lambda entry: entry["share_position"])["joint"] == "j3"
+    typical = robacc.read_robot(paths[1])
+    assert typical.joints[2].tolerance["theta"] == pytest.approx(third["std"], rel=1e-6)
+    poses = measured(tmp_path, "next.csv", 99, poses=20)
+    assert robacc.calibrate(poses, robot=paths[1], fit="base_frame,tool_frame,joint_offset", prior=True).converged
+    assert "none" not in output("fleet", *fleet_results).split("Arms out of family")[1]
+
+
+def test_a_fleet_of_a_database_takes_the_latest_fit_of_each_arm(fleet_results, tests, tmp_path):
+    path = tmp_path / "fleet.db"
+    for result in fleet_results[:3]:
+        output("history", "add", result, "--db", path)
+    assert document("fleet", "--db", path)["n_arms"] == 3
+    assert "SN00" in output("history", "show", "--db", path)
+    output("history", "add", tests[0], "--db", path, "--arm", "SN00")
+    assert len(document("history", "show", "--db", path, "--arm", "SN00")["results"]) == 2
+    assert document("fleet", "--db", path)["n_arms"] == 3
+    assert "at least two arms" in refused("fleet", fleet_results[0])
+    assert "name the results" in refused("fleet")
+
+
+def test_documents_follow_their_schemas(database, fleet_results, tests):
+    from jsonschema import Draft202012Validator
+
+    for name, words in {
+        "history-show": ("history", "show", "--db", database),
+        "history-changes": ("history", "changes", "--db", database),
+        "history-trend": ("history", "trend", "joint_offset.j3", "--db", database),
+        "fleet": ("fleet", *fleet_results),
+    }.items():
+        Draft202012Validator(robacc.schema(name)).validate(json.loads(output(*words, "--format", "json")))

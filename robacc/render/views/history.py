@@ -34,9 +34,11 @@ _KINDS = {
 
 def added_view(document: Document) -> list[Section]:
     """Return how many results were added."""
+    results, arms = document["n_results"], len(document["arms"])
     known = f", {document['known']} known already" if document["known"] else ""
-    total = f"the database has {document['n_results']} results of {len(document['arms'])} arms"
-    return [Section("", [Text(f"added {document['added']} results{known}; {total}")])]
+    total = f"the database has {results} result{'s' * (results != 1)} of {arms} arm{'s' * (arms != 1)}"
+    added = f"added {document['added']} result{'s' * (document['added'] != 1)}{known}"
+    return [Section("", [Text(f"{added}; {total}")])]
 
 
 def history_view(document: Document) -> list[Section]:

@@ -110,7 +110,7 @@ def _read_calibration(text: str) -> dict[str, dict[str, Any]]:
         refuse(
             (
                 low < 0,
-                f"`template`: the range of {name} begins at {low}: no counts, and no zero that the file can move",
+                f"`template`: the range of {name} begins at {low}; a motor with counts begins at 0 or above",
             ),
             (low >= high, f"`template`: the range of {name} is from {low} to {high}"),
         )

@@ -49,20 +49,6 @@ class Written(NamedTuple):
     """Name of the maker's arm that the numbers refer to."""
 
 
-def written(controller: Robot, form: str, given: Mapping[str, Any]) -> Written:
-    """Return what the exporter of a format makes of an arm.
-
-    Args:
-        controller: From :func:`restricted`.
-        form: Name of the entry point.
-        given: Arguments by the names of the exporter's parameters.
-
-    Raises:
-        UsageError: There is no such exporter, or the arm does not fit the format.
-    """
-    return Written(*plug_in(GROUP, form)(controller, **given))
-
-
 def check_parameters(form: str, given: Mapping[str, Any]) -> None:
     """Raise UsageError for an argument that the exporter of a format has no parameter for."""
 

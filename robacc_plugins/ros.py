@@ -9,6 +9,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from shlex import quote
 
 import yaml
 
@@ -117,11 +118,11 @@ def write_transforms(robot: Robot) -> Written:
     flange = robot.tip_link or "flange"
     frames = [(world, robot.base_link or "base_link", robot.base)]
     frames += [(flange, name, frame) for name, frame in (robot.targets or {target: robot.tool}).items()]
-    lines = [f"# written by robacc {__version__} from {robot.name}"]
+    lines = [f"# written by robacc {__version__} from {' '.join(robot.name.split())}"]
     for parent, child, frame in frames:
         w, *imaginary = quaternion_from_rotation(frame.pose.rotation)
         numbers = zip(("x", "y", "z", "qx", "qy", "qz", "qw"), (*frame.xyz, *imaginary, w), strict=True)
         options = " ".join(f"--{name} {float(number):.9f}" for name, number in numbers)
         command = "ros2 run tf2_ros static_transform_publisher"
-        lines.append(f"{command} {options} --frame-id {parent} --child-frame-id {child}")
+        lines.append(f"{command} {options} --frame-id {quote(parent)} --child-frame-id {quote(child)}")
     return Written("\n".join([*lines, ""]), ["joint zeros and link geometry, which the format urdf has"])

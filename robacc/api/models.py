@@ -30,7 +30,7 @@ from robacc.api.result import CsvResult, Provenance, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
-from robacc.exporters import GROUP, RemainingError, check_parameters, remaining_error, restricted, written
+from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_text
 from robacc.modelling.campaign import resolve_campaign
 from robacc.plug_ins import plug_in, plug_in_names
@@ -280,7 +280,7 @@ def export(
         given["template"] = inputs.text(template, "template", lambda text, _: text)
     try:
         start, complete, refitted, excluded = restricted(robot, before)
-        made = written(start, form, given)
+        made = Written(*plug_in(GROUP, form)(start, **given))
     except UsageError as error:
         if format is not None or arm is not None:
             raise

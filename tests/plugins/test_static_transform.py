@@ -49,11 +49,13 @@ def test_base_and_tool_stand_where_the_model_has_them() -> None:
 
 
 def test_links_and_targets_have_their_names() -> None:
-    targets = {"left": Frame((0.1, 0.0, 0.0)), "right": Frame((-0.1, 0.0, 0.0))}
-    robot = dataclasses.replace(robacc.read_robot("so101"), base_link="base", tip_link="wrist", targets=targets)
+    targets = {"ball; left": Frame((0.1, 0.0, 0.0)), "right": Frame((-0.1, 0.0, 0.0))}
+    robot = dataclasses.replace(
+        robacc.read_robot("so101"), name="arm\nof 1", base_link="base", tip_link="wrist", targets=targets
+    )
     found = transforms(robacc.export(robot, format="static-transform").text)
-    assert [*found] == [("measuring_frame", "base"), ("wrist", "left"), ("wrist", "right")]
-    np.testing.assert_allclose(found["wrist", "left"], frame((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)), atol=DIGITS)
+    assert [*found] == [("measuring_frame", "base"), ("wrist", "ball; left"), ("wrist", "right")]
+    np.testing.assert_allclose(found["wrist", "ball; left"], frame((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)), atol=DIGITS)
 
 
 def test_a_camera_on_the_hand_sees_the_board_where_the_photos_show_it(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ LAYERS = (
     ("robacc.accuracy",),
     ("robacc.simulation", "robacc.diagnostics"),
     ("robacc.tracing",),
-    ("robacc.controllers", "robacc.correction", "robacc.iso_9283", "robacc.prediction"),
+    ("robacc.correction", "robacc.exporters", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.planning",),
     ("robacc.comparison", "robacc.gates", "robacc.outcomes"),
     ("robacc.documents",),

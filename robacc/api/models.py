@@ -2,11 +2,12 @@
 
 from __future__ import annotations
 
+import inspect
 import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, ClassVar, Literal, get_args
+from typing import Annotated, Any, ClassVar, Literal
 
 from robacc.api.inputs import Inputs
 from robacc.api.parameters import (
@@ -25,17 +26,18 @@ from robacc.api.parameters import (
     numbers,
     temperatures,
 )
-from robacc.api.result import CsvResult, Result, fields_of
-from robacc.controllers import ExportedModel, export_model, known_ur_arm, parse_controller_file
+from robacc.api.result import CsvResult, Provenance, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
-from robacc.errors import MissingColumnError, Note, UsageError, refuse
+from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
+from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_text
 from robacc.modelling.campaign import resolve_campaign
+from robacc.plug_ins import plug_in, plug_in_names
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.quantities import size
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_poses
 
 _FIRST_ROW = 4
@@ -185,18 +187,32 @@ def simulate(
     return Simulated(**fields_of(body), robot=arm, plan=plan, made=inputs.made()._replace(options=options))
 
 
-ExportFormatName = Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets"]
+_EXACT = 1e-9
+"""Remaining error (m, rad) below which nothing is left out."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Exported(Result, ExportedModel):
+class Exported(Result):
     """Model in the format of a controller, with the error that remains there."""
 
     command: ClassVar[str] = "export"
     keys = EXPORT
     format: str
+    text: str
+    controller: Robot
+    """Arm that the text describes, with the model's base and tool."""
+    tool: Frame
+    """Measured target in the last frame of the format, to be set as the tool."""
+    not_carried: tuple[str, ...]
+    """What the format leaves out."""
+    refitted: tuple[str, ...]
+    """Effects that the format lacks and that its numbers take up as far as they can."""
+    remaining: RemainingError
+    arm: str | None = None
+    """Arm of Universal Robots that the numbers refer to."""
     warnings: tuple[str, ...] = ()
-    """Doubts about the model; :attr:`not_carried` lists what the format leaves out."""
+    """Doubts about the model."""
+    made: Provenance
 
     def write(self, path: StrPath) -> None:
         """Write the model to a file; a failure leaves no partial file.
@@ -214,7 +230,7 @@ def export(
     ],
     *,
     format: Annotated[
-        ExportFormatName | str | None,
+        str | None,
         Help(
             "Format of the text.",
             python="None is ur-calibration for an arm that it fits.",
@@ -223,10 +239,12 @@ def export(
     ] = None,
     nominal: Annotated[
         StrPath | Robot | None,
-        Help("joint-offsets: the model that the controller computes with.", "ROBOT"),
+        Help("joint-offsets, lerobot: the model that the controller computes with.", "ROBOT"),
     ] = None,
     arm: Annotated[str | None, Help("ur-calibration: the arm, such as ur10e.", "NAME")] = None,
-    template: Annotated[StrPath | None, Help("ur-…: the arm's own file, whose other lines are kept.", "FILE")] = None,
+    template: Annotated[
+        StrPath | None, Help("ur-…, lerobot: the arm's own file, whose other lines are kept.", "FILE")
+    ] = None,
     base_link: BaseLink = None,
     tip_link: TipLink = None,
 ) -> Exported:
@@ -249,27 +267,45 @@ def export(
     """
     inputs = Inputs(locals())
     robot = inputs.robot(model)
-    notes: tuple[str, ...] = ()
-    if format is None:
-        format, name = "ur-calibration", arm or known_ur_arm(robot)
-        if name is None:
-            raise UsageError(f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}")
-        notes = (Note(f"format {format}, which the controller of a {name} reads; `format` names another"),)
-    for parameter, value, formats in (
-        ("nominal", nominal, ("joint-offsets",)),
-        ("template", template, ("ur-calibration", "ur-kinematics")),
-        ("arm", arm, ("ur-calibration",)),
-    ):
-        refuse(
-            (value is not None and format not in formats, f"`{parameter}` belongs to `format` {' and '.join(formats)}")
-        )
-    controller = None if nominal is None else inputs.robot(nominal, kind="nominal")
-    text = None if template is None else inputs.text(template, "template", lambda text, _: text)
-    body = export_model(robot, format, nominal=controller, arm=arm, template=text)
+    given: dict[str, Any] = {"nominal": nominal, "template": template, "arm": arm}
+    given = {name: value for name, value in given.items() if value is not None}
+    form = format or "ur-calibration"
+    check_parameters(form, given)
+    before = None if nominal is None else inputs.robot(nominal, kind="nominal")
+    if before is not None:
+        others = before.variable_names != robot.variable_names
+        refuse((others, "the model and the nominal model have different joints"))
+        given["nominal"] = before
+    if template is not None:
+        given["template"] = inputs.text(template, "template", lambda text, _: text)
+    try:
+        start, complete, refitted, excluded = restricted(robot, before)
+        made = Written(*plug_in(GROUP, form)(start, **given))
+    except UsageError as error:
+        if format is not None or arm is not None:
+            raise
+        names = ", ".join(sorted(plug_in_names(GROUP)))
+        raise UsageError(f"name the format of the file with `format`: {names}") from error
+    controller = made.controller or start
+    remaining = remaining_error(complete, controller)
+    effects = [f"effect {name}" for name in (*refitted, *excluded)]
+    not_carried = (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
+    if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT:
+        not_carried = ()
+    default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")
     fit = model_fit(robot)
-    warnings = notes if fit is None else (*notes, *fit.warnings)
-    made = inputs.made("model", "nominal", "template", format=format)
-    return Exported(**fields_of(body), format=format, made=made, warnings=warnings)
+    return Exported(
+        format=form,
+        text=made.text,
+        controller=controller,
+        tool=made.tool or controller.tool,
+        not_carried=not_carried,
+        refitted=refitted,
+        remaining=remaining,
+        arm=made.arm,
+        warnings=(*(() if format else (default,)), *(() if fit is None else fit.warnings)),
+        made=inputs.made("model", "nominal", "template", format=form),
+    )
 
 
 @call
@@ -299,4 +335,14 @@ def import_(
         True
     """
     path = os.fspath(file)
-    return parse_controller_file(read_text(path), "<stdin>" if path == "-" else path, arm)
+    text, name = read_text(path), "<stdin>" if path == "-" else path
+    for entry in sorted(plug_in_names("robacc.importers")):
+        read = plug_in("robacc.importers", entry)
+        takes_arm = "arm" in inspect.signature(read).parameters
+        robot: Robot | None = read(text, name, arm=arm) if takes_arm else read(text, name)
+        if robot is not None:
+            needless = f"only a calibration.conf needs the name of its arm; {name} has all lengths"
+            refuse((arm is not None and not takes_arm, needless))
+            return robot
+    fix = "give a calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export"
+    raise InputError(Problem("is no kinematics file", name, fix=fix))

@@ -132,7 +132,9 @@ def _type_text(annotation: str) -> str:
 def _check(parameter: str, value: Any, kind: Any, meaning: Help) -> None:
     """Raise UsageError for an argument outside the choices or the range of its annotation."""
     choices = choices_of(kind)
-    if choices and value not in (None, *choices) and not (meaning.group and value in plug_in_names(meaning.group)):
+    if meaning.group:
+        choices = tuple(sorted({*choices, *plug_in_names(meaning.group)}))
+    if choices and value not in (None, *choices):
         listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
         raise UsageError(f"`{parameter}`: expected one of {listed}, found {value!r}")
     if meaning.least is not None and value is not None:

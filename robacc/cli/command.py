@@ -123,7 +123,9 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     plain = (kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)})
     choices = choices_of(option.kind)
     if meaning.group:
-        choices = (*choices, *plug_in_names(meaning.group))
+        # A line of --help has no room for all: they stand in the text, which has line breaks.
+        choices = tuple(sorted({*choices, *plug_in_names(meaning.group)}))
+        meaning = meaning._replace(metavar="NAME", text=f"{meaning.text} Names: {', '.join(choices)}.")
     kind: Any = Literal[choices] if choices else next(plain, str)
     kind = list[str] if option.is_repeated else kind
     kind = kind if default is not None else kind | None

@@ -261,7 +261,7 @@ def export(
     call: Call,
     *,
     format: Annotated[
-        Literal["urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets", "table"] | None,
+        Literal["table", "json"] | None,
         Help(
             "Format of the file; default: ur-calibration for an arm of Universal Robots. With `urdf`: form of the "
             "summary, table or json.",

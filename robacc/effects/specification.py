@@ -21,7 +21,7 @@ from robacc.effects.drivers import (
 )
 from robacc.errors import InputError, Problem, UsageError
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
-from robacc.measurements import Measurements
+from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
 
@@ -302,6 +302,9 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
     for (owner, name), changes in moved.items():
         if owner == BASE and name:
             fixtures[name] = dataclasses.replace(fixtures[name], base=_moved_frame(fixtures[name].base, changes))
+            if len(fixtures) == 1 and fixtures[name].kind in IMAGES:
+                # The board, or the camera beside the arm, is the measuring frame of a model fitted to photos.
+                robot = dataclasses.replace(robot, base=fixtures[name].base)
         elif owner == BASE:
             robot = dataclasses.replace(robot, base=_moved_frame(robot.base, changes))
         elif owner == TOOL and targets:

@@ -79,7 +79,7 @@ def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
     ],
 )
 def test_names_of_0_2_do_what_the_new_ones_do_with_one_note(old: str, new: str, tmp_path: Path) -> None:
-    files = ROOT / "sample_data", tmp_path, ROOT / "tests" / "controllers" / "samples" / "calibration.conf"
+    files = ROOT / "sample_data", tmp_path, ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
     before, now = (commands.run(*text.format(*files).split()) for text in (old, new))
     assert (before.exit_code, now.exit_code, now.stderr) == (0, 0, "")
     assert before.stdout == now.stdout != ""
@@ -229,7 +229,7 @@ FILES = {
     "targets.csv": SAMPLE / "iso9283" / "plan.csv",
     "model.yaml": SAMPLE / "truth.yaml",
     "cycles.csv": SAMPLE / "iso9283" / "poses.csv",
-    "calibration.conf": ROOT / "tests" / "controllers" / "samples" / "calibration.conf",
+    "calibration.conf": ROOT / "tests" / "plugins" / "samples" / "calibration.conf",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
 

@@ -461,7 +461,7 @@ def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) 
 
 UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
 
-CONF = ROOT / "tests" / "controllers" / "samples" / "calibration.conf"
+CONF = ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
 
 
 def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
@@ -500,7 +500,7 @@ def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (("export", PUMA, "-o", "-"), "name the format of the file with --format: urdf, mdh, json"),
+        (("export", PUMA, "-o", "-"), "name the format of the file with --format: joint-offsets, json"),
         (("export", UR10, "--format", "mdh"), "name the file to write with --output"),
         (("export", UR10, "--format", "mdh", "--urdf", "-"), "--urdf writes a URDF, --format mdh another file"),
         (("export", UR10, "--format", "mdh", "-o", "-", "--arm", "ur5"), "--arm belongs to --format ur-calibration"),

@@ -99,8 +99,9 @@ def test_exact_pixels_give_exact_zeros_and_the_place_of_all(mount: str, tmp_path
     values = {parameter.name: parameter.value for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
-    tool, _ = result.robot.tool, result.robot.base
-    np.testing.assert_allclose(tool.xyz, TOOL[:3, 3], atol=1e-8)
+    places = (result.robot.tool, TOOL), (result.robot.base, base_of(mount))
+    for place, true in places:
+        np.testing.assert_allclose(place.pose.matrices(), true, atol=1e-8)
     assert result.after.held_out.position.rms < 1e-8
 
 

@@ -35,26 +35,37 @@ def parse(source, others=()):
         draft.move(match.span(), [draft.add("", target)], "joint")
     return draft.program()
 """
-EXPORTER = """
-def write(robot):
-    return f"cell arm of {len(robot.joints)} joints\\n", ["limits"]
+IMPORTER = """
+from robacc import read_robot
+
+
+def read(text, file):
+    return read_robot("so101") if text.startswith("# zeros, deg") else None
 """
 BROKEN = "import a_module_that_is_not_there\n"
+
+
+def example(page: str, file: str) -> str:
+    """A file that a page of the documentation shows."""
+    text = (ROOT / "docs" / page).read_text(encoding="utf-8")
+    return text.partition(f'title="{file}"\n')[2].partition("```")[0]
 
 
 @pytest.fixture
 def site(tmp_path: Path) -> Path:
     """A folder with an installed package of a site: its modules and its entry points."""
-    page = (ROOT / "docs" / "how-to" / "own-effect.md").read_text(encoding="utf-8")
-    effect = page.partition('title="zero_drift.py"\n')[2].partition("```")[0]
-    for name, text in (("dialect", DIALECT), ("exporter", EXPORTER), ("drift", effect), ("broken", BROKEN)):
+    effect = example("how-to/own-effect.md", "zero_drift.py")
+    exporter = example("reference/plug-ins.md", "arm.py")
+    for name, text in (("dialect", DIALECT), ("exporter", exporter), ("drift", effect), ("importer", IMPORTER)):
         (tmp_path / f"site_{name}.py").write_text(text)
+    (tmp_path / "site_broken.py").write_text(BROKEN)
     info = tmp_path / "site_cell-1.0.dist-info"
     info.mkdir()
     (info / "METADATA").write_text("Metadata-Version: 2.1\nName: site-cell\nVersion: 1.0\n")
     (info / "entry_points.txt").write_text(
         "[robacc.programs]\ncell = site_dialect\n[robacc.exporters]\ncell-arm = site_exporter:write\n"
-        "[robacc.effects]\ndrift = site_drift\n[robacc.collisions]\nbroken = site_broken\n"
+        "[robacc.importers]\na-cell = site_importer:read\n[robacc.effects]\ndrift = site_drift\n"
+        "[robacc.collisions]\nbroken = site_broken\n"
     )
     return tmp_path
 
@@ -86,12 +97,20 @@ def test_an_effect_is_in_the_catalogue_and_in_robot_files(site: Path) -> None:
 
 
 def test_an_exporter_is_a_format(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    robot = str(ROOT / "sample_data" / "robot.yaml")
-    assert run(site, "export", robot, "--format", "cell-arm", "--output", "-") == "cell arm of 6 joints\n"
+    robot, own = str(ROOT / "sample_data" / "robot.yaml"), site / "own.txt"
+    own.write_text("serial = 7\n")
+    shown = run(site, "export", robot, "--format", "cell-arm", "--template", str(own), "--output", "-")
+    assert shown.startswith("serial = 7\nj1 = 0.0000\n")
+    assert "cell-arm" in run(site, "export", "--help")
     monkeypatch.syspath_prepend(site)
-    assert robacc.export(robot, format="cell-arm").not_carried == ("limits",)
-    with pytest.raises(UsageError, match="`format`: expected one of 'urdf'"):
+    result = robacc.export(robot, format="cell-arm")
+    assert (len(result.text.splitlines()), result.not_carried) == (7, ("link geometry",))
+    result.write(site / "written.txt")
+    assert robacc.import_(site / "written.txt") == robacc.read_robot("so101")
+    with pytest.raises(UsageError, match=r"`format`: expected one of 'cell-arm', .*, 'xarm', None, found 'another'"):
         robacc.export(robot, format="another")
+    with pytest.raises(UsageError, match="`template` belongs to `format` cell-arm and lerobot and ur-calibration"):
+        robacc.export(robot, format="mdh", template=own)
 
 
 def test_a_plug_in_that_is_not_there_or_cannot_be_loaded_is_named(site: Path, monkeypatch: pytest.MonkeyPatch) -> None:

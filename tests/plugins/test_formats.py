@@ -6,7 +6,6 @@ import dataclasses
 import json
 import re
 from pathlib import Path
-from typing import get_args
 from xml.etree import ElementTree
 
 import numpy as np
@@ -15,27 +14,21 @@ import yaml
 from homogeneous import dh, frame, shift, turn
 from scipy.spatial.transform import Rotation
 
-from robacc.api.models import ExportFormatName
-from robacc.controllers import (
-    ExportedModel,
-    dh_table,
-    export_model,
-    joint_frames,
-    parse_controller_file,
-    remaining_error,
-)
-from robacc.errors import InputError, UsageError
+from robacc import Exported, InputError, UsageError, export, import_
+from robacc.exporters import remaining_error
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import parse_robot
+from robacc_plugins.denavit_hartenberg import dh_table, joint_frames
 
 ROOT = Path(__file__).resolve().parents[2]
 ROBOTS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
 CONF = Path(__file__).parent / "samples" / "calibration.conf"
 MICROMETRE = 1e-6
+FORMS = ("urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets")
 UR10 = {
     "d": (0.1273, 0, 0, 0.163941, 0.1157, 0.0922),
     "a": (0, -0.612, -0.5723, 0, 0, 0),
@@ -72,6 +65,12 @@ def perturbed(path: Path, seed: int = 3) -> Robot:
     )
 
 
+def imported(folder: Path, text: str, arm: str | None = None) -> Robot:
+    path = folder / "file"
+    path.write_text(text)
+    return import_(path, arm=arm)
+
+
 def samples(robot: Robot, n: int = 40) -> Array:
     random = np.random.default_rng(5)
     limits = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables])
@@ -102,14 +101,14 @@ def test_a_dh_table_gives_the_same_poses(path: Path, is_perturbed: bool) -> None
 
 @pytest.mark.parametrize("path", ROBOTS, ids=lambda path: path.stem)
 @pytest.mark.parametrize("form", ["mdh", "json"])
-def test_tables_and_json_are_read_back(path: Path, form: str) -> None:
+def test_tables_and_json_are_read_back(path: Path, form: str, tmp_path: Path) -> None:
     robot = perturbed(path)
-    exported = export_model(robot, form)
+    exported = export(robot, format=form)
     if form == "mdh":
         again = parse_robot(exported.text, "mdh.yaml")
         assert again.convention == "modified"
     else:
-        again = parse_controller_file(exported.text, "arm.json")
+        again = imported(tmp_path, exported.text)
     q = samples(robot)
     assert_same(model_poses(again, q), model_poses(robot, q), 1e-9)
     assert exported.remaining.position_max < 1e-9
@@ -118,7 +117,7 @@ def test_tables_and_json_are_read_back(path: Path, form: str) -> None:
 
 def test_json_holds_both_tables() -> None:
     robot = perturbed(ROBOTS[0])
-    document = json.loads(export_model(robot, "json").text)
+    document = json.loads(export(robot, format="json").text)
     q = samples(robot)
 
     base, *tools = (
@@ -151,7 +150,7 @@ def ur_poses(text: str, nominal: dict[str, tuple[float, ...]], q: Array) -> Arra
 
 def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
-    exported = export_model(robot, "ur-calibration")
+    exported = export(robot, format="ur-calibration")
     assert exported.arm == "ur10"
     change = deltas(exported.text)
     assert change["a"][5] == change["alpha"][5] == 0, "the controller has neither behind the last axis"
@@ -164,18 +163,18 @@ def test_ur_calibration_makes_the_controller_compute_the_model() -> None:
 
 def test_calibration_conf_is_read_and_comes_back() -> None:
     text = CONF.read_text(encoding="ascii")
-    robot = parse_controller_file(text, "calibration.conf", "ur10e")
+    robot = import_(CONF, arm="ur10e")
     q = samples(robot)
     poses = ur_poses(text, UR10E, q)
     assert_same(model_poses(robot, q), poses)
     # Its joint frames stand where the nominal arm has them, not hundreds of metres away.
     assert max(abs(joint.parameters[axis]) for joint in robot.joints for axis in "xyz") < 0.7
-    again = export_model(robot, "ur-calibration", template=text).text
+    again = export(robot, format="ur-calibration", template=CONF).text
     assert_same(ur_poses(again, UR10E, q), poses)
     kept, written = ([line for line in one.splitlines() if not line.startswith("delta_")] for one in (text, again))
     assert written == kept
     with pytest.raises(UsageError, match="does not say which arm it belongs to; name the arm, one of ur3"):
-        parse_controller_file(text, "calibration.conf")
+        import_(CONF)
 
 
 def link_poses(text: str, q: Array) -> Array:
@@ -189,21 +188,22 @@ def link_poses(text: str, q: Array) -> Array:
 
 
 @pytest.mark.parametrize(("form", "name"), [("ur-kinematics", "ur10"), ("xarm", "panda")])
-def test_ros_kinematics_files_hold_the_arm(form: str, name: str) -> None:
+def test_ros_kinematics_files_hold_the_arm(form: str, name: str, tmp_path: Path) -> None:
     robot = perturbed(ROOT / "configs" / "robots" / f"{name}.yaml")
-    exported = export_model(robot, form)
+    exported = export(robot, format=form)
     q = samples(robot)
     attained = of_frame(robot.base) @ link_poses(exported.text, q) @ of_frame(exported.tool)
     assert_same(attained, model_poses(robot, q), 1e-9)
-    again = parse_controller_file(exported.text, "kinematics.yaml")
+    again = imported(tmp_path, exported.text)
     assert_same(model_poses(again, q), link_poses(exported.text, q), 1e-9)
     assert len(again.joints) == len(robot.joints)
 
 
-def test_the_hash_of_the_arm_is_kept() -> None:
+def test_the_hash_of_the_arm_is_kept(tmp_path: Path) -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
-    template = "kinematics:\n  shoulder: {}\n  hash: calib_12345\n"
-    text = export_model(robot, "ur-kinematics", template=template).text
+    template = tmp_path / "kinematics.yaml"
+    template.write_text("kinematics:\n  shoulder: {}\n  hash: calib_12345\n")
+    text = export(robot, format="ur-kinematics", template=template).text
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12345"
 
 
@@ -214,7 +214,7 @@ def test_effects_that_a_format_lacks_are_fitted_not_cut_off(form: str) -> None:
     _, second, third, *_ = rigid.variable_names
     entry = {"effect": "joint_compliance", "joints": [second, third], "values": {second: 2e-5, third: 3e-5}}
     model = dataclasses.replace(rigid, effects=(entry,))
-    exported, cut_off = export_model(model, form), remaining_error(model, rigid)
+    exported, cut_off = export(model, format=form), remaining_error(model, rigid)
     assert exported.refitted == ("joint_compliance",)
     assert 0 < exported.remaining.position_rms < 0.8 * cut_off.position_rms
     assert exported.remaining.position_max >= exported.remaining.position_rms
@@ -245,15 +245,15 @@ def urdf_poses(text: str, q: Array) -> Array:
     return pose
 
 
-def written_poses(form: str, exported: ExportedModel, nominal: Robot, model: Robot, q: Array) -> Array:
+def written_poses(folder: Path, exported: Exported, nominal: Robot, model: Robot, q: Array) -> Array:
     """What the written file computes, with the base of the model and the tool that the export names."""
-    base, tool = of_frame(model.base), of_frame(exported.tool)
+    base, tool, form = of_frame(model.base), of_frame(exported.tool), exported.format
     if form == "urdf":
         return urdf_poses(exported.text, q)
     if form == "mdh":
         return model_poses(parse_robot(exported.text, "mdh.yaml"), q)
     if form == "json":
-        return model_poses(parse_controller_file(exported.text, "arm.json"), q)
+        return model_poses(imported(folder, exported.text), q)
     if form == "ur-calibration":
         return base @ ur_poses(exported.text, UR10, q) @ tool
     if form == "joint-offsets":
@@ -264,8 +264,8 @@ def written_poses(form: str, exported: ExportedModel, nominal: Robot, model: Rob
     return base @ link_poses(exported.text, q) @ tool
 
 
-@pytest.mark.parametrize("form", get_args(ExportFormatName))
-def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: str) -> None:
+@pytest.mark.parametrize("form", FORMS)
+def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: str, tmp_path: Path) -> None:
     path = ROOT / "configs" / "robots" / "ur10.yaml"
     nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
     nominal = dataclasses.replace(nominal, effects=(), targets={})
@@ -273,9 +273,9 @@ def test_each_file_holds_the_restricted_fit_of_an_elastic_arm(form: str) -> None
     names = rigid.variable_names[1:3]
     entry = {"effect": "joint_compliance", "joints": list(names), "values": dict(zip(names, (2e-5, 3e-5), strict=True))}
     model = dataclasses.replace(rigid, effects=(entry,))
-    exported = export_model(model, form, nominal=nominal if form == "joint-offsets" else None)
+    exported = export(model, format=form, nominal=nominal if form == "joint-offsets" else None)
     q = samples(model)
-    assert_same(written_poses(form, exported, nominal, model, q), model_poses(exported.controller, q))
+    assert_same(written_poses(tmp_path, exported, nominal, model, q), model_poses(exported.controller, q))
     # What the format lacks is stated, with the error that it leaves.
     assert exported.not_carried[0] == "effect joint_compliance"
     assert ("link geometry" in exported.not_carried) == (form == "joint-offsets")
@@ -295,11 +295,11 @@ def test_joint_offsets_are_those_of_the_model() -> None:
         for joint, offset in zip(nominal.joints, offsets, strict=True)
     ]
     model = dataclasses.replace(nominal, joints=tuple(joints), tool=Frame((0.1, 0.0, 0.1)))
-    exported = export_model(model, "joint-offsets", nominal=nominal)
+    exported = export(model, format="joint-offsets", nominal=nominal)
     rows = [line.split(",") for line in exported.text.splitlines() if not line.startswith("#")][1:]
     np.testing.assert_allclose([float(row[1]) for row in rows], np.degrees(offsets), atol=1e-6)
     assert exported.remaining.position_max < MICROMETRE
-    off_table = export_model(perturbed(path), "joint-offsets", nominal=nominal)
+    off_table = export(perturbed(path), format="joint-offsets", nominal=nominal)
     assert off_table.remaining.position_rms > 1e-4, "link lengths cannot be mastered away"
 
 
@@ -313,7 +313,7 @@ def test_arms_that_do_not_fit_a_format_are_refused() -> None:
         (dataclasses.replace(puma, joints=(*puma.joints, follower)), "json", "follower follows other joints"),
     ):
         with pytest.raises(UsageError, match=message):
-            export_model(robot, form)
+            export(robot, format=form)
 
 
 @pytest.mark.parametrize(
@@ -323,12 +323,20 @@ def test_arms_that_do_not_fit_a_format_are_refused() -> None:
         ("delta_theta = [ 0, 0, 0, 0, 0, 0]\n", "ur5", "delta_a, delta_d, delta_alpha is missing"),
         ("kinematics:\n  joint1: {x: 0, y: 0}\n", None, r":2, kinematics.joint1.z: is missing"),
         ("kinematics:\n  arm: {x: 0, y: 0, z: 0, roll: 0, pitch: 0, yaw: 0}\n", None, "the joints are arm"),
-        ("robot: 1\n", None, "has no key kinematics"),
-        ("{", None, "is not JSON"),
-        ("{}", None, "is not a kinematics file of robacc"),
+        ("kinematics: 1\n", None, "has no key kinematics"),
+        ("robot: 1\n", None, "is no kinematics file; give a calibration.conf of Universal Robots"),
+        ("{}", None, "is no kinematics file"),
+        ('{"schema": "robacc.kinematics/1",', None, "is not JSON"),
+        ('{"schema": "robacc.kinematics/2"}', None, "is not a kinematics file of robacc"),
         ('{"schema": "robacc.kinematics/1", "joints": [{}]}', None, r"joints\[0\].origin: is missing"),
     ],
 )
-def test_bad_files_are_refused(text: str, arm: str | None, message: str) -> None:
+def test_bad_files_are_refused(text: str, arm: str | None, message: str, tmp_path: Path) -> None:
     with pytest.raises(InputError, match=message):
-        parse_controller_file(text, "file", arm)
+        imported(tmp_path, text, arm)
+
+
+def test_a_file_with_all_lengths_needs_no_name_of_an_arm(tmp_path: Path) -> None:
+    text = export(perturbed(ROBOTS[0]), format="json").text
+    with pytest.raises(UsageError, match=r"only a calibration\.conf needs the name of its arm; .*file has all lengths"):
+        imported(tmp_path, text, "ur5")

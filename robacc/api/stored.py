@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
@@ -14,7 +14,7 @@ from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, read_result
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.comparison.comparing import ResultComparison, compare as compare_results
+from robacc.comparison.comparing import compare as compare_results
 from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
@@ -85,11 +85,20 @@ _START = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Compared(Result, ResultComparison):
-    """Comparison of results, with the files that they were read from."""
+class Compared(Result):
+    """Comparison of results, with the files that they were read from; its parts have the keys of the document."""
 
     command: ClassVar[str] = "compare"
     keys = COMPARE
+    results: tuple[ComparedResult, ...]
+    baseline: str
+    confidence: float
+    pairing: Sequence[Mapping[str, Any]]
+    statistics: Sequence[Mapping[str, Any]]
+    ranking: Mapping[str, Any]
+    grade: Mapping[str, Any] | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 @call
@@ -136,8 +145,8 @@ def compare(
         >>> import robacc
         >>> plain = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
         >>> aligned = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml", align="base_frame")
-        >>> robacc.compare(plain, aligned).ranking.names
-        ('estimate (2)', 'estimate')
+        >>> [entry["name"] for entry in robacc.compare(plain, aligned).ranking["order"]]
+        ['estimate (2)', 'estimate']
     """
     inputs = Inputs(locals())
     refuse((scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"))
@@ -153,9 +162,8 @@ def compare(
         confidence=confidence,
         seed=seed,
     )
-    comparison = replace(comparison, warnings=(*comparison.warnings, *doubts))
-    made = inputs.made(baseline=comparison.baseline, by=comparison.ranking.key)
-    return Compared(**fields_of(comparison), made=made)
+    made = inputs.made(baseline=comparison["baseline"], by=comparison["ranking"]["by"])
+    return Compared(**{**comparison, "warnings": (*comparison["warnings"], *doubts)}, made=made)
 
 
 def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[list[ComparedResult], list[str]]:

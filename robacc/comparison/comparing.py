@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
@@ -26,7 +25,7 @@ from robacc.comparison.stored_results import (
     split_key,
     unit_of,
 )
-from robacc.errors import UsageError, refuse
+from robacc.errors import refuse
 from robacc.statistics.intervals import EstimatedValue, Interval
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
@@ -70,29 +69,7 @@ def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
 
 # Status of several results against a required grade: confirmed, met but not confirmed, or not met.
 
-Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
-"""Verdicts as results store them."""
 _UNITS: dict[Quantity, Unit] = {"position": "m", "orientation": "rad"}
-
-
-@dataclass(frozen=True, slots=True)
-class GradeStatus:
-    """Status of one result against the required grade."""
-
-    name: str
-    verdict: Verdict
-    grade: str
-    """The result's own grade on the scale."""
-    probability: float | None
-    """Probability that the limits of the required grade are truly met, given the data."""
-    position: EstimatedValue
-    """Statistic of the scale, m, with its interval at the scale's confidence."""
-    orientation: EstimatedValue | None
-    """rad"""
-    poses_to_demonstrate: int | None
-    """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
-    why: str | None
-    """Reason why the grade is not confirmed, or why the probability is unknown."""
 
 
 def common_scale(results: Sequence[ComparedResult]) -> Scale:
@@ -114,8 +91,8 @@ def common_scale(results: Sequence[ComparedResult]) -> Scale:
 
 def grade_statuses(
     results: Sequence[ComparedResult], scale: Scale, required_grade: str, seed: int = 0
-) -> tuple[GradeStatus, ...]:
-    """Return the status of every result, in the order of the results.
+) -> list[dict[str, Any]]:
+    """Return the status of every result, in the order of the results, with the keys of the document.
 
     Args:
         results: The results.
@@ -129,49 +106,54 @@ def grade_statuses(
     names = [step.grade for step in scale.steps]
     unknown = f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}"
     refuse((required_grade not in names, unknown))
-    return tuple(
-        _status_by_errors(result, scale, names.index(required_grade), seed)
-        if "position" in result.errors
-        else _status_by_figures(result, scale, names.index(required_grade))
-        for result in results
-    )
+    return [_status(result, scale, names.index(required_grade), seed) for result in results]
 
 
-def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
-    of = partial(error_statistics, confidence=scale.confidence, seed=seed)
-    graded = [
-        of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[str, Any]:
+    """Return the status by the errors, or without errors by the figures alone, which confirm nothing."""
+    figures: dict[Quantity, EstimatedValue] = {}
+    if "position" in result.errors:
+        of = partial(error_statistics, confidence=scale.confidence, seed=seed)
+        graded = [
+            of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+            for quantity, unit in _UNITS.items()
+            if (errors := result.errors.get(quantity)) is not None
+        ]
+        assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
+        figures = {name: EstimatedValue(own.value, own.interval) for name, own in assessed.quantities.items()}
+        confirmed, met, own_grade = assessed.confirmed_rank <= rank, assessed.rank <= rank, assessed.grade
+        missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
+        why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
+        needed, why_not = (assessed.poses_needed(rank), why) if met and not confirmed else (None, None)
+        probability = assessed.probability_within(rank)
+    else:
+        statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
+        figures = {name: result.figures[key] for name in _UNITS if (key := f"{name}.{statistic}") in result.figures}
+        lacking = f"{result.name} is a result of {result.command}, which has no {statistic} error to grade"
+        refuse(("position" not in figures, lacking))
+        own_rank = max(scale.rank_of(name, figure.value) for name, figure in figures.items())
+        confirmed, met, own_grade, probability, needed = False, own_rank <= rank, scale.name_of(own_rank), None, None
+        measured = "the result does not list the error of every pose"
+        why_not = measured if result.measured else "predicted from tolerances, not measured"
+    ends = {
+        f"{quantity}{key}_{unit}": value
         for quantity, unit in _UNITS.items()
-        if (errors := result.errors.get(quantity)) is not None
-    ]
-    assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
-    confirmed, met = assessed.confirmed_rank <= rank, assessed.rank <= rank
-    missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
-    why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
-    figures = [EstimatedValue(own.value, own.interval) for own in assessed.quantities.values()]
-    return GradeStatus(
-        result.name,
-        "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
-        assessed.grade,
-        assessed.probability_within(rank),
-        figures[0],
-        figures[1] if len(figures) > 1 else None,
-        assessed.poses_needed(rank) if met and not confirmed else None,
-        None if confirmed or not met else why,
-    )
-
-
-def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
-    """Return the status by the figures alone, for a prediction or a result without errors; they confirm nothing."""
-    statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
-    known = {quantity: result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS}
-    if (position := known["position"]) is None:
-        raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
-    own_rank = max(scale.rank_of(name, figure.value) for name, figure in known.items() if figure is not None)
-    measured = "the result does not list the error of every pose"
-    why = measured if result.measured else "predicted from tolerances, not measured"
-    verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
-    return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, known["orientation"], None, why)
+        for own in [figures.get(quantity)]
+        for key, value in (
+            ("", own and own.value),
+            ("_upper_bound", own and own.interval and own.interval.upper_bound),
+        )
+    }
+    return {
+        "name": result.name,
+        "verdict": "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
+        "demonstrated": confirmed,
+        "grade": own_grade,
+        "probability": probability,
+        **ends,
+        "poses_to_demonstrate": needed,
+        "why": why_not,
+    }
 
 
 # Warnings of a comparison, where results were made differently, and notes on what its figures do not say.
@@ -204,11 +186,9 @@ def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, 
             yield f"made differently, poses: {text}"
 
 
-def _notes(
-    results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
-) -> tuple[str, ...]:
+def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
-    level = 0.0 if scale is None else 100 * scale.confidence
+    graded = grade or {"demonstrated_by": (), "confidence": 0.0}
     notes = (
         (
             tested,
@@ -220,8 +200,8 @@ def _notes(
             "position and orientation of calibrate and trace are those after the fit, on held-out poses",
         ),
         (
-            sum(status.verdict == "demonstrated" for status in statuses) > 1,
-            f"each grade by itself is confirmed at {level:g} % confidence, not all together",
+            len(graded["demonstrated_by"]) > 1,
+            f"each grade by itself is confirmed at {100 * graded['confidence']:g} % confidence, not all together",
         ),
     )
     return tuple(note for applies, note in notes if applies)
@@ -233,85 +213,6 @@ _SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")
 _NO_TEST_OF_PREDICTION = "a prediction describes robots yet to be built, so it has no sampling error to test with"
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedRow:
-    """One figure of every result, and its differences to the baseline."""
-
-    key: str
-    unit: str
-    figures: tuple[EstimatedValue, ...]
-    """One figure for each result, in the order of the results."""
-    differences: tuple[Difference | None, ...]
-    """Differences to the baseline; None for the baseline itself."""
-
-
-@dataclass(frozen=True, slots=True)
-class RankedPair:
-    """Two results in the order of the ranking."""
-
-    better: str
-    worse: str
-    """By the estimates, whether or not the difference is significant."""
-    difference: Difference
-    """Worse minus better."""
-    p_corrected: float | None
-    """p-value corrected for the number of pairs (Holm)."""
-    different: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Ranking:
-    """Results in the order of one figure, the smallest first."""
-
-    key: str
-    unit: str
-    level: float
-    """Corrected p-value below which two results count as different."""
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-    letters: tuple[str, ...]
-    """Group letters; results that share a letter do not differ significantly."""
-    groups: tuple[tuple[str, ...], ...]
-    """Largest groups of results without a significant difference; without any test, no groups and no letters."""
-    pairs: tuple[RankedPair, ...]
-    predicted: tuple[str, ...]
-    """Predictions, which are not ranked with measured results."""
-
-    def sentences(self) -> tuple[str, ...]:
-        """Return the ranking as text: neighbours that differ, groups that do not, pairs without a test, predictions."""
-        unranked = [f"{name} is a prediction, which is not ranked with measured arms" for name in self.predicted]
-        if not self.groups:
-            return (*["ordered by the figure; no difference could be tested"] * (len(self.names) > 1), *unranked)
-        neighbours = [pair for pair in self.pairs if self.names.index(pair.worse) == self.names.index(pair.better) + 1]
-        lines = [f"{pair.better} is better than {pair.worse}" for pair in neighbours if pair.different]
-        lines += [
-            f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly"
-            for group in self.groups
-            if len(group) > 1
-        ]
-        untested = [pair for pair in self.pairs if pair.difference.p_value is None]
-        lines += [f"{pair.better} and {pair.worse} could not be tested" for pair in untested]
-        return (*lines, *unranked)
-
-
-@dataclass(frozen=True, slots=True)
-class ResultComparison:
-    """Return value of :func:`compare`."""
-
-    results: tuple[ComparedResult, ...]
-    baseline: str
-    confidence: float
-    rows: tuple[ComparedRow, ...]
-    pairing: tuple[Mapping[str, Any], ...]
-    """Match of the poses of every result with those of the baseline, as in the document."""
-    ranking: Ranking
-    scale: Scale | None
-    required_grade: str | None
-    grade_statuses: tuple[GradeStatus, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
 def compare(
     results: Sequence[ComparedResult],
     *,
@@ -321,8 +222,8 @@ def compare(
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
-) -> ResultComparison:
-    """Compare results with each other.
+) -> dict[str, Any]:
+    """Return the comparison of results with each other, with the keys of the document.
 
     Args:
         results: At least two results with different names.
@@ -397,60 +298,92 @@ def compare(
             **{f"n_{p}": r.errors["position"].n_groups if are_listed else r.n_poses for p, r in both.items()},
         }
 
-    rows = tuple(
-        ComparedRow(
-            key,
-            unit_of(key),
-            tuple(result.figures[key] for result in results),
-            tuple(None if i == reference else change(key, reference, i) for i in range(len(results))),
-        )
+    rows = [
+        {
+            "key": key,
+            "unit": unit_of(key),
+            "values": [
+                {"name": result.name, "value": figure.value}
+                | {end: getattr(figure.interval, end, None) for end in ("lower", "upper", "confidence")}
+                for result in results
+                for figure in [result.figures[key]]
+            ],
+            "differences": [
+                {"name": name, **change(key, reference, i).document()} for i, name in enumerate(names) if i != reference
+            ],
+        }
         for key in keys
-    )
-    matches = tuple(match(reference, i) for i in range(len(results)) if i != reference)
+    ]
+    matches = [match(reference, i) for i in range(len(results)) if i != reference]
     ranked_by = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
-    grade_scale = None if required_grade is None else scale or common_scale(results)
-    statuses: tuple[GradeStatus, ...] = ()
-    if grade_scale is not None and required_grade is not None:
-        statuses = grade_statuses(results, grade_scale, required_grade, seed)
-    tested = any(item is not None and item.p_value is not None for row in rows for item in row.differences)
-    return ResultComparison(
-        results=tuple(results),
-        baseline=names[reference],
-        confidence=confidence,
-        rows=rows,
-        pairing=matches,
-        ranking=_ranking(results, ranked_by, confidence, partial(change, ranked_by)),
-        scale=grade_scale,
-        required_grade=required_grade,
-        grade_statuses=statuses,
-        notes=_notes(results, tested, statuses, grade_scale),
-        warnings=tuple(_warnings(results, matches)),
-    )
+    graded: dict[str, Any] | None = None
+    if required_grade is not None:
+        scale = scale or common_scale(results)
+        statuses = grade_statuses(results, scale, required_grade, seed)
+        graded = {
+            "wanted": required_grade,
+            "scale": scale.name,
+            "statistic": scale.statistic,
+            "confidence": scale.confidence,
+            "demonstrated_by": [status["name"] for status in statuses if status["demonstrated"]],
+            "results": statuses,
+        }
+    tested = any(item["p_value"] is not None for row in rows for item in row["differences"])
+    return {
+        "results": tuple(results),
+        "baseline": names[reference],
+        "confidence": confidence,
+        "pairing": matches,
+        "statistics": rows,
+        "ranking": _ranking(results, ranked_by, confidence, partial(change, ranked_by)),
+        "grade": graded,
+        "notes": _notes(results, tested, graded),
+        "warnings": tuple(_warnings(results, matches)),
+    }
 
 
 def _ranking(
     results: Sequence[ComparedResult], key: str, confidence: float, change: Callable[[int, int], Difference]
-) -> Ranking:
-    """Return the order of the results by a figure; ``change`` gives its difference between two of them."""
+) -> dict[str, Any]:
+    """Return the order of the results by a figure; ``change`` gives its difference between two of them.
+
+    Predictions are not ranked with measured results. Results that share a letter do not differ significantly; without
+    any test, there are no groups and no letters.
+    """
     ranked = [i for i, result in enumerate(results) if result.measured] or range(len(results))
     order = sorted(ranked, key=lambda i: (abs(results[i].figures[key].value), i))
     pairs = [(i, j, change(order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
-    level = 1.0 - confidence
+    level, names = 1.0 - confidence, [results[i].name for i in order]
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
-    names = [results[i].name for i in order]
     groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
-    return Ranking(
-        key=key,
-        unit=unit_of(key),
-        level=level,
-        names=tuple(names),
-        values=tuple(results[i].figures[key].value for i in order),
-        letters=tuple(group_letters(len(order), groups)),
-        groups=tuple(tuple(names[i] for i in group) for group in groups),
-        pairs=tuple(
-            RankedPair(names[i], names[j], pair_difference, p, (i, j) in different)
+    alike = [[names[i] for i in group] for group in groups if len(group) > 1]
+    text = ["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups)
+    if groups:
+        text = [f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different]
+        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in alike]
+        untested = [(i, j) for i, j, pair_difference in pairs if pair_difference.p_value is None]
+        text += [f"{names[i]} and {names[j]} could not be tested" for i, j in untested]
+    unranked = [result.name for i, result in enumerate(results) if i not in ranked]
+    text += [f"{name} is a prediction, which is not ranked with measured arms" for name in unranked]
+    return {
+        "by": key,
+        "unit": unit_of(key),
+        "level": level,
+        "order": [
+            {"name": results[i].name, "value": results[i].figures[key].value, "letters": letters}
+            for i, letters in zip(order, group_letters(len(order), groups), strict=True)
+        ],
+        "indistinguishable": alike,
+        "pairs": [
+            {
+                "better": names[i],
+                "worse": names[j],
+                "different": (i, j) in different,
+                "p_corrected": p,
+                "difference": pair_difference.document(),
+            }
             for (i, j, pair_difference), p in zip(pairs, corrected, strict=True)
-        ),
-        predicted=tuple(result.name for i, result in enumerate(results) if i not in ranked),
-    )
+        ],
+        "text": text,
+    }

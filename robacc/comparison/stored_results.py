@@ -482,6 +482,15 @@ class Difference:
         """Return a difference without uncertainty, and the reason."""
         return cls(value, Interval(value, value, None, confidence, why), float(value == 0.0), paired, n_poses)
 
+    def document(self) -> dict[str, Any]:
+        """Return the keys of the document."""
+        return {
+            "value": self.value,
+            **{name: getattr(self.interval, name) for name in ("lower", "upper", "confidence")},
+            **{name: getattr(self, name) for name in ("p_value", "paired", "n_poses")},
+            **{name: getattr(self.interval, name) for name in ("method", "why")},
+        }
+
 
 _MOMENTS: dict[str, tuple[int, int]] = {
     "rms": (0, 2),

@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
+Value = TypeVar("Value")
 Counted = Literal["line", "row"]
 """Unit that places in a file are counted in."""
 
@@ -68,6 +69,13 @@ def refuse(*cases: tuple[object, str | Problem]) -> None:
     for holds, reason in cases:
         if holds:
             raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
+
+
+def given(value: Value | None, reason: str | Problem) -> Value:
+    """Return a value; None raises the error of :func:`refuse` with this reason."""
+    if value is None:
+        raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
+    return value
 
 
 class MissingColumnError(UsageError):

@@ -245,7 +245,7 @@ class ComparedTargets(Result, PairedTargets):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, and a correction that is not loaded."""
-        if self.loaded.verdict == "not loaded":
+        if self.loaded["verdict"] == "not_loaded":
             return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
         return self.doubts
 
@@ -296,7 +296,7 @@ def compare_paired(
         >>> before = robacc.simulate(model, at=old, noise="0.02mm", seed=2).data
         >>> after = robacc.simulate(model, at=new, noise="0.02mm", seed=3).data
         >>> result = robacc.compare_paired(before, after)
-        >>> result.loaded.verdict, result.metrics_after.rms < 0.1 * result.metrics_before.rms
+        >>> result.loaded["verdict"], result.metrics_after.rms < 0.1 * result.metrics_before.rms
         ('loaded', True)
     """
     inputs = Inputs(locals(), "before", "after")
@@ -312,6 +312,6 @@ def compare_paired(
         )
     if arm is not None and body.promise is not None:
         fit = model_fit(arm)
-        doubts += (*noise_doubts(body.promise.noise), *(() if fit is None else fit.warnings))
+        doubts += (*noise_doubts(body.promise["noise"]), *(() if fit is None else fit.warnings))
     made = inputs.made("before", "after", "model", "nominal")
     return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)

@@ -16,13 +16,13 @@ import dataclasses
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
 from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
-from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.errors import Problem, given, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -37,40 +37,8 @@ _FEWEST = 3
 _PROMISED = 0.01
 """Probability below which the remaining error is not what was promised."""
 
-Loaded = Literal["loaded", "partly loaded", "not loaded", "undecided"]
 Rows = Sequence[list[int]]
 """Rows of each shared target in a file."""
-
-
-@dataclass(frozen=True, slots=True)
-class LoadedTest:
-    """Regression of the measured on the planned displacements."""
-
-    verdict: Loaded
-    slope: float
-    """1 where the correction was loaded, 0 where it was not."""
-    low: float
-    high: float
-    planned_rms: float
-    """RMS of the planned displacements, m."""
-
-
-@dataclass(frozen=True, slots=True)
-class PromiseTest:
-    """Test of the remaining error against the prediction."""
-
-    chi_square: float
-    degrees_of_freedom: int
-    p_value: float
-    promised_rms: float
-    """Expected RMS of the remaining error, measurement noise included, m."""
-    noise: Mapping[str, Any]
-    """Measurement noise in the test, as in the document."""
-
-    @property
-    def kept(self) -> bool:
-        """Whether the remaining error is what was promised."""
-        return self.p_value >= _PROMISED
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,9 +50,10 @@ class PairedTargets:
     """``(3, N)`` mean error before, measuring frame, m."""
     after: Array
     gain: Gain
-    loaded: LoadedTest
-    promise: PromiseTest | None
-    """None without a model."""
+    loaded: Mapping[str, Any]
+    """Regression of the measured on the planned displacements, with the keys of the result."""
+    promise: Mapping[str, Any] | None
+    """Test of the remaining error against the prediction, with the keys of the result; None without a model."""
     notes: tuple[str, ...]
 
     @property
@@ -123,9 +92,9 @@ def paired_targets(
     names, *rows = _shared_targets(first, second)
     stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
     if stated[0][0] is stated[1][0] is None:
-        if nominal is None or first.q is None:
-            raise UsageError("the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints")
-        stated[0] = (predict(dataclasses.replace(nominal, effects=()), first).translation, rows[0])
+        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
+        robot = given(nominal if first.q is not None else None, lacking)
+        stated[0] = (predict(dataclasses.replace(robot, effects=()), first).translation, rows[0])
     wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
     before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
     # Without a model, the best guess of the plan is that the whole error goes.
@@ -146,18 +115,20 @@ def paired_targets(
 
 def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
     """Return the targets of both files, paired by their ``pose``, or by their order without such a column."""
+    apart = f"{first.n} and {second.n} rows without a column pose cannot be paired"
     fix = "add a column pose to both files"
-    if (first.pose is None) != (second.pose is None):
-        raise InputError(Problem("one file has a column pose, the other has none", fix="add it to both files"))
-    if first.pose is None and first.n != second.n:
-        message = f"{first.n} and {second.n} rows without a column pose cannot be paired"
-        raise InputError(Problem(message, second.source, fix=fix))
+    refuse(
+        (
+            (first.pose is None) != (second.pose is None),
+            Problem("one file has a column pose, the other has none", fix="add it to both files"),
+        ),
+        (first.pose is None and first.n != second.n, Problem(apart, second.source, fix=fix)),
+    )
     before, after = (rows_of_targets(data) for data in (first, second))
     common = [key for key in before if key in after]
-    if len(common) < _FEWEST:
-        message = f"the files share {len(common)} targets, {_FEWEST} are needed"
-        fix = "give the files of the same targets before and after the correction"
-        raise InputError(Problem(message, second.source, fix=fix))
+    message = f"the files share {len(common)} targets, {_FEWEST} are needed"
+    fix = "give the files of the same targets before and after the correction"
+    refuse((len(common) < _FEWEST, Problem(message, second.source, fix=fix)))
     return tuple(map(" ".join, common)), [before[key] for key in common], [after[key] for key in common]
 
 
@@ -179,20 +150,22 @@ def _means(values: Array, rows: Rows) -> Array:
     return np.stack([values[:, own].mean(axis=1) for own in rows], axis=1)
 
 
-def _loaded(measured: Array, planned: Array) -> LoadedTest:
+def _loaded(measured: Array, planned: Array) -> dict[str, Any]:
     """Return the slope of measured on planned displacements, with an interval from the scatter between targets."""
-    power = float(np.sum(np.square(planned)))
-    if power == 0.0:
-        return LoadedTest("undecided", math.nan, math.nan, math.nan, 0.0)
-    slope, n = float(np.sum(measured * planned)) / power, planned.shape[1]
-    scores = np.sum(planned * (measured - slope * planned), axis=0)
-    slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
-    half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
-    low, high = slope - half_width, slope + half_width
-    verdict: Loaded = "loaded" if low > 0.5 else "undecided"
-    if low <= 0.5 and high < (0.5 if low <= 0.0 else 0.9):
-        verdict = "not loaded" if low <= 0.0 else "partly loaded"
-    return LoadedTest(verdict, slope, low, high, rms_length(planned))
+    power, n = float(np.sum(np.square(planned))), planned.shape[1]
+    slope = low = high = math.nan
+    verdict = "undecided"
+    if power > 0.0:
+        slope = float(np.sum(measured * planned)) / power
+        scores = np.sum(planned * (measured - slope * planned), axis=0)
+        slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
+        half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
+        low, high = slope - half_width, slope + half_width
+        if low > 0.5:
+            verdict = "loaded"
+        elif high < (0.5 if low <= 0.0 else 0.9):
+            verdict = "not_loaded" if low <= 0.0 else "partly_loaded"
+    return {"verdict": verdict, "slope": slope, "lower": low, "upper": high, "planned_rms_m": rms_length(planned)}
 
 
 # What a model promises of the targets that it corrected, and the test of the error that remains.
@@ -200,12 +173,10 @@ def _loaded(measured: Array, planned: Array) -> LoadedTest:
 
 def _against_model(
     robot: Robot, files: Sequence[Measurements], rows: Sequence[Rows], measured: Array, noise: str | float | None
-) -> tuple[Array, PromiseTest]:
+) -> tuple[Array, dict[str, Any]]:
     """Return the displacements that the model plans, and the test of the means ``measured`` after the correction."""
-    fit = model_fit(robot)
-    if fit is None:
-        fix = "give a file that `write_model` of a trace or a calibration wrote"
-        raise InputError(Problem("the model has no record of its fit", robot.name, column="fit", fix=fix))
+    fix = "give a file that `write_model` of a trace or a calibration wrote"
+    fit = given(model_fit(robot), Problem("the model has no record of its fit", robot.name, column="fit", fix=fix))
     lacks_joints = any(file.q is None for file in files)
     refuse((lacks_joints, "`model` needs the joints q1, q2, … that were commanded, in both files"))
     arm = absorb_constants(robot)
@@ -232,13 +203,13 @@ def _against_model(
     )
 
 
-def _noise(fit: ModelFit, given: str | float | None, stated: float | None) -> dict[str, Any]:
+def _noise(fit: ModelFit, option: str | float | None, stated: float | None) -> dict[str, Any]:
     """Return the measurement noise: given, of the poses after the correction, or of the model's fit."""
     # Noise within the unexplained error of the model is only its lower bound.
     is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
     position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
-    if given is not None:
-        position, source = size(given, "length", "`noise`"), "given"
+    if option is not None:
+        position, source = size(option, "length", "`noise`"), "given"
     elif stated is not None:
         position, source = stated, "file"
     return {
@@ -250,8 +221,8 @@ def _noise(fit: ModelFit, given: str | float | None, stated: float | None) -> di
 
 def promise_test(
     residual: Array, jacobian: Array, covariance: Array, separate: Array, noise: Mapping[str, Any]
-) -> PromiseTest:
-    """Return the normalised square of a residual and its probability.
+) -> dict[str, Any]:
+    """Return the normalised square of a residual and its probability, with the keys of the result.
 
     Args:
         residual: ``(3, N)`` measured less predicted positions, m.
@@ -272,7 +243,15 @@ def promise_test(
         chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
         shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", separate))))
-    return PromiseTest(chi_square, residual.size, chi2_sf(chi_square, float(residual.size)), expected, noise)
+    p_value = chi2_sf(chi_square, float(residual.size))
+    return {
+        "kept": p_value >= _PROMISED,
+        "chi_square": chi_square,
+        "degrees_of_freedom": residual.size,
+        "p_value": p_value,
+        "promised_rms_m": expected,
+        "noise": noise,
+    }
 
 
 def noise_doubts(noise: Mapping[str, Any]) -> list[str]:

@@ -237,11 +237,10 @@ COMPARE_PAIRED = part(
                     "verdict": Key(
                         choice("loaded", "partly_loaded", "not_loaded", "undecided"),
                         "Whether the correction was loaded.",
-                        lambda it: it.verdict.replace(" ", "_"),
                     ),
                     "slope": Key(number | None, "1 where the correction was loaded, 0 where it was not."),
-                    "lower": Key(number | None, "Lower end of the 95 % interval.", "low"),
-                    "upper": Key(number | None, "Upper end of the 95 % interval.", "high"),
+                    "lower": Key(number | None, "Lower end of the 95 % interval."),
+                    "upper": Key(number | None, "Upper end of the 95 % interval."),
                     "planned_rms_m": Key(size, "Rms of the planned displacements, m."),
                 }
             ),

@@ -64,8 +64,8 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
-def refuse(*cases: tuple[object, str | Problem]) -> None:
-    """Raise the error of the first case that holds: UsageError with its text, or InputError with its problem."""
+def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]]) -> None:
+    """Raise the error of the first case that holds: UsageError with its text, or InputError with its problems."""
     for holds, reason in cases:
         if holds:
             raise UsageError(reason) if isinstance(reason, str) else InputError(reason)

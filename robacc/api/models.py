@@ -29,7 +29,7 @@ from robacc.api.result import CsvResult, Result, fields_of
 from robacc.controllers import ExportedModel, export_model, known_ur_arm, parse_controller_file
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
-from robacc.errors import MissingColumnError, Note, UsageError, refuse
+from robacc.errors import MissingColumnError, Note, given, refuse
 from robacc.io.files import read_text, write_text
 from robacc.modelling.campaign import resolve_campaign
 from robacc.poses.csv_file import pose_pieces
@@ -251,9 +251,8 @@ def export(
     robot = inputs.robot(model)
     notes: tuple[str, ...] = ()
     if format is None:
-        format, name = "ur-calibration", arm or known_ur_arm(robot)
-        if name is None:
-            raise UsageError(f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}")
+        unnamed = f"name the format of the file with `format`: {', '.join(get_args(ExportFormatName))}"
+        format, name = "ur-calibration", given(arm or known_ur_arm(robot), unnamed)
         notes = (Note(f"format {format}, which the controller of a {name} reads; `format` names another"),)
     for parameter, value, formats in (
         ("nominal", nominal, ("joint-offsets",)),

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
 from robacc.documents.keys import Kind
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
 from robacc.modelling.validity import OutsideValidity
@@ -190,8 +190,7 @@ class Result:
         except ImportError as error:
             raise UsageError("to_pandas needs pandas, which is not installed; run pip install pandas") from error
         columns = self.to_numpy()
-        if not columns:
-            raise UsageError(f"a result of robacc {self.command} has no table of poses; see document()")
+        refuse((not columns, f"a result of robacc {self.command} has no table of poses; see document()"))
         return pandas.DataFrame(columns)
 
     def _plain(self) -> dict[str, Any]:
@@ -255,6 +254,5 @@ def schema(name: str) -> dict[str, Any]:
         >>> robacc.schema("estimate")["properties"]["n_poses"]["description"]
         'Measured poses (rows).'
     """
-    if name not in MODULES:
-        raise UsageError(f"no schema {name!r}; choose one of {', '.join(schema_names())}")
+    refuse((name not in MODULES, f"no schema {name!r}; choose one of {', '.join(schema_names())}"))
     return result_schema(name)

@@ -197,8 +197,7 @@ def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[li
                 compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
         except InputError as error:
             problems += error.problems
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     return compared_results, warnings
 
 

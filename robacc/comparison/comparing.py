@@ -298,7 +298,7 @@ def compare(
             **{f"n_{p}": r.errors["position"].n_groups if are_listed else r.n_poses for p, r in both.items()},
         }
 
-    rows = [
+    rows: list[dict[str, Any]] = [
         {
             "key": key,
             "unit": unit_of(key),

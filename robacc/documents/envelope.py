@@ -34,7 +34,7 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
@@ -281,8 +281,7 @@ def understood(name: str, command: str) -> Iterator[None]:
 
 def _parsed(text: str, name: str) -> Any:
     """Return the document, of any JSON type."""
-    if not text.strip():
-        raise InputError(Problem("is empty", name, fix="save the result as JSON"))
+    refuse((not text.strip(), Problem("is empty", name, fix="save the result as JSON")))
     try:
         document = json.loads(
             text, object_pairs_hook=_unique_keys, parse_constant=_number, parse_float=_number, parse_int=_number
@@ -329,26 +328,23 @@ def _checked(document: Any, name: str) -> str:
     Raises:
         InputError: The document is not a result of this version of robacc; with every value that is not of its kind.
     """
-    if not isinstance(document, Mapping) or "schema" not in document:
-        reason = "it has no key 'schema'" if isinstance(document, Mapping) else "it is not a JSON object"
-        raise InputError(Problem(f"is not a result of robacc: {reason}", name, fix="save the result as JSON"))
-    match = _SCHEMA.fullmatch(document["schema"]) if isinstance(document["schema"], str) else None
-    if match is None:
-        message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
-        raise InputError(Problem(message, name, column="schema"))
-    command, version = match[1], int(match[2])
-    if version != schema_version(command):
-        message = (
-            f"has version {version} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
-            f"robacc reads version {schema_version(command)}"
-        )
-        fix = "compute the result again with this robacc, or read it with the robacc that made it"
-        raise InputError(Problem(message, name, column="schema", fix=fix))
+    reason = "it has no key 'schema'" if isinstance(document, Mapping) else "it is not a JSON object"
+    other = Problem(f"is not a result of robacc: {reason}", name, fix="save the result as JSON")
+    refuse((not isinstance(document, Mapping) or "schema" not in document, other))
+    message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
+    schema = document["schema"] if isinstance(document["schema"], str) else ""
+    command, version = given(_SCHEMA.fullmatch(schema), Problem(message, name, column="schema")).groups()
+    message = (
+        f"has version {int(version)} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
+        f"robacc reads version {schema_version(command)}"
+    )
+    fix = "compute the result again with this robacc, or read it with the robacc that made it"
+    refuse((int(version) != schema_version(command), Problem(message, name, column="schema", fix=fix)))
     # Readers need some keys of every result.
     problems = result_kind(command).problems({**dict.fromkeys(("robacc", "command", "options", "inputs")), **document})
-    if found := [Problem(message, name, column=path) for path, message in problems]:
-        raise InputError(found)
-    return command
+    found = [Problem(message, name, column=path) for path, message in problems]
+    refuse((found, found))
+    return str(command)
 
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.
@@ -401,9 +397,8 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
             top = top_section(read_text(source), source, tuple(IDENTITY))
             stated = read_fields(top, IDENTITY_FIELDS)
             top.source.finish()
-            if not stated:
-                fix = f"write at least one of {', '.join(IDENTITY)}"
-                raise InputError(Problem("names nothing of what was tested", source, fix=fix))
+            fix = f"write at least one of {', '.join(IDENTITY)}"
+            refuse((not stated, Problem("names nothing of what was tested", source, fix=fix)))
         else:
             known = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
             refuse(

@@ -26,7 +26,7 @@ from robacc.documents.keys import (
     size,
     text,
 )
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import read_text, sha256_of
 from robacc.statistics.intervals import ASSURANCE
 
@@ -192,8 +192,7 @@ def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
             continue
         baselines[name] = stored.document
         records.append(InputFile.at(place, stored.sha256, "baseline"))
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     return gate, baselines, records
 
 

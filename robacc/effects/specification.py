@@ -19,7 +19,7 @@ from robacc.effects.drivers import (
     range_excess,
     read_validity,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -68,8 +68,7 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
         if (earlier := first.setdefault(known[-1].effect.key(), key)) != key:
             message = f"repeats {known[-1].effect} of {earlier}; their values would add up"
             problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     return tuple(known)
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import UsageError, refuse
+from robacc.errors import given, refuse
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
@@ -306,9 +306,7 @@ class CampaignPlan:
         Raises:
             UsageError: The plan has none.
         """
-        if self.validation is None:
-            raise UsageError("the plan has no validation poses; give their number as `validation`")
-        return self.validation
+        return given(self.validation, "the plan has no validation poses; give their number as `validation`")
 
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
@@ -426,15 +424,14 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
     Raises:
         UsageError: They have no joint columns.
     """
-    if data.q is None:
-        raise UsageError("the poses measured already have no joint columns")
+    q = given(data.q, "the poses measured already have no joint columns")
     is_logged = data.direction is not None and data.speed is not None
     return dataclasses.replace(
         data,
         position=np.zeros_like(data.position),
         rotation=None,
-        direction=data.direction if is_logged else np.zeros_like(data.q),
-        speed=data.speed if is_logged else np.zeros_like(data.q),
+        direction=data.direction if is_logged else np.zeros_like(q),
+        speed=data.speed if is_logged else np.zeros_like(q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
 
@@ -564,10 +561,8 @@ def _task(
     model: Model, conditions: Conditions, settings: CampaignSettings, stated: Measurements | None
 ) -> Measurements:
     """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
-    q = task_joints(model, settings.constraints, settings.region, settings.seed) if stated is None else stated.q
-    if q is None:
-        raise UsageError("the poses of the task have no joint columns")
-    payload = None if stated is None else stated.payload
+    own = task_joints(model, settings.constraints, settings.region, settings.seed) if stated is None else stated.q
+    q, payload = given(own, "the poses of the task have no joint columns"), None if stated is None else stated.payload
     # Random numbers of the task's approaches, apart from those of the candidates.
     return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
 
@@ -577,12 +572,16 @@ def _count(
 ) -> int:
     """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
     count = settings.poses or (BATCH if n_known else None)
-    undecided = next((entry for entry in demands if entry["n_poses"] is None), None)
-    if count is None and undecided is not None:
-        raise UsageError(
-            f"no number of poses up to {MOST_POSES} decides {undecided['name']} if the true value is "
-            f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+    refuse(
+        *(
+            (
+                count is None and demand["n_poses"] is None,
+                f"no number of poses up to {MOST_POSES} decides {demand['name']} if the true value is "
+                f"{demand['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`",
+            )
+            for demand in demands
         )
+    )
     count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
     most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
     number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"

@@ -28,7 +28,7 @@ from robacc.accuracy.grade import Scale
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, effect_class
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
-from robacc.errors import InputError, Problem, RobaccError
+from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
@@ -578,10 +578,9 @@ def coverage(
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
     )
     half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
-    if aligned and np.all(half == half[0]):
-        fix = "measure at more than one commanded pose, or leave out `align`"
-        message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
-        raise InputError(Problem(message, data.source, fix=fix))
+    fix = "measure at more than one commanded pose, or leave out `align`"
+    message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
+    refuse((aligned and np.all(half == half[0]), Problem(message, data.source, fix=fix)))
     error, covariances = np.empty((3 if data.rotation is None else 6, data.n)), np.empty((2, 3, 3, data.n))
     for part in np.unique(half):
         rows = np.flatnonzero(half == part)

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import Problem, given, refuse
 from robacc.geometry import Array, compose, transpose
 from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
@@ -84,16 +84,12 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
             component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
             full_name = f"{name or frame}.{kind}"
             parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
-    if not parameters:
-        example = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
-        if robot.convention == "urdf":
-            example = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
-        fix = (
-            f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
-        )
-        raise InputError(
-            Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
-        )
+    example = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
+    if robot.convention == "urdf":
+        example = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+    fix = f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
+    message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
+    refuse((not parameters, Problem(message, fix=fix)))
     return tuple(parameters)
 
 
@@ -211,13 +207,10 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         InputError: There are no poses or no joint variables.
         UsageError: The joint variables do not fit the robot.
     """
-    if data.n == 0:
-        raise InputError(Problem("has no poses to predict the accuracy at", data.source))
-    if data.q is None:
-        message = "has no joint columns: the prediction needs the joint values"
-        raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
+    refuse((data.n == 0, Problem("has no poses to predict the accuracy at", data.source)))
+    message = "has no joint columns: the prediction needs the joint values"
     return Configurations(
-        data.q,
+        given(data.q, Problem(message, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
         Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),

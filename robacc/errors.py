@@ -64,17 +64,17 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
-def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]]) -> None:
-    """Raise the error of the first case that holds: UsageError with its text, or InputError with its problems."""
+def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]], error: type[Exception] = UsageError) -> None:
+    """Raise the error of the first case that holds: ``error`` with its text, or InputError with its problems."""
     for holds, reason in cases:
         if holds:
-            raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
+            raise error(reason) if isinstance(reason, str) else InputError(reason)
 
 
-def given(value: Value | None, reason: str | Problem) -> Value:
+def given(value: Value | None, reason: str | Problem, error: type[Exception] = UsageError) -> Value:
     """Return a value; None raises the error of :func:`refuse` with this reason."""
     if value is None:
-        raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
+        raise error(reason) if isinstance(reason, str) else InputError(reason)
     return value
 
 

@@ -40,9 +40,8 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import csv_text
+from robacc.documents.envelope import csv_text, read_gate
 from robacc.documents.expected import PLAN, PREDICT
-from robacc.documents.gate import read_gate
 from robacc.documents.keys import rounded
 from robacc.errors import given, refuse
 from robacc.geometry import Array
@@ -125,7 +124,7 @@ class Predicted(Result, Prediction):
         configurations, reached = self.configurations, self._reached()
         return PREDICT.write(
             self,
-            warranty_map=warranty_map(self, reached) if self.is_calibrated else None,
+            warranty_map=warranty_map(self, reached)[0] if self.is_calibrated else None,
             poses={
                 "label": list(configurations.labels),
                 "q": rounded(configurations.q),
@@ -160,11 +159,12 @@ class Predicted(Result, Prediction):
         """
         edge = size(voxel, "length", "`voxel`")
         refuse((edge <= 0, "`voxel`: expected a length above zero"))
-        voxels = warranty_map(self, self._reached(), edge)
-        columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
-        for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
-            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
-        return csv_text({**columns, "grade": voxels.grades})
+        voxels, sizes = warranty_map(self, self._reached(), edge)
+        columns = dict(zip(("x_m", "y_m", "z_m"), voxels["centre_m"].T, strict=True))
+        columns["configurations"] = voxels["configurations"]
+        for unit, rms in zip(("m", "rad"), sizes, strict=True):
+            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": voxels[f"bound95_{unit}"]}
+        return csv_text({**columns, "grade": voxels["grade"]})
 
 
 @call
@@ -230,7 +230,7 @@ def predict(
     Example:
         >>> import robacc
         >>> result = robacc.predict("configs/robots/puma560.yaml", samples=200)
-        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0].name}")
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0]['parameter']}")
         0.37 mm rms; largest contribution: j1.d
     """
     inputs = Inputs(locals())
@@ -484,7 +484,7 @@ def plan(
         >>> result = robacc.plan("sample_data/robot.yaml", poses=12, candidates=500)
         >>> sorted(result.route.roles).count("pose")
         11
-        >>> result.accuracy.planned.rms < result.accuracy.planned.random_rms
+        >>> result.accuracy["planned"]["rms_m"] < result.accuracy["planned"]["random_rms_m"]
         True
     """
     inputs = Inputs(locals())

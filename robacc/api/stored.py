@@ -14,12 +14,10 @@ from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, read_result
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.comparison.comparing import compare as compare_results
-from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets
+from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import StoredResult, understood
-from robacc.documents.gate import CHECK, read_gate
+from robacc.documents.envelope import CHECK, StoredResult, read_gate, understood
 from robacc.errors import InputError, Problem, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.prediction.model_uncertainty import model_fit
@@ -286,7 +284,8 @@ def compare_paired(
         UsageError: The arguments contradict each other.
 
     Example:
-        >>> import dataclasses, robacc
+        >>> from dataclasses import replace
+        >>> import robacc
         >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
         >>> targets = robacc.simulate(robot, poses=20, seed=1).data
         >>> planned = robacc.correct(targets, model=model, nominal=robot)

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.documents.gate import GATE_KEY
+from robacc.documents.envelope import GATE_KEY
 from robacc.documents.keys import (
     FIGURES,
     NOTES,

@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.documents.gate import GATE_KEY
+from robacc.documents.envelope import GATE_KEY
 from robacc.documents.keys import (
     COVARIANCE,
     CURVE,

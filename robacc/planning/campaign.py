@@ -44,9 +44,7 @@ from robacc.planning.design import (
 from robacc.planning.expected import (
     BATCH,
     CURVE_EXCHANGED,
-    Detectability,
     Expectation,
-    ExpectedAccuracy,
     ExpectedNoise,
     PlannedCoefficients,
     candidate_rows,
@@ -255,9 +253,11 @@ class CampaignPlan:
     """At the target along each axis, m rms over the task."""
     coefficients: Sequence[Mapping[str, Any]] = ()
     correlations: tuple[Correlation, ...] = ()
-    accuracy: ExpectedAccuracy | None = None
+    accuracy: Mapping[str, Any] | None = None
+    """Predicted accuracy of the planned poses and over the number of poses, with the keys of the result."""
     worth: Mapping[str, Any] | None = None
-    detectability: Detectability | None = None
+    detectability: Mapping[str, Any] | None = None
+    """What a trace can find: :func:`robacc.planning.expected.detectability`."""
     needed: Sequence[Mapping[str, Any]] = ()
     sufficiency: Mapping[str, Any] | None = None
     power: Mapping[str, float] | None = None

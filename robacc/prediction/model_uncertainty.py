@@ -42,7 +42,6 @@ from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,
     Prediction,
-    Share,
     in_tool_frame,
     outer_sums,
     predicted,
@@ -144,8 +143,8 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
     noise, factor, largest = entry["noise"], entry["bound_factor"], entry["largest_correction"]
     names = tuple(str(name) for name in entry["coefficients"])
     covariance = _symmetric(entry["covariance"])
-    if covariance.shape[0] != len(names):
-        raise ValueError(f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}")
+    other = f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}"
+    refuse((covariance.shape[0] != len(names), other), error=ValueError)
     orientation = noise["orientation"]
     return ModelFit(
         effects=tuple(
@@ -179,8 +178,8 @@ def _symmetric(rows: Sequence[Any]) -> Array:
     result = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         values = [float(number) for number in str(row).split()]
-        if len(values) != i + 1 or not np.all(np.isfinite(values)):
-            raise ValueError(f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones")
+        expected = f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones"
+        refuse((len(values) != i + 1 or not np.all(np.isfinite(values)), expected), error=ValueError)
         result[i, : i + 1] = result[: i + 1, i] = values
     return result
 
@@ -503,7 +502,11 @@ def calibrated_accuracy(
     covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
     totals = np.sum(traces, axis=0)
     shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
-    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
+    budget = [
+        {**dict.fromkeys(("parameter", "joint", "kind", "sd", "unit")), "parameter": name, "kind": name}
+        | {"share_position": position, "share_orientation": orientation}
+        for name, (position, orientation) in zip(SOURCES, shares, strict=True)
+    ]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
     outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
@@ -519,7 +522,7 @@ def calibrated_accuracy(
         [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
-        budget=tuple(sorted(budget, key=lambda share: -share.position)),
+        budget=sorted(budget, key=lambda share: -share["share_position"]),
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",

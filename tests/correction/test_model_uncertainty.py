@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 import robacc
-from robacc.comparison.paired_targets import promise_test, rows_of_targets
+from robacc.comparison.comparing import promise_test, rows_of_targets
 from robacc.effects.specification import with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.modelling.model import Model, predict

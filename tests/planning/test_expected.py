@@ -118,8 +118,8 @@ def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     assert ours < 0.92 * np.mean(draws)
     assert ours < np.min(draws)
     accuracy = plan.accuracy
-    assert accuracy.planned.rms == pytest.approx(ours, rel=0.12)  # 400 and 200 sampled task poses
-    assert accuracy.planned.random_rms == pytest.approx(np.mean(draws), rel=0.15)
+    assert accuracy["planned"]["rms_m"] == pytest.approx(ours, rel=0.12)  # 400 and 200 sampled task poses
+    assert accuracy["planned"]["random_rms_m"] == pytest.approx(np.mean(draws), rel=0.15)
 
 
 def test_repeats_of_the_noise_model() -> None:
@@ -127,7 +127,7 @@ def test_repeats_of_the_noise_model() -> None:
     worth = plan.worth
     # Without an unexplained error a second visit has the information of the first; a reading leaves the scatter.
     assert worth["new_poses_rms_m"] <= worth["repeated_poses_rms_m"] < worth["readings_rms_m"]
-    assert worth["repeated_poses_rms_m"] == pytest.approx(plan.accuracy.planned.rms / np.sqrt(2), rel=0.02)
+    assert worth["repeated_poses_rms_m"] == pytest.approx(plan.accuracy["planned"]["rms_m"] / np.sqrt(2), rel=0.02)
 
 
 def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
@@ -152,5 +152,5 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 def test_visible_poses_are_few_and_the_choice_among_them_matters() -> None:
     sight = Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30))
     plan = planned("irb1600", sight, 0.1)
-    assert plan.accuracy.planned.rms < 0.9 * plan.accuracy.planned.random_rms
+    assert plan.accuracy["planned"]["rms_m"] < 0.9 * plan.accuracy["planned"]["random_rms_m"]
     assert {entry["reason"] for entry in plan.candidates.excluded} >= {"reflector turned away by more than 30°"}

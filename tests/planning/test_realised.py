@@ -52,7 +52,7 @@ def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float
     predicted = [
         entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]
     ]
-    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy.planned.rms / held_out
+    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy["planned"]["rms_m"] / held_out
 
 
 def test_predictions_are_realised() -> None:

@@ -48,7 +48,6 @@ _DIFFERENCE = {
     "method": Key(text | None, "Method of the test."),
     "why": Key(text | None, "Reason why there is no test, or null."),
 }
-DIFFERENCE = part(_DIFFERENCE, "difference", "Difference of two results in one figure.")
 
 COMPARE = part(
     {
@@ -147,7 +146,10 @@ COMPARE = part(
                                     "p_corrected": Key(
                                         share | None, "p-value corrected for the number of pairs (Holm)."
                                     ),
-                                    "difference": Key(DIFFERENCE, "Worse minus better."),
+                                    "difference": Key(
+                                        part(_DIFFERENCE, "difference", "Difference of two results in one figure."),
+                                        "Worse minus better.",
+                                    ),
                                 }
                             )
                         ),

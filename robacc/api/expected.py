@@ -50,7 +50,6 @@ from robacc.modelling.campaign import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,
-    CampaignSettings,
     Demand,
     plan_campaign,
 )
@@ -517,8 +516,9 @@ def plan(
     demands = _demands(inputs, gate, grade)
     needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
     refuse((demands and purpose != "acceptance", needs_acceptance))
-    settings = CampaignSettings(
-        purpose=purpose,
+    body = plan_campaign(
+        arm,
+        purpose,
         poses=poses,
         criterion=criterion,
         fit=fit if isinstance(fit, str) else ",".join(fit),
@@ -546,8 +546,8 @@ def plan(
         n_candidates=n_candidates,
         payloads=_payloads(payload),
         seed=seed,
+        **read,
     )
-    body = plan_campaign(arm, settings, **read)
     doubts = [text for data in read.values() for text in data.warnings]
     body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *doubts))
     # Files are recorded by their names, objects not at all.

@@ -470,22 +470,20 @@ def _visits(plan: CampaignPlan) -> Document:
 
 PLAN = part(
     {
-        "purpose": Key(
-            choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement.", "settings.purpose"
-        ),
+        "purpose": Key(choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement."),
         "criterion": Key(
             choice("I", "G", "D", "A") | None,
             (
                 "Criterion of the choice: mean (I) or worst (G) predicted error, determinant (D) or sum of variances "
                 "(A) of the coefficients; null where the purpose sets it."
             ),
-            lambda plan: plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
+            lambda plan: plan.criterion if plan.purpose == "calibrate" else None,
         ),
         "n_poses": Key(ordinal, "Number of different poses.", lambda plan: int(plan.chosen.size)),
         "n_visits": Key(
             ordinal, "Number of visits, with repeats and drift checks.", lambda plan: len(plan.route.roles)
         ),
-        "fit": Key(text, "Effects that the fit leaves free.", "settings.fit"),
+        "fit": Key(text, "Effects that the fit leaves free."),
         "candidates": Key(
             part(
                 {
@@ -520,7 +518,7 @@ PLAN = part(
             )
             | None,
             "Pairs of links that were checked for collisions; null without a check of collisions.",
-            "settings.constraints.collisions",
+            "constraints.collisions",
         ),
         "noise": Key(
             part(
@@ -635,7 +633,7 @@ PLAN = part(
         "instrument_in_base_m": Key(
             array(number) | None,
             "Position of the instrument in the base frame, m; null if it was not given.",
-            "settings.constraints.sight.position",
+            "constraints.sight.position",
         ),
         "robot": Key(
             ROBOT,

@@ -122,17 +122,17 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     """Return the entry's joints, checked."""
-    if not cls.traits.per_joint:
-        if joints:
-            raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
+    possible, acts_on_joints = ", ".join(cls.possible_joints(arm)), cls.traits.per_joint
+    is_list = isinstance(joints, list | tuple) and all(joint in arm.names for joint in joints)
+    refuse(
+        (joints and not acts_on_joints, f"{cls.name} acts on no joint in particular; leave joints out"),
+        (acts_on_joints and not is_list, f"joints must be a list of {', '.join(arm.names)}; found {joints!r}"),
+        error=ValueError,
+    )
+    if not joints and (cls.traits.joints_optional or not acts_on_joints):
         return ()
-    if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
-        raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
-    possible = cls.possible_joints(arm)
-    if not joints and cls.traits.joints_optional:
-        return ()
-    if not joints or len(set(joints)) < len(joints):
-        raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
+    needed = f"{cls.name} needs joints, each once: some of {possible}; found {list(joints)!r}"
+    refuse((not joints or len(set(joints)) < len(joints), needed), error=ValueError)
     for joint in joints:
         cls.check_joint(arm, joint)
     return tuple(joints)

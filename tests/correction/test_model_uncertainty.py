@@ -101,9 +101,9 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     model = tmp_path / "model.yaml"
     calibrated(1).write_model(model)
     prediction = robacc.predict(model, samples=200)
-    names = {share.name for share in prediction.budget}
+    names = {share["parameter"] for share in prediction.budget}
     assert names == {"coefficients", "repeatability", "unexplained", "extrapolation"}
-    assert sum(share.position for share in prediction.budget) == pytest.approx(1.0)
+    assert sum(share["share_position"] for share in prediction.budget) == pytest.approx(1.0)
     assert prediction.position.rms < 1e-4
     assert prediction.grade.grade in "AB"
     rows = prediction.map_csv("250mm").splitlines()

@@ -11,7 +11,7 @@ from scipy import stats
 from test_expected import NOISE, SCATTER, jacobian, whitener
 
 import robacc
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
+from robacc.planning.campaign import CampaignPlan, plan_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMPAIGNS = 200
@@ -19,10 +19,8 @@ CAMPAIGNS = 200
 
 @pytest.fixture(scope="module")
 def plan() -> CampaignPlan:
-    settings = CampaignSettings(
-        "trace", 40, fit="base_frame,tool_frame,joint_offset", noise=NOISE, repeatability=SCATTER, n_candidates=300
-    )
-    return plan_campaign(arm("irb1600").robot, settings)
+    options = {"noise": NOISE, "repeatability": SCATTER, "n_candidates": 300}
+    return plan_campaign(arm("irb1600").robot, "trace", 40, fit="base_frame,tool_frame,joint_offset", **options)
 
 
 def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) -> float:

@@ -10,7 +10,7 @@ from arms import arm
 from homogeneous import frame, shift, turn
 
 from robacc.measurements import Measurements
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
+from robacc.planning.campaign import CampaignPlan, plan_campaign
 from robacc.planning.candidates import Constraints, Sight
 from robacc.robots.description import Robot
 
@@ -63,8 +63,8 @@ def whitener(robot: Robot, q: np.ndarray, joints: np.ndarray) -> np.ndarray:
 def planned(name: str, sight: Sight | None = None, min_height: float | None = None) -> CampaignPlan:
     """A plan of 30 poses, each visited once."""
     settings = {"noise": NOISE, "repeatability": SCATTER, "n_candidates": 1000, "repeats": 0, "check_every": 0}
-    demands = CampaignSettings("calibrate", 30, constraints=Constraints(sight=sight, min_height=min_height), **settings)  # type: ignore[arg-type]
-    return plan_campaign(arm(name).robot, demands)
+    constraints = Constraints(sight=sight, min_height=min_height)
+    return plan_campaign(arm(name).robot, "calibrate", 30, constraints=constraints, **settings)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["irb1600", "puma560"])
@@ -138,8 +138,7 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
     def answer(n: int) -> CampaignPlan:
         q = rng.uniform(low, high, (6, n))
         already = Measurements(position=np.zeros((3, n)), q=q)
-        settings = CampaignSettings("calibrate", noise=NOISE, repeatability=SCATTER, n_candidates=800)
-        return plan_campaign(robot, settings, already=already)
+        return plan_campaign(robot, "calibrate", noise=NOISE, repeatability=SCATTER, n_candidates=800, already=already)
 
     few, many = answer(12), answer(150)
     assert (few.sufficiency["enough"], many.sufficiency["enough"]) == (False, True)

@@ -805,10 +805,11 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
-    if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        found = decide(criterion, figure.value, figure.curve, figure.n)
-    else:
-        found = decide_largest(criterion, figure.value, figure.n)
+    found = (
+        decide(criterion, figure.value, figure.curve, figure.n)
+        if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple"
+        else decide_largest(criterion, figure.value, figure.n)
+    )
     return {**found, "value": figure.value, "n_poses": figure.n}
 
 

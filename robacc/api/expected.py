@@ -269,14 +269,16 @@ def predict(
     measured = None if against is None else inputs.poses(against, arm, kind="against")
     arm = inputs.campaign(arm, measured or planned, measured=measured is not None)
     predicted = planned or measured
-    if predicted is not None:
-        configurations = configurations_of(arm, predicted)
-    else:
-        configurations = sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
-    if fit is None:
-        prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
-    else:
-        prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
+    configurations = (
+        sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
+        if predicted is None
+        else configurations_of(arm, predicted)
+    )
+    prediction = (
+        predict_accuracy(arm, parameters, configurations, grades, meaning)
+        if fit is None
+        else calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
+    )
     aligned = effect_names(align)
     comparison = covered = None
     if fit is not None and measured is not None:

@@ -319,8 +319,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         lacking = f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs"
         refuse((read is not None and read.q is None, lacking))
     if validation is not None:
-        _refuse_shared(data, validation, _name(holdout))
-        _refuse_unknown(data, validation, _name(holdout))
+        _check_validation(data, validation, _name(holdout))
     if effects is None:
         baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
     else:
@@ -333,8 +332,11 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     return FitInputs(arm, data, validation, baseline)
 
 
-def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:
-    """Raise InputError if validation poses are among the calibration poses, which would understate their error."""
+def _check_validation(data: Measurements, validation: Measurements, name: str | None) -> None:
+    """Raise InputError if validation poses are among the calibration poses, which would understate their error.
+
+    The same if they were measured from what the calibration poses do not place.
+    """
     row_of = {row: i for i, row in enumerate(_rows(data))}
     shared = [(i, row_of[row]) for i, row in enumerate(_rows(validation)) if row in row_of]
     count = f"{len(shared)} of {validation.n} validation poses {'is' if len(shared) == 1 else 'are'}"
@@ -342,10 +344,6 @@ def _refuse_shared(data: Measurements, validation: Measurements, name: str | Non
     fix = "remove these poses from one of the two files: validation poses must not be used in the fit"
     places = [(validation.line(i), f"{data.place(at)} of {data.source or 'the poses'}") for i, at in shared]
     refuse(*((True, Problem(f"{message} {place}", name, line, fix=fix)) for line, place in places))
-
-
-def _refuse_unknown(data: Measurements, validation: Measurements, name: str | None) -> None:
-    """Raise InputError if validation poses were measured from what the calibration poses do not place."""
     unknown = min(_origins(validation) - _origins(data) - {"distance"}, default=None)
     message = f"the calibration poses have no {unknown}, so where it is remains unknown"
     fix = "measure such rows in both files, with a column kind if either has other kinds, or leave them out"

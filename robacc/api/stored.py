@@ -242,9 +242,8 @@ class ComparedTargets(Result, PairedTargets):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, and a correction that is not loaded."""
-        if self.loaded["verdict"] == "not_loaded":
-            return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
-        return self.doubts
+        unloaded = "no sign that the correction was loaded: the targets are where they were before"
+        return (*self.doubts, *[unloaded] * (self.loaded["verdict"] == "not_loaded"))
 
 
 @call

@@ -191,9 +191,11 @@ def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, 
     with_errors = {result.name for result in results if "position" in result.errors}
     for match in pairing:
         names, most = f"{match['first']} and {match['second']}", max(match["n_first"], match["n_second"])
-        text = f"{names} have different poses, so their difference cannot be paired"
-        if match["paired"]:
-            text = f"{names} share {match['n_shared']} of {most} poses; only these are compared"
+        text = (
+            f"{names} share {match['n_shared']} of {most} poses; only these are compared"
+            if match["paired"]
+            else f"{names} have different poses, so their difference cannot be paired"
+        )
         if with_errors >= {match["first"], match["second"]} and match["n_shared"] != most:
             yield f"made differently, poses: {text}"
 

@@ -179,9 +179,8 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
     unit, rows, kind, is_held_out = unit_of(quantity), "poses", "poses", stage[1:] == ["held_out"]
     if is_held_out and document.get("poses_apart") is not None:
         rows, kind, is_held_out = "poses_apart", "holdout", False
-    path = f"{quantity}.errors_{unit}"
-    if stage:
-        path = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{stage[0]}"
+    of_stage = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{''.join(stage[:1])}"
+    path = of_stage if stage else f"{quantity}.errors_{unit}"
     n = document.get("n_poses", 0) if rows == "poses" else len(document[rows]["line"])
     vectors, groups = _column(document, path, n, 3), _column(document, f"{rows}.group", n)
     if vectors is None or n == 0:

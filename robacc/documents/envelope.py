@@ -204,9 +204,8 @@ MODULES = {
 
 def result_kind(name: str) -> Kind:
     """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
-    own = part({})
-    if name in MODULES:
-        own = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
+    module = import_module(f"robacc.documents.{MODULES[name]}") if name in MODULES else None
+    own = getattr(module, name.upper().replace("-", "_"), part({}))
     envelope = {
         "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),

@@ -97,9 +97,12 @@ class Kind:
 
         A record that is a mapping has its keys already.
         """
-        entries, values = self.keys or {}, record
-        if not isinstance(record, Mapping):
-            values = {key: given[key] if key in given else entry.value(key, record) for key, entry in entries.items()}
+        entries = self.keys or {}
+        values = (
+            record
+            if isinstance(record, Mapping)
+            else {key: given[key] if key in given else entry.value(key, record) for key, entry in entries.items()}
+        )
         return {
             key: entries[key].kind.document(value) if key in entries else value
             for key, value in values.items()

@@ -475,10 +475,11 @@ def plan_campaign(
     constraints = constraints or Constraints()
     model = Model.of(robot, free_effects(robot, fit or DEFAULT_FIT[purpose]))
     conditions = conditions_of(model, payloads, seed, purpose in ("calibrate", "health"))
-    if candidates is None:
-        feasible = sampled_candidates(model, constraints, n_candidates, seed)
-    else:
-        feasible = given_candidates(model, constraints, candidates)
+    feasible = (
+        sampled_candidates(model, constraints, n_candidates, seed)
+        if candidates is None
+        else given_candidates(model, constraints, candidates)
+    )
     pool = conditions.with_payloads(feasible)
     rows_of_pool = conditions.at(pool.q, pool.payload)
     measured = None if already is None else commanded_part(already, conditions)

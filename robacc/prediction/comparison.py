@@ -563,12 +563,11 @@ def compare_with_measured(
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)
-    hint = None
     # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
-    if scale is not None and scale["factor"] >= 20.0:
-        hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
-        if alignment is None:
-            hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
+    is_far_larger = scale is not None and scale["factor"] >= 20.0
+    cause = "units, joint signs or the order of the joints, not from tolerances"
+    if alignment is None:
+        cause = 'frames that do not agree; try `align="base_frame,tool_frame"`'
     registered = alignment and {
         "what": alignment.effects,
         "degrees_of_freedom": statistics.n_aligned,
@@ -583,7 +582,7 @@ def compare_with_measured(
         "alignment": registered,
         "noise": statistics.noise,
         "verdict": verdict,
-        "hint": hint,
+        "hint": f"errors this large come from {cause}" if is_far_larger else None,
         "normalised_squared_error": tests,
         "likelihood_ratio": scale,
         "variance_components": variance_components(statistics, parameters, confidence),

@@ -668,9 +668,7 @@ def fit_record(
     )
     residual, poses, sign = fit.residual[:, fit.inliers], data.subset(fit.inliers), 1.0
     if held_out is not None:
-        finite = np.all(np.isfinite(held_out[1]), axis=0)
-        if held_out[0] is data:
-            finite &= fit.inliers
+        finite = np.all(np.isfinite(held_out[1]), axis=0) & (fit.inliers if held_out[0] is data else True)
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
     inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
@@ -761,9 +759,8 @@ def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability |
     if data.sigma_position is not None:
         angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
         return float(np.mean(np.square(data.sigma_position))), angle
-    if repeatability is not None and repeatability.source != "residual":
-        return fit.misfit[0] ** 2, fit.misfit[1] ** 2
-    return 0.0, 0.0
+    is_separated = repeatability is not None and repeatability.source != "residual"
+    return (fit.misfit[0] ** 2, fit.misfit[1] ** 2) if is_separated else (0.0, 0.0)
 
 
 def _unexplained(

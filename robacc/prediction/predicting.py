@@ -84,9 +84,11 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
             component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
             full_name = f"{name or frame}.{kind}"
             parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
-    example = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
-    if robot.convention == "urdf":
-        example = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+    example = (
+        "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+        if robot.convention == "urdf"
+        else "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
+    )
     fix = f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
     message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
     refuse((not parameters, Problem(message, fix=fix)))

@@ -147,8 +147,33 @@ def compare(
         ['estimate (2)', 'estimate']
     """
     inputs = Inputs(locals())
-    refuse((scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"))
-    compared_results, doubts = _load(results, inputs, robot=robot, align=align)
+    options: dict[str, Any] = {"robot": robot, "align": align}
+    are_poses = [*map(_are_poses, results)]
+    unused = [option for option in options if options[option] is not None and not any(are_poses)]
+    refuse(
+        (scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"),
+        (len(results) < 2, "a comparison takes at least two results"),
+        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
+        *((True, f"`{option}` is for files of poses, and all files are results") for option in unused),
+    )
+    problems: list[Problem] = []
+    compared_results: list[ComparedResult] = []
+    doubts: list[str] = []
+    for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
+        try:
+            if is_poses:
+                estimated = estimate(_path(source), **options)
+                doubts += [type(text)(f"{name}: {text}") for text in estimated.warnings]
+                result = _stored(estimated)
+                inputs.records += [record for record in estimated.made.inputs if record not in inputs.records]
+            else:
+                result = _stored(source)
+                inputs.records.append(result.record)
+            with understood(result.name, result.command):
+                compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
+        except InputError as error:
+            problems += error.problems
+    refuse((problems, problems))
     grades = inputs.scale()
     names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
     comparison = compare_results(
@@ -162,41 +187,6 @@ def compare(
     )
     made = inputs.made(baseline=comparison["baseline"], by=comparison["ranking"]["by"])
     return Compared(**{**comparison, "warnings": (*comparison["warnings"], *doubts)}, made=made)
-
-
-def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[list[ComparedResult], list[str]]:
-    """Return the results to compare, and the warnings of files that had to be estimated.
-
-    Raises:
-        InputError: A file cannot be used; with the problems of every file.
-        UsageError: Standard input is named twice, there is one result only, or ``options`` are for no file.
-    """
-    refuse(
-        (len(results) < 2, "a comparison takes at least two results"),
-        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
-    )
-    are_poses = [*map(_are_poses, results)]
-    unused = [option for option in options if options[option] is not None and not any(are_poses)]
-    refuse(*((True, f"`{option}` is for files of poses, and all files are results") for option in unused))
-    problems: list[Problem] = []
-    compared_results: list[ComparedResult] = []
-    warnings: list[str] = []
-    for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
-        try:
-            if is_poses:
-                made = estimate(_path(source), **options)
-                warnings += [type(text)(f"{name}: {text}") for text in made.warnings]
-                result = _stored(made)
-                inputs.records += [record for record in made.made.inputs if record not in inputs.records]
-            else:
-                result = _stored(source)
-                inputs.records.append(result.record)
-            with understood(result.name, result.command):
-                compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
-        except InputError as error:
-            problems += error.problems
-    refuse((problems, problems))
-    return compared_results, warnings
 
 
 def _are_poses(source: Source) -> bool:

@@ -115,9 +115,11 @@ class Kind:
             return value
         if self.items is None:
             return self.write(value)
-        if isinstance(value, Mapping):
-            return {key: self.items.document(item) for key, item in value.items()}
-        return [self.items.document(item) for item in value]
+        return (
+            {key: self.items.document(item) for key, item in value.items()}
+            if isinstance(value, Mapping)
+            else [self.items.document(item) for item in value]
+        )
 
     def problems(self, value: Any, path: str = "") -> Iterator[tuple[str, str]]:
         """Yield the path of every value of a parsed document that is not of the kind, and what was expected.

@@ -165,9 +165,7 @@ def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tupl
 
 def nearest_image(values: Array, low: float, high: float, period: float | None) -> Array:
     """Return the values, each moved by whole periods to the place nearest to the middle of a range."""
-    if period is None:
-        return values
-    return values - period * np.round((values - 0.5 * (low + high)) / period)
+    return values if period is None else values - period * np.round((values - 0.5 * (low + high)) / period)
 
 
 def range_excess(values: Array, low: float, high: float, period: float | None = None) -> Array:

@@ -26,9 +26,7 @@ def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200)
     robot, q = plan.robot, plan.q
     names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     constants = [name for name in names if "frame" not in name]
-    model = Model.of(
-        robot, free_effects(robot, plan.fit or "base_frame,tool_frame,joint_offset,link_geometry")
-    )
+    model = Model.of(robot, free_effects(robot, plan.fit or "base_frame,tool_frame,joint_offset,link_geometry"))
     rng = np.random.default_rng(0)
     test = plan.candidates.q[:, :fresh]
     errors, held_out = [], []

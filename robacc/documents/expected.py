@@ -102,7 +102,9 @@ _ERRORS = {
             f"mean_error_{unit}": Key(size, f"Mean length over robots and poses, {unit}."),
             f"p95_{unit}": Key(size, f"95th percentile over robots and poses, {unit}."),
             f"max_radius95_{unit}": Key(size, f"Largest of the poses' 95 % radii, {unit}.", "max"),
-            f"mean_covariance_{unit}2": Key(matrix3, f"Mean covariance over poses, {unit}²."),
+            f"mean_covariance_{unit}2": Key(
+                matrix3, f"Mean covariance over poses, {unit}².", lambda errors: np.mean(errors.covariance, axis=2)
+            ),
             "percentiles_over_poses": Key(
                 part(
                     {

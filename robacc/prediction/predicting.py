@@ -308,8 +308,6 @@ class PredictedErrors:
     """``(N,)`` root of the trace."""
     pose_radius95: Array
     """``(N,)`` radius of 95 % of the errors at each pose, exact for Gaussian errors."""
-    mean_covariance: Array
-    """``(3, 3)`` mean over poses, tool frame."""
     rms: float
     """Over robots and poses, as are ``mean_error`` and ``p95``."""
     mean_error: float
@@ -322,10 +320,6 @@ class PredictedErrors:
     component is positive, and the standard deviation along it."""
     pose_statistic: Array
     """``(N,)`` the grade scale's statistic at each pose; for p95 and max the 95 % radius."""
-
-    def value(self, statistic: Statistic) -> float:
-        """Return the statistic of that name."""
-        return float(getattr(self, statistic))
 
     def percentiles(self, values: Array) -> Mapping[str, float]:
         """Return percentiles over poses of predicted errors ``(N,)``, with the keys of the result."""
@@ -424,7 +418,7 @@ def predicted(configurations: Configurations, covariances: Sequence[Array], scal
     position = _predicted_errors("m", covariances[0], configurations, scale.statistic)
     orientation = _predicted_errors("rad", covariances[1], configurations, scale.statistic)
     sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
+    ranks = {name: scale.rank_of(name, getattr(errors, scale.statistic)) for name, errors in sizes.items()}
     rank = max(ranks.values())
     met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
     grade = PredictedGrade(
@@ -462,7 +456,6 @@ def _predicted_errors(
         covariance,
         rms,
         radius,
-        mean_covariance=np.mean(covariance, axis=2),
         rms=math.sqrt(float(np.mean(np.square(rms)))),
         mean_error=float(np.mean(means)),
         p95=mixture_quantile(RADIUS_PROBABILITY, variances),
@@ -571,7 +564,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
     errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
-    return np.array([part.value(statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
+    return np.array([getattr(part, statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
 
 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:

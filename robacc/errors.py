@@ -8,8 +8,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, TypeVar
 
+Value = TypeVar("Value")
 Counted = Literal["line", "row"]
 """Unit that places in a file are counted in."""
 
@@ -63,11 +64,18 @@ class UsageError(RobaccError):
     exit_status = 2
 
 
-def refuse(*cases: tuple[object, str | Problem]) -> None:
-    """Raise the error of the first case that holds: UsageError with its text, or InputError with its problem."""
+def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]], error: type[Exception] = UsageError) -> None:
+    """Raise the error of the first case that holds: ``error`` with its text, or InputError with its problems."""
     for holds, reason in cases:
         if holds:
-            raise UsageError(reason) if isinstance(reason, str) else InputError(reason)
+            raise error(reason) if isinstance(reason, str) else InputError(reason)
+
+
+def given(value: Value | None, reason: str | Problem, error: type[Exception] = UsageError) -> Value:
+    """Return a value; None raises the error of :func:`refuse` with this reason."""
+    if value is None:
+        raise error(reason) if isinstance(reason, str) else InputError(reason)
+    return value
 
 
 class MissingColumnError(UsageError):

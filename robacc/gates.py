@@ -26,6 +26,7 @@ from robacc.comparison.stored_results import (
     pair_poses,
     value_at,
 )
+from robacc.errors import refuse
 from robacc.quantities import UNITS, Dimension, parse_quantity
 from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import (
@@ -701,29 +702,24 @@ def difference_to_baseline(
         reference = figure_at(baseline, key, confidence)
     except NoValueError as error:
         raise NoValueError(f"in the baseline, {error}") from None
-    if figure.dimension != reference.dimension:
-        raise NoValueError(f"{key} has different units in the result and in the baseline")
+    units = f"{key} has different units in the result and in the baseline"
+    refuse((figure.dimension != reference.dimension, units), error=NoValueError)
     statistic, paired = key.rpartition(".")[2], criterion.paired
     is_listed = statistic in ("rms", "mean_error", "p95", "max")
     before, after = (
         errors_behind(each, key.rpartition(".")[0]) if is_listed else None for each in (baseline, document)
     )
+    missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
+    refuse((paired and (before is None or after is None), missing), error=NoValueError)
     pair = None
-    if before is None or after is None:
-        if paired:
-            missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
-            raise NoValueError(missing)
-    elif paired is not False:
-        common = pair_poses(before, after)
+    if before is not None and after is not None and paired is not False:
+        sizes, common = (after.groups.size, before.groups.size), pair_poses(before, after)
         if common is not None and common[0].n_groups == before.n_groups == after.n_groups:
             pair = common
-        elif paired and after.groups.size == before.groups.size:
-            pair = before, replace(after, groups=before.groups)
         elif paired:
-            raise NoValueError(
-                f"paired: true needs the same poses, but the result has {after.groups.size} and the baseline has "
-                f"{before.groups.size}"
-            )
+            other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
+            refuse((sizes[0] != sizes[1], other), error=NoValueError)
+            pair = before, replace(after, groups=before.groups)
     curve = None
     if pair is not None and after is not None:
         seed, levels = document.get("seed") or 0, _levels(confidence)
@@ -795,11 +791,11 @@ def _evaluate(
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
         ratio = _instrument_ratio(criterion, document)
-    if criterion.limit != 0.0 and figure.dimension != criterion.kind:
-        raise NoValueError(
-            f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
-            f"{figure.dimension}"
-        )
+    other = (
+        f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
+        f"{figure.dimension}"
+    )
+    refuse((criterion.limit != 0.0 and figure.dimension != criterion.kind, other), error=NoValueError)
     found = _decide_figure(criterion, figure) | {"baseline": compared, "instrument_uncertainty_over_limit": ratio}
     return evaluated(criterion, figure.dimension, **found, warnings=_warnings(criterion, ratio))
 
@@ -809,10 +805,11 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
-    if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple":
-        found = decide(criterion, figure.value, figure.curve, figure.n)
-    else:
-        found = decide_largest(criterion, figure.value, figure.n)
+    found = (
+        decide(criterion, figure.value, figure.curve, figure.n)
+        if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple"
+        else decide_largest(criterion, figure.value, figure.n)
+    )
     return {**found, "value": figure.value, "n_poses": figure.n}
 
 
@@ -820,8 +817,7 @@ def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Eva
     """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
     value = value_at(document, criterion.key)[0]
     word = str(value).lower() if isinstance(value, bool | np.bool_) else value
-    if not isinstance(word, str):
-        raise NoValueError(f"the result's {criterion.key} is not a word")
+    refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
     outcome: Outcome = "pass" if word in criterion.accepted else "fail"
     warnings, why = tuple[str, ...](), None
     if criterion.key == "verdict" and outcome == "pass":
@@ -845,11 +841,14 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
     """
     grade, required = value_at(document, "grade")[0], criterion.accepted[0]
     steps = {str(step.get("grade")): step for step in grade.get("steps") or ()}
-    if not steps:
-        raise NoValueError("the result's grade does not list the steps of its scale")
-    if required not in steps:
-        names = ", ".join(steps)
-        raise NoValueError(f"the scale {grade.get('scale')} has no grade {required}; its grades are {names}")
+    refuse(
+        (not steps, "the result's grade does not list the steps of its scale"),
+        (
+            required not in steps,
+            f"the scale {grade.get('scale')} has no grade {required}; its grades are {', '.join(steps)}",
+        ),
+        error=NoValueError,
+    )
     confidence = grade.get("confidence") or criterion.confidence
     own: list[Evaluation] = []
     for quantity, unit in (("position", "m"), ("orientation", "rad")):

@@ -48,7 +48,7 @@ PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}
 READS_PACKAGE_DATA = {"robacc.accuracy.grade", "robacc.robots.library"}
 OPENS_FILES = (
     "robacc.io.",
-    "robacc.documents.gate",
+    "robacc.documents.envelope",
     "robacc.documents.accuracy",
     "robacc.documents.envelope",
     "robacc.history.store",

@@ -49,7 +49,7 @@ from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
-from robacc.errors import Note, UsageError
+from robacc.errors import Note, refuse
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.cube import Proposal, planned_poses, propose
 from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
@@ -267,8 +267,8 @@ def iso9283(
         RP 74 um
     """
     inputs = Inputs(locals(), "poses")
-    if [path_of(source) for source in poses].count(STDIN) > 1:
-        raise UsageError("standard input can be read only once, but - is given more than once")
+    twice = "standard input can be read only once, but - is given more than once"
+    refuse(([path_of(source) for source in poses].count(STDIN) > 1, twice))
     described = inputs.optional_robot(next(iter(poses), None))
     loaded: list[Measurements] = []
     arms: list[Robot] = []

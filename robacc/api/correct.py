@@ -472,9 +472,8 @@ def correct_program(
     """
     inputs = Inputs(locals())
     program = read_program(path, frames)
-    if not program.targets:
-        fix = "give the file that declares them"
-        raise InputError(Problem("has no targets that can be corrected", program.file, fix=fix))
+    fix = "give the file that declares them"
+    refuse((not program.targets, Problem("has no targets that can be corrected", program.file, fix=fix)))
     arm = inputs.robot(model)
     controller, doubts = _nominal(inputs, arm, model_fit(arm))
     flange_arm = replace(controller, tool=Frame(), targets={})
@@ -482,10 +481,9 @@ def correct_program(
     hint = "; give the file that defines it with `frames`"
     left = [(index, reason + hint * ("is in none of the files" in reason)) for index, reason in unknown]
     numbers, q = joint_targets(program)
-    if numbers and q.shape[0] != len(flange_arm.variables):
-        message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
-        fix = "give the model of the arm that runs this program"
-        raise InputError(Problem(message, program.file, program.targets[numbers[0]].line, fix=fix))
+    message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
+    line, fix = program.targets[(*numbers, 0)[0]].line, "give the model of the arm that runs this program"
+    refuse((numbers and q.shape[0] != len(flange_arm.variables), Problem(message, program.file, line, fix=fix)))
     groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})]
     if known:
         solved, q_start, refused = _configured(program, known, flange, flange_arm)

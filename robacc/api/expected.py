@@ -40,18 +40,16 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import csv_text
+from robacc.documents.envelope import csv_text, read_gate
 from robacc.documents.expected import PLAN, PREDICT
-from robacc.documents.gate import read_gate
 from robacc.documents.keys import rounded
-from robacc.errors import UsageError, refuse
+from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.campaign import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,
-    CampaignSettings,
     Demand,
     plan_campaign,
 )
@@ -125,7 +123,7 @@ class Predicted(Result, Prediction):
         configurations, reached = self.configurations, self._reached()
         return PREDICT.write(
             self,
-            warranty_map=warranty_map(self, reached) if self.is_calibrated else None,
+            warranty_map=warranty_map(self, reached)[0] if self.is_calibrated else None,
             poses={
                 "label": list(configurations.labels),
                 "q": rounded(configurations.q),
@@ -160,11 +158,12 @@ class Predicted(Result, Prediction):
         """
         edge = size(voxel, "length", "`voxel`")
         refuse((edge <= 0, "`voxel`: expected a length above zero"))
-        voxels = warranty_map(self, self._reached(), edge)
-        columns = dict(zip(("x_m", "y_m", "z_m"), voxels.centre, strict=True)) | {"configurations": voxels.count}
-        for unit, rms, bound in zip(("m", "rad"), voxels.rms, voxels.bound, strict=True):
-            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": bound}
-        return csv_text({**columns, "grade": voxels.grades})
+        voxels, sizes = warranty_map(self, self._reached(), edge)
+        columns = dict(zip(("x_m", "y_m", "z_m"), voxels["centre_m"].T, strict=True))
+        columns["configurations"] = voxels["configurations"]
+        for unit, rms in zip(("m", "rad"), sizes, strict=True):
+            columns |= {f"rms_{unit}": rms, f"bound95_{unit}": voxels[f"bound95_{unit}"]}
+        return csv_text({**columns, "grade": voxels["grade"]})
 
 
 @call
@@ -230,7 +229,7 @@ def predict(
     Example:
         >>> import robacc
         >>> result = robacc.predict("configs/robots/puma560.yaml", samples=200)
-        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0].name}")
+        >>> print(f"{result.position.rms * 1e3:.2f} mm rms; largest contribution: {result.budget[0]['parameter']}")
         0.37 mm rms; largest contribution: j1.d
     """
     inputs = Inputs(locals())
@@ -270,14 +269,16 @@ def predict(
     measured = None if against is None else inputs.poses(against, arm, kind="against")
     arm = inputs.campaign(arm, measured or planned, measured=measured is not None)
     predicted = planned or measured
-    if predicted is not None:
-        configurations = configurations_of(arm, predicted)
-    else:
-        configurations = sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
-    if fit is None:
-        prediction = predict_accuracy(arm, parameters, configurations, grades, meaning)
-    else:
-        prediction = calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
+    configurations = (
+        sampled_configurations(arm, DEFAULT_SAMPLES if samples is None else samples, seed, target)
+        if predicted is None
+        else configurations_of(arm, predicted)
+    )
+    prediction = (
+        predict_accuracy(arm, parameters, configurations, grades, meaning)
+        if fit is None
+        else calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
+    )
     aligned = effect_names(align)
     comparison = covered = None
     if fit is not None and measured is not None:
@@ -342,8 +343,8 @@ class Planned(CsvResult, CampaignPlan):
         """
         file = PurePath(path)
         dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
-        if file.suffix.lower() not in dialects:
-            raise UsageError(f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}")
+        expected = f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}"
+        refuse((file.suffix.lower() not in dialects, expected))
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
         targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
         groups = {os.fspath(path): targets}
@@ -484,41 +485,42 @@ def plan(
         >>> result = robacc.plan("sample_data/robot.yaml", poses=12, candidates=500)
         >>> sorted(result.route.roles).count("pose")
         11
-        >>> result.accuracy.planned.rms < result.accuracy.planned.random_rms
+        >>> result.accuracy["planned"]["rms_m"] < result.accuracy["planned"]["random_rms_m"]
         True
     """
     inputs = Inputs(locals())
     described = inputs.robot(robot)
     calibrated = described if model is None else inputs.robot(model, kind="model")
-    if calibrated.variable_names != described.variable_names:
-        raise UsageError(
+    refuse(
+        (
+            calibrated.variable_names != described.variable_names,
             f"`model` has the joints {', '.join(calibrated.variable_names)}, but the robot has "
-            f"{', '.join(described.variable_names)}; give the model of this robot"
+            f"{', '.join(described.variable_names)}; give the model of this robot",
         )
+    )
     # A drift and other facts of the model's own campaign do not come again.
     arm, _ = resolve_campaign(calibrated, None, (), "drop")
     n_candidates, chosen_from = (candidates, None) if isinstance(candidates, int) else (DEFAULT_CANDIDATES, candidates)
     check_range("candidates", n_candidates, 10, 100_000)
     known = replace(joints_of(arm), limits=None)  # limits are a matter of the filters
-    given: dict[str, Measurements] = {}
+    read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:
-            given[kind] = inputs.poses(source, arm, ordered=False, kind=kind, attained=False, visited_by=known)
-            check_at_rest(arm, given[kind])
+            read[kind] = inputs.poses(source, arm, ordered=False, kind=kind, attained=False, visited_by=known)
+            check_at_rest(arm, read[kind])
     if already is not None:
-        given["already"] = inputs.poses(already, arm, kind="already", attained=False)
+        read["already"] = inputs.poses(already, arm, kind="already", attained=False)
     links = None
     if collisions:
-        if isinstance(robot, Robot) or described.convention != "urdf":
-            raise UsageError(
-                "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
-            )
-        links = plug_in("robacc.collisions", "fcl")(os.fspath(robot), described)
+        no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
+        urdf = given(path_of(robot) if described.convention == "urdf" else None, no_shapes)
+        links = plug_in("robacc.collisions", "fcl")(urdf, described)
     demands = _demands(inputs, gate, grade)
-    if demands and purpose != "acceptance":
-        raise UsageError("`gate` and `grade` set the number of acceptance poses; give purpose acceptance")
-    settings = CampaignSettings(
-        purpose=purpose,
+    needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
+    refuse((demands and purpose != "acceptance", needs_acceptance))
+    body = plan_campaign(
+        arm,
+        purpose,
         poses=poses,
         criterion=criterion,
         fit=fit if isinstance(fit, str) else ",".join(fit),
@@ -546,9 +548,9 @@ def plan(
         n_candidates=n_candidates,
         payloads=_payloads(payload),
         seed=seed,
+        **read,
     )
-    body = plan_campaign(arm, settings, **given)
-    doubts = [text for data in given.values() for text in data.warnings]
+    doubts = [text for data in read.values() for text in data.warnings]
     body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *doubts))
     # Files are recorded by their names, objects not at all.
     files = {name: inputs.arguments[name] for name in ("model", "candidates", "task", "already", "gate")}
@@ -568,9 +570,9 @@ def _sight(
     Raises:
         UsageError: The texts are no places or angles, or `instrument` is missing.
     """
+    lacking = "`reflector` and `distance` need `instrument`, the position of the instrument"
+    refuse((instrument is None and (reflector is not None or distance is not None), lacking))
     if instrument is None:
-        if reflector is not None or distance is not None:
-            raise UsageError("`reflector` and `distance` need `instrument`, the position of the instrument")
         return None
     near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
     axis = None if reflector is None else parse_vector(reflector, "reflector")
@@ -589,14 +591,12 @@ def _demands(inputs: Inputs, gate: StrPath | None, grade: str | None) -> tuple[D
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
                 name = cast(Statistic, statistic)
                 demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
-        if not demands:
-            raise UsageError(f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for")
+        refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))
     if grade is not None:
         steps = inputs.scale() or default_scale()
         limits = {step.grade: step.position for step in steps.steps}
-        if grade not in limits:
-            raise UsageError(f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}")
-        demands.append(Demand(f"grade {grade}", steps.statistic, limits[grade], steps.confidence))
+        unknown = f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}"
+        demands.append(Demand(f"grade {grade}", steps.statistic, given(limits.get(grade), unknown), steps.confidence))
     return tuple(demands)
 
 
@@ -607,7 +607,7 @@ def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:
         UsageError: There are too many, two are equal, or a mass is negative or not finite.
     """
     ordered = sorted(masses("payload", payloads))
-    if len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS:
-        listed = ", ".join(f"{mass:g}" for mass in ordered)
-        raise UsageError(f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}")
+    listed = ", ".join(f"{mass:g}" for mass in ordered)
+    expected = f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}"
+    refuse((len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS, expected))
     return tuple(ordered)

@@ -34,7 +34,7 @@ from robacc.api.result import Result, fields_of
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.request import Baseline, build, default_baseline, parse_requests
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.fit_result import Options
 from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.visits import places
@@ -122,9 +122,9 @@ class FitResult(Result):
         Raises:
             InputError: The file cannot be written, or the fit did not converge.
         """
-        if not self.converged:
-            fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
-            raise InputError(Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix))
+        fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
+        problem = Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix)
+        refuse((not self.converged, problem))
         write_text(path, self.model_yaml())
 
 
@@ -209,11 +209,11 @@ def calibrate(
     inputs = Inputs(locals(), "poses")
     read = _read(inputs, fit)
     requests = parse_requests(",".join(read.baseline.names))
-    if not requests:
-        raise UsageError("`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry")
-    priors = tolerance_priors(read.robot) if prior else {}
-    if prior and not priors:
-        raise UsageError(f"`prior` needs tolerances, but {path_of(robot) or read.robot.name} has none on any joint")
+    priors, name = tolerance_priors(read.robot) if prior else {}, path_of(robot) or read.robot.name
+    refuse(
+        (not requests, "`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry"),
+        (prior and not priors, f"`prior` needs tolerances, but {name} has none on any joint"),
+    )
     with _solvable(read.data):
         calibration = fit_effects(
             read.robot,
@@ -284,9 +284,9 @@ def trace(
     inputs = Inputs(locals(), "poses")
     load_plug_ins()
     read = _read(inputs, declared)
-    if read.data.reference is not None:
-        message = "distances from an earlier pose do not show what acts at each of the two poses"
-        raise InputError(Problem(message, read.data.source, fix="use calibrate, or measure distances from an anchor"))
+    message = "distances from an earlier pose do not show what acts at each of the two poses"
+    fix = "use calibrate, or measure distances from an anchor"
+    refuse((read.data.reference is not None, Problem(message, read.data.source, fix=fix)))
     with _solvable(read.data):
         effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
         body = trace_effects(
@@ -315,12 +315,11 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     arm = inputs.campaign(arm, data)
     validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
     for source, read in ((poses, data), (holdout, validation)):
-        if read is not None and read.q is None:
-            name = path_of(source) or read.source or "the poses"
-            raise UsageError(f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs")
+        name = path_of(source) or (read and read.source) or "the poses"
+        lacking = f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs"
+        refuse((read is not None and read.q is None, lacking))
     if validation is not None:
-        _refuse_shared(data, validation, _name(holdout))
-        _refuse_unknown(data, validation, _name(holdout))
+        _check_validation(data, validation, _name(holdout))
     if effects is None:
         baseline = default_baseline(Arm.of(arm), data, int(np.unique(places(data)).size))
     else:
@@ -333,32 +332,22 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     return FitInputs(arm, data, validation, baseline)
 
 
-def _refuse_shared(data: Measurements, validation: Measurements, name: str | None) -> None:
-    """Raise InputError if validation poses are among the calibration poses, which would understate their error."""
+def _check_validation(data: Measurements, validation: Measurements, name: str | None) -> None:
+    """Raise InputError if validation poses are among the calibration poses, which would understate their error.
+
+    The same if they were measured from what the calibration poses do not place.
+    """
     row_of = {row: i for i, row in enumerate(_rows(data))}
     shared = [(i, row_of[row]) for i, row in enumerate(_rows(validation)) if row in row_of]
-    if not shared:
-        return
     count = f"{len(shared)} of {validation.n} validation poses {'is' if len(shared) == 1 else 'are'}"
-    i, i_fitted = shared[0]
-    place = f"{data.place(i_fitted)} of {data.source or 'the poses'}"
-    raise InputError(
-        Problem(
-            f"{count} also among the calibration poses; the first is {place}",
-            name,
-            validation.line(i),
-            fix="remove these poses from one of the two files: validation poses must not be used in the fit",
-        )
-    )
-
-
-def _refuse_unknown(data: Measurements, validation: Measurements, name: str | None) -> None:
-    """Raise InputError if validation poses were measured from what the calibration poses do not place."""
+    message = f"{count} also among the calibration poses; the first is"
+    fix = "remove these poses from one of the two files: validation poses must not be used in the fit"
+    places = [(validation.line(i), f"{data.place(at)} of {data.source or 'the poses'}") for i, at in shared]
+    refuse(*((True, Problem(f"{message} {place}", name, line, fix=fix)) for line, place in places))
     unknown = min(_origins(validation) - _origins(data) - {"distance"}, default=None)
-    if unknown is not None:
-        message = f"the calibration poses have no {unknown}, so where it is remains unknown"
-        fix = "measure such rows in both files, with a column kind if either has other kinds, or leave them out"
-        raise InputError(Problem(message, name, fix=fix))
+    message = f"the calibration poses have no {unknown}, so where it is remains unknown"
+    fix = "measure such rows in both files, with a column kind if either has other kinds, or leave them out"
+    refuse((unknown is not None, Problem(message, name, fix=fix)))
 
 
 def _origins(data: Measurements) -> set[str]:

@@ -38,7 +38,7 @@ from robacc.diagnostics.robot_poses import check_size, read_robot_poses
 from robacc.documents import envelope
 from robacc.documents.envelope import InputFile, StoredResult
 from robacc.effects.specification import with_effect_units
-from robacc.errors import InputError, Note, Problem, UsageError
+from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
@@ -121,9 +121,8 @@ class Inputs:
         """
         base_link, tip_link = self._links if kind == "robot" else (None, None)
         if isinstance(source, Robot):
-            if base_link is not None or tip_link is not None:
-                message = "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already"
-                raise UsageError(message)
+            message = "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already"
+            refuse((base_link is not None or tip_link is not None, message))
             digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
             self.records.append(InputFile(source.name, digest, kind, identity=source.identity))
             return source
@@ -143,8 +142,8 @@ class Inputs:
             UsageError: A link does not exist, or is given without a robot.
         """
         source = self.arguments["robot"]
-        if source is None and any(self._links):
-            raise UsageError("`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`")
+        lacking = "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`"
+        refuse((source is None and any(self._links), lacking))
         return None if source is None else self.robot(source, poses)
 
     def stated(self, source: PosesSource) -> PosesSource:
@@ -153,13 +152,11 @@ class Inputs:
         Raises:
             UsageError: Poses read before have statements.
         """
-        reading = {name: self.arguments[name] for name in READING}
-        if not any(reading.values()):
-            return source
+        reading = {name: self.arguments[name] for name in READING if self.arguments[name]}
+        texts = (f"`{name}` applies when a file is read; use it in read_poses" for name in reading)
         if isinstance(source, Measurements):
-            message = f"`{next(filter(reading.get, reading))}` applies when a file is read; use it in read_poses"
-            raise UsageError(message)
-        return PoseFile(source, **reading)
+            refuse(*((True, text) for text in texts))
+        return PoseFile(source, **reading) if reading and not isinstance(source, Measurements) else source
 
     def poses(
         self,
@@ -194,8 +191,8 @@ class Inputs:
         ordered = self.arguments.get("ordered", False) if ordered is None else ordered
         limits = {"ignore_limits": self.arguments.get("ignore_limits", False)}
         if isinstance(source, Measurements):
-            if ordered and not source.ordered:
-                raise UsageError("`ordered` applies when a file is read; use read_poses(path, ordered=True)")
+            late = "`ordered` applies when a file is read; use read_poses(path, ordered=True)"
+            refuse((ordered and not source.ordered, late))
             data = checked_poses(source, robot)
             if robot is not None and visited_by is None and (robot.targets or not any_target):
                 check_targets(data, robot)
@@ -230,14 +227,14 @@ class Inputs:
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
             )
             data = replace(data, warnings=(*data.warnings, note))
-        if data.kind is not None and not any_kind and np.isin(data.kind, IMAGES).all():
+        is_of_photos = data.kind is not None and np.isin(data.kind, IMAGES).all()
+        if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)
-        elif data.kind is not None and not any_kind:
-            kinds = " and ".join(dict.fromkeys(map(str, data.kind)))
-            fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
-            raise InputError(Problem(f"the rows are of kind {kinds}, which are no positions", data.source, fix=fix))
-        if not data.n:
-            raise InputError(Problem("there are no poses; one row is needed at least below the header", data.source))
+        kinds = () if data.kind is None or is_of_photos else dict.fromkeys(map(str, data.kind))
+        message = f"the rows are of kind {' and '.join(kinds)}, which are no positions"
+        fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
+        none = Problem("there are no poses; one row is needed at least below the header", data.source)
+        refuse((kinds and not any_kind, Problem(message, data.source, fix=fix)), (not data.n, none))
         self.records.append(record)
         return data
 
@@ -427,8 +424,7 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     # A units check of columns of a file was made with the units that the file states.
     units = _wrong_units(arrays, robot) if check_units and data.source is None else ()
     found = [*_wrong_arrays(arrays, robot)] or [*units]
-    if found:
-        raise InputError([Problem(text, data.source, column=name, fix=fix) for name, text, fix in found])
+    refuse((found, [Problem(text, data.source, column=name, fix=fix) for name, text, fix in found]))
     fields: dict[str, Any] = {
         name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
     }
@@ -496,17 +492,16 @@ def check_targets(data: Measurements, robot: Robot) -> None:
     """Raise InputError unless every target is the robot's; a robot with one tool has one target."""
     names = [] if data.target is None or data.q is None else np.unique(data.target).tolist()
     unknown = [name for name in names if name not in robot.targets]
-    message, fix = None, None
-    if robot.targets and unknown:
-        message = f"found {unknown[0]!r}, expected a target of the robot ({', '.join(robot.targets)})"
-    elif not robot.targets and len(names) > 1:
-        message = f"found several targets ({', '.join(names)}), but the robot has one tool"
-        fix = (
-            "fit tool_frame, which finds their places, list them under targets: in the robot file instead of tool, or "
-            "keep the rows of one target"
-        )
-    if message is not None:
-        raise InputError(Problem(message, data.source, column="target", fix=fix))
+    expected = f"expected a target of the robot ({', '.join(robot.targets)})"
+    several = f"found several targets ({', '.join(names)}), but the robot has one tool"
+    fix = (
+        "fit tool_frame, which finds their places, list them under targets: in the robot file instead of tool, or "
+        "keep the rows of one target"
+    )
+    refuse(
+        *((robot.targets, Problem(f"found {name!r}, {expected}", data.source, column="target")) for name in unknown),
+        (not robot.targets and len(names) > 1, Problem(several, data.source, column="target", fix=fix)),
+    )
 
 
 def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
@@ -592,9 +587,9 @@ def _read_with_commands(
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
     measured = csv_file.read_poses(path, robot=known, commands=False, known_poses=known_poses)
-    if measured.q is not None or (measured.commands is not None and planned.q is None):
-        message = "the measured poses have commands of their own"
-        raise InputError(Problem(message, measured.source, fix="leave out `commanded`, or those columns"))
+    own, fix = "the measured poses have commands of their own", "leave out `commanded`, or those columns"
+    has_own = measured.q is not None or (measured.commands is not None and planned.q is None)
+    refuse((has_own, Problem(own, measured.source, fix=fix)))
     if robot is not None:
         check_targets(measured, robot)
     lines = np.arange(1, measured.n + 1) if measured.rows is None else measured.rows
@@ -658,9 +653,8 @@ def _program(path: str) -> Measurements:
     program = max((read_program(name) for name in (path, *companions(path))), key=lambda item: len(item.targets))
     targets = [program.targets[index] for index in program.moves] or list(program.targets)
     kinds = {target.kind for target in targets}
-    if len(kinds) != 1:
-        message = "the program has no targets in numbers" if not kinds else "the program mixes joints and poses"
-        raise InputError(Problem(message, path, fix="list the commanded joints or poses in a CSV"))
+    message = "the program has no targets in numbers" if not kinds else "the program mixes joints and poses"
+    refuse((len(kinds) != 1, Problem(message, path, fix="list the commanded joints or poses in a CSV")))
     names = np.array([target.name for target in targets])
     values = np.array([target.values for target in targets]).T
     data = Measurements(np.zeros((3, names.size)), pose=names, source=path, sha256=sha256_of(path))
@@ -733,27 +727,23 @@ def _joined(
     if not most and len(clocks) == 2 and (clocks[0].min() == 0) == (clocks[1].min() == 0):
         planned, at = _by_time(clocks[0], clocks[1], planned)
         remark = Note(f"commands of {path} joined by the times of the rows")
-        if np.mean(at >= 0) <= 0.5:
-            spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in clocks]
-            message = f"the times of the rows ({spans[0]}) are not those of the commands in {path} ({spans[1]})"
-            fix = "set both clocks alike, name the poses in both files, or leave the times out of one of them"
-            raise InputError(Problem(message, source, fix=fix))
+        spans = [f"{np.min(time):.10g} to {np.max(time):.10g} s" for time in clocks]
+        message = f"the times of the rows ({spans[0]}) are not those of the commands in {path} ({spans[1]})"
+        fix = "set both clocks alike, name the poses in both files, or leave the times out of one of them"
+        refuse((np.mean(at >= 0) <= 0.5, Problem(message, source, fix=fix)))
     elif not most:
         every = np.union1d(keys.lines, np.array(keys.gaps, dtype=np.int64))
-        if every.size == planned.n:  # rows that were left out have a command too
-            at = np.searchsorted(every, keys.lines)
-        elif n == planned.n:
-            at = np.arange(n)
-        else:
-            message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
-            raise InputError(Problem(message, source, fix="name the poses in both files, in a column pose"))
+        message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
+        problem = Problem(message, source, fix="name the poses in both files, in a column pose")
+        refuse((planned.n not in (every.size, n), problem))
+        # Rows that were left out have a command too.
+        at = np.searchsorted(every, keys.lines) if every.size == planned.n else np.arange(n)
         remark = f"commands of {path} joined by the order of rows: the files share no names"
     unmatched = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
     without = list(dict.fromkeys(map(str, unmatched)))
     listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
-    if 0 < most <= 0.5:
-        message = f"{len(without)} of the measured poses have no command in {path}: {listed}"
-        raise InputError(Problem(message, source, column="pose", fix="give the poses the same names"))
+    message = f"{len(without)} of the measured poses have no command in {path}: {listed}"
+    refuse((0 < most <= 0.5, Problem(message, source, column="pose", fix="give the poses the same names")))
     left_out = (f"rows without a command in {path} are left out: {listed}",) if without else ()
     chosen = planned.subset(at)
     return replace(chosen, pose=chosen.pose if poses is None else poses), at >= 0, (*left_out, remark)

@@ -29,7 +29,7 @@ from typing import (
     get_type_hints,
 )
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.plug_ins import plug_in_names
 from robacc.prediction import DEFAULT_SAMPLES
 from robacc.quantities import optional_size
@@ -134,18 +134,17 @@ def _check(parameter: str, value: Any, kind: Any, meaning: Help) -> None:
     choices = choices_of(kind)
     if meaning.group:
         choices = tuple(sorted({*choices, *plug_in_names(meaning.group)}))
-    if choices and value not in (None, *choices):
-        listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
-        raise UsageError(f"`{parameter}`: expected one of {listed}, found {value!r}")
+    listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
+    is_other = choices and value not in (None, *choices)
+    refuse((is_other, f"`{parameter}`: expected one of {listed}, found {value!r}"))
     if meaning.least is not None and value is not None:
         check_range(parameter, value, meaning.least, math.inf if meaning.most is None else meaning.most)
 
 
 def check_range(parameter: str, value: float, low: float, high: float = math.inf) -> None:
     """Raise UsageError unless ``low <= value <= high``."""
-    if not low <= value <= high:
-        limits = f"of at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
-        raise UsageError(f"`{parameter}`: expected a number {limits}, found {value!r}")
+    limits = f"of at least {low:g}" if math.isinf(high) else f"between {low:g} and {high:g}"
+    refuse((not low <= value <= high, f"`{parameter}`: expected a number {limits}, found {value!r}"))
 
 
 # Texts of options as arguments.
@@ -161,8 +160,8 @@ def numbers(name: str, text: str, separator: str = ",") -> tuple[float, ...]:
         values = tuple(float(part) for part in text.split(separator))
     except ValueError:
         values = (math.nan,)
-    if not all(map(math.isfinite, values)):
-        raise UsageError(f"`{name}`: expected numbers separated by {separator!r}, found {text!r}")
+    expected = f"`{name}`: expected numbers separated by {separator!r}, found {text!r}"
+    refuse((not all(map(math.isfinite, values)), expected))
     return values
 
 
@@ -175,8 +174,8 @@ def length_and_angle(
         UsageError: The value is not one or two sizes of at least zero.
     """
     parts = value.split(",") if isinstance(value, str) else [value] if isinstance(value, float | int) else value or ()
-    if len(parts) > 2:
-        raise UsageError(f"`{name}`: expected a length and perhaps an angle, as in {example}, found {value!r}")
+    expected = f"`{name}`: expected a length and perhaps an angle, as in {example}, found {value!r}"
+    refuse((len(parts) > 2, expected))
     length, angle = (*parts, None, None)[:2]
     return optional_size(length, "length", f"`{name}`"), optional_size(angle, "angle", f"`{name}`")
 
@@ -187,9 +186,8 @@ def masses(name: str, values: Sequence[float]) -> tuple[float, ...]:
     Raises:
         UsageError: A mass is negative or not finite.
     """
-    for mass in values:
-        if not 0 <= mass < math.inf:
-            raise UsageError(f"`{name}`: expected masses of at least 0 kg, found {mass:g}")
+    expected = f"`{name}`: expected masses of at least 0 kg"
+    refuse(*((not 0 <= mass < math.inf, f"{expected}, found {mass:g}") for mass in values))
     return tuple(map(float, values))
 
 
@@ -200,8 +198,7 @@ def temperatures(name: str, text: str) -> tuple[float, float]:
         UsageError: The text is not one or two numbers.
     """
     ends = numbers(name, text, ":")
-    if len(ends) > 2:
-        raise UsageError(f"`{name}`: expected a number, or two such as 22:28, found {text!r}")
+    refuse((len(ends) > 2, f"`{name}`: expected a number, or two such as 22:28, found {text!r}"))
     return ends[0], ends[-1]
 
 

@@ -10,9 +10,18 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
-from robacc.documents.envelope import MODULES, InputFile, envelope, result_schema
+from robacc.documents.envelope import (
+    MODULES,
+    InputFile,
+    envelope,
+    gate_document,
+    pose_columns,
+    read_gate,
+    read_identity,
+    result_schema,
+)
 from robacc.documents.keys import Kind
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
 from robacc.modelling.validity import OutsideValidity
@@ -100,7 +109,6 @@ class Result:
         """
         if gate is None:
             return self.made.document(self.command, self.payload())
-        from robacc.documents.gate import gate_document, read_gate
         from robacc.gates import evaluate_gate
 
         criteria, baselines, records = read_gate(os.fspath(gate))
@@ -142,7 +150,6 @@ class Result:
             InputError: A file cannot be read or written.
             UsageError: The extra ``report`` is not installed, or a key of the identity is unknown.
         """
-        from robacc.documents.envelope import read_identity
         from robacc.render.page import render
 
         texts = identity.items() if isinstance(identity, Mapping) else ()
@@ -175,8 +182,6 @@ class Result:
 
         The names are those of the columns of :meth:`to_pandas`. A result without poses gives an empty dictionary.
         """
-        from robacc.documents.envelope import pose_columns
-
         return pose_columns(self._plain())
 
     def to_pandas(self) -> DataFrame:
@@ -190,8 +195,7 @@ class Result:
         except ImportError as error:
             raise UsageError("to_pandas needs pandas, which is not installed; run pip install pandas") from error
         columns = self.to_numpy()
-        if not columns:
-            raise UsageError(f"a result of robacc {self.command} has no table of poses; see document()")
+        refuse((not columns, f"a result of robacc {self.command} has no table of poses; see document()"))
         return pandas.DataFrame(columns)
 
     def _plain(self) -> dict[str, Any]:
@@ -255,6 +259,5 @@ def schema(name: str) -> dict[str, Any]:
         >>> robacc.schema("estimate")["properties"]["n_poses"]["description"]
         'Measured poses (rows).'
     """
-    if name not in MODULES:
-        raise UsageError(f"no schema {name!r}; choose one of {', '.join(schema_names())}")
+    refuse((name not in MODULES, f"no schema {name!r}; choose one of {', '.join(schema_names())}"))
     return result_schema(name)

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import json
 import os
-from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from hashlib import sha256
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
@@ -14,12 +14,10 @@ from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, read_result
 from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
 from robacc.api.result import Provenance, Result, fields_of
-from robacc.comparison.comparing import ResultComparison, compare as compare_results
-from robacc.comparison.paired_targets import PairedTargets, noise_doubts, paired_targets
+from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import StoredResult, understood
-from robacc.documents.gate import CHECK, read_gate
+from robacc.documents.envelope import CHECK, StoredResult, read_gate, understood
 from robacc.errors import InputError, Problem, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.prediction.model_uncertainty import model_fit
@@ -85,11 +83,20 @@ _START = 256
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Compared(Result, ResultComparison):
-    """Comparison of results, with the files that they were read from."""
+class Compared(Result):
+    """Comparison of results, with the files that they were read from; its parts have the keys of the document."""
 
     command: ClassVar[str] = "compare"
     keys = COMPARE
+    results: tuple[ComparedResult, ...]
+    baseline: str
+    confidence: float
+    pairing: Sequence[Mapping[str, Any]]
+    statistics: Sequence[Mapping[str, Any]]
+    ranking: Mapping[str, Any]
+    grade: Mapping[str, Any] | None
+    notes: tuple[str, ...]
+    warnings: tuple[str, ...]
 
 
 @call
@@ -136,12 +143,37 @@ def compare(
         >>> import robacc
         >>> plain = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
         >>> aligned = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml", align="base_frame")
-        >>> robacc.compare(plain, aligned).ranking.names
-        ('estimate (2)', 'estimate')
+        >>> [entry["name"] for entry in robacc.compare(plain, aligned).ranking["order"]]
+        ['estimate (2)', 'estimate']
     """
     inputs = Inputs(locals())
-    refuse((scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"))
-    compared_results, doubts = _load(results, inputs, robot=robot, align=align)
+    options: dict[str, Any] = {"robot": robot, "align": align}
+    are_poses = [*map(_are_poses, results)]
+    unused = [option for option in options if options[option] is not None and not any(are_poses)]
+    refuse(
+        (scale is not None and grade is None, "`scale` needs `grade`, the grade to check the results for"),
+        (len(results) < 2, "a comparison takes at least two results"),
+        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
+        *((True, f"`{option}` is for files of poses, and all files are results") for option in unused),
+    )
+    problems: list[Problem] = []
+    compared_results: list[ComparedResult] = []
+    doubts: list[str] = []
+    for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
+        try:
+            if is_poses:
+                estimated = estimate(_path(source), **options)
+                doubts += [type(text)(f"{name}: {text}") for text in estimated.warnings]
+                result = stored_result(estimated)
+                inputs.records += [record for record in estimated.made.inputs if record not in inputs.records]
+            else:
+                result = stored_result(source)
+                inputs.records.append(result.record)
+            with understood(result.name, result.command):
+                compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
+        except InputError as error:
+            problems += error.problems
+    refuse((problems, problems))
     grades = inputs.scale()
     names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
     comparison = compare_results(
@@ -153,45 +185,8 @@ def compare(
         confidence=confidence,
         seed=seed,
     )
-    comparison = replace(comparison, warnings=(*comparison.warnings, *doubts))
-    made = inputs.made(baseline=comparison.baseline, by=comparison.ranking.key)
-    return Compared(**fields_of(comparison), made=made)
-
-
-def _load(results: Sequence[Source], inputs: Inputs, **options: Any) -> tuple[list[ComparedResult], list[str]]:
-    """Return the results to compare, and the warnings of files that had to be estimated.
-
-    Raises:
-        InputError: A file cannot be used; with the problems of every file.
-        UsageError: Standard input is named twice, there is one result only, or ``options`` are for no file.
-    """
-    refuse(
-        (len(results) < 2, "a comparison takes at least two results"),
-        ([path_of(source) for source in results].count(STDIN) > 1, "standard input can be read only once"),
-    )
-    are_poses = [*map(_are_poses, results)]
-    unused = [option for option in options if options[option] is not None and not any(are_poses)]
-    refuse(*((True, f"`{option}` is for files of poses, and all files are results") for option in unused))
-    problems: list[Problem] = []
-    compared_results: list[ComparedResult] = []
-    warnings: list[str] = []
-    for source, name, is_poses in zip(results, _names(results), are_poses, strict=True):
-        try:
-            if is_poses:
-                made = estimate(_path(source), **options)
-                warnings += [type(text)(f"{name}: {text}") for text in made.warnings]
-                result = stored_result(made)
-                inputs.records += [record for record in made.made.inputs if record not in inputs.records]
-            else:
-                result = stored_result(source)
-                inputs.records.append(result.record)
-            with understood(result.name, result.command):
-                compared_results.append(read_compared_result(result.document, name, result.name, result.sha256))
-        except InputError as error:
-            problems += error.problems
-    if problems:
-        raise InputError(problems)
-    return compared_results, warnings
+    made = inputs.made(baseline=comparison["baseline"], by=comparison["ranking"]["by"])
+    return Compared(**{**comparison, "warnings": (*comparison["warnings"], *doubts)}, made=made)
 
 
 def _are_poses(source: Source) -> bool:
@@ -237,9 +232,8 @@ class ComparedTargets(Result, PairedTargets):
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings of the poses read, and a correction that is not loaded."""
-        if self.loaded.verdict == "not loaded":
-            return (*self.doubts, "no sign that the correction was loaded: the targets are where they were before")
-        return self.doubts
+        unloaded = "no sign that the correction was loaded: the targets are where they were before"
+        return (*self.doubts, *[unloaded] * (self.loaded["verdict"] == "not_loaded"))
 
 
 @call
@@ -279,7 +273,8 @@ def compare_paired(
         UsageError: The arguments contradict each other.
 
     Example:
-        >>> import dataclasses, robacc
+        >>> from dataclasses import replace
+        >>> import robacc
         >>> robot, model = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
         >>> targets = robacc.simulate(robot, poses=20, seed=1).data
         >>> planned = robacc.correct(targets, model=model, nominal=robot)
@@ -288,7 +283,7 @@ def compare_paired(
         >>> before = robacc.simulate(model, at=old, noise="0.02mm", seed=2).data
         >>> after = robacc.simulate(model, at=new, noise="0.02mm", seed=3).data
         >>> result = robacc.compare_paired(before, after)
-        >>> result.loaded.verdict, result.metrics_after.rms < 0.1 * result.metrics_before.rms
+        >>> result.loaded["verdict"], result.metrics_after.rms < 0.1 * result.metrics_before.rms
         ('loaded', True)
     """
     inputs = Inputs(locals(), "before", "after")
@@ -304,6 +299,6 @@ def compare_paired(
         )
     if arm is not None and body.promise is not None:
         fit = model_fit(arm)
-        doubts += (*noise_doubts(body.promise.noise), *(() if fit is None else fit.warnings))
+        doubts += (*noise_doubts(body.promise["noise"]), *(() if fit is None else fit.warnings))
     made = inputs.made("before", "after", "model", "nominal")
     return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)

@@ -188,7 +188,7 @@ def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
     inputs = [*filter(os.path.isfile, texts)]
     # A gate from a pipe can be read only once, which happens when there is a result to check.
     if gate is not None and gate != "-" and (os.path.isfile(gate) or os.path.isdir(gate) or not os.path.exists(gate)):
-        from robacc.documents.gate import baseline_path, read_gate
+        from robacc.documents.envelope import baseline_path, read_gate
 
         inputs += [baseline_path(gate, name) for name in read_gate(gate)[1]]
     written: dict[str, str] = {}

@@ -118,7 +118,7 @@ def deliver(outlets: Outlets, result: Result, view: View) -> None:
             write_junit(outlets.junit, result.command, [checked])
         write_result(outlets, result.command, document, view, gate, warnings)
         if gate is not None and status and (outlets.form == "json" or outlets.output != "-"):
-            from robacc.render.views.gate import say_gate
+            from robacc.render.views.compare import say_gate
 
             say_gate(gate)
     if status:
@@ -134,7 +134,7 @@ def with_gate(result: Result, gate: str | None) -> tuple[Document, Mapping[str, 
 
 def write_junit(path: str | None, command: str, outcomes: Sequence[FileOutcome]) -> None:
     """Write the outcomes of a gate as JUnit XML."""
-    from robacc.render.views.gate import junit
+    from robacc.render.views.compare import junit
 
     write(path, partial(junit, command, outcomes, started))
 
@@ -165,7 +165,7 @@ def write_result(
         from robacc.render.page import render
 
         write(outlets.report, render([json.loads(json_text(document()))], [command]))
-    from robacc.render.views import gate as gates
+    from robacc.render.views import compare as gates
 
     if outlets.form in ("table", "json"):
         emit(

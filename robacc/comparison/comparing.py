@@ -1,16 +1,19 @@
-"""Results side by side: differences, a ranking, grades, and warnings where they were made differently."""
+"""Results side by side: differences, a ranking and grades; and the same targets before and after a correction."""
 
 from __future__ import annotations
 
+import dataclasses
+import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations
-from typing import Any, Literal
+from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.error_statistics import Unit, error_statistics
+from robacc.accuracy.error_statistics import Gain, Unit, error_statistics, paired_gain
+from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale, default_scale, grade
 from robacc.comparison.stored_results import (
     FITS,
@@ -26,7 +29,15 @@ from robacc.comparison.stored_results import (
     split_key,
     unit_of,
 )
-from robacc.errors import UsageError, refuse
+from robacc.errors import Problem, given, refuse
+from robacc.fitting.parameters import absorb_constants
+from robacc.geometry import Array, rms_length
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, predict
+from robacc.prediction.model_uncertainty import ModelFit, completed, fitted_jacobian, model_fit, model_uncertainty
+from robacc.quantities import size
+from robacc.robots.description import Robot
+from robacc.statistics.distributions import chi2_sf, student_quantile
 from robacc.statistics.intervals import EstimatedValue, Interval
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
@@ -70,29 +81,7 @@ def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
 
 # Status of several results against a required grade: confirmed, met but not confirmed, or not met.
 
-Verdict = Literal["demonstrated", "met_not_demonstrated", "not_met"]
-"""Verdicts as results store them."""
 _UNITS: dict[Quantity, Unit] = {"position": "m", "orientation": "rad"}
-
-
-@dataclass(frozen=True, slots=True)
-class GradeStatus:
-    """Status of one result against the required grade."""
-
-    name: str
-    verdict: Verdict
-    grade: str
-    """The result's own grade on the scale."""
-    probability: float | None
-    """Probability that the limits of the required grade are truly met, given the data."""
-    position: EstimatedValue
-    """Statistic of the scale, m, with its interval at the scale's confidence."""
-    orientation: EstimatedValue | None
-    """rad"""
-    poses_to_demonstrate: int | None
-    """Total number of poses that confirms the required grade with probability 0.9 if the estimate stays the same."""
-    why: str | None
-    """Reason why the grade is not confirmed, or why the probability is unknown."""
 
 
 def common_scale(results: Sequence[ComparedResult]) -> Scale:
@@ -114,8 +103,8 @@ def common_scale(results: Sequence[ComparedResult]) -> Scale:
 
 def grade_statuses(
     results: Sequence[ComparedResult], scale: Scale, required_grade: str, seed: int = 0
-) -> tuple[GradeStatus, ...]:
-    """Return the status of every result, in the order of the results.
+) -> list[dict[str, Any]]:
+    """Return the status of every result, in the order of the results, with the keys of the document.
 
     Args:
         results: The results.
@@ -129,49 +118,54 @@ def grade_statuses(
     names = [step.grade for step in scale.steps]
     unknown = f"`grade`: the scale {scale.name} has no grade {required_grade!r}; it has {', '.join(names)}"
     refuse((required_grade not in names, unknown))
-    return tuple(
-        _status_by_errors(result, scale, names.index(required_grade), seed)
-        if "position" in result.errors
-        else _status_by_figures(result, scale, names.index(required_grade))
-        for result in results
-    )
+    return [_status(result, scale, names.index(required_grade), seed) for result in results]
 
 
-def _status_by_errors(result: ComparedResult, scale: Scale, rank: int, seed: int) -> GradeStatus:
-    of = partial(error_statistics, confidence=scale.confidence, seed=seed)
-    graded = [
-        of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[str, Any]:
+    """Return the status by the errors, or without errors by the figures alone, which confirm nothing."""
+    figures: dict[Quantity, EstimatedValue] = {}
+    if "position" in result.errors:
+        of = partial(error_statistics, confidence=scale.confidence, seed=seed)
+        graded = [
+            of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+            for quantity, unit in _UNITS.items()
+            if (errors := result.errors.get(quantity)) is not None
+        ]
+        assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
+        figures = {name: EstimatedValue(own.value, own.interval) for name, own in assessed.quantities.items()}
+        confirmed, met, own_grade = assessed.confirmed_rank <= rank, assessed.rank <= rank, assessed.grade
+        missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
+        why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
+        needed, why_not = (assessed.poses_needed(rank), why) if met and not confirmed else (None, None)
+        probability = assessed.probability_within(rank)
+    else:
+        statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
+        figures = {name: result.figures[key] for name in _UNITS if (key := f"{name}.{statistic}") in result.figures}
+        lacking = f"{result.name} is a result of {result.command}, which has no {statistic} error to grade"
+        refuse(("position" not in figures, lacking))
+        own_rank = max(scale.rank_of(name, figure.value) for name, figure in figures.items())
+        confirmed, met, own_grade, probability, needed = False, own_rank <= rank, scale.name_of(own_rank), None, None
+        measured = "the result does not list the error of every pose"
+        why_not = measured if result.measured else "predicted from tolerances, not measured"
+    ends = {
+        f"{quantity}{key}_{unit}": value
         for quantity, unit in _UNITS.items()
-        if (errors := result.errors.get(quantity)) is not None
-    ]
-    assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
-    confirmed, met = assessed.confirmed_rank <= rank, assessed.rank <= rank
-    missing = [f"no upper bound of {name}: {own.why}" for name, own in assessed.quantities.items() if own.why]
-    why = "; ".join(missing) or f"the upper {100 * scale.confidence:g} % bound is beyond the limit"
-    figures = [EstimatedValue(own.value, own.interval) for own in assessed.quantities.values()]
-    return GradeStatus(
-        result.name,
-        "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
-        assessed.grade,
-        assessed.probability_within(rank),
-        figures[0],
-        figures[1] if len(figures) > 1 else None,
-        assessed.poses_needed(rank) if met and not confirmed else None,
-        None if confirmed or not met else why,
-    )
-
-
-def _status_by_figures(result: ComparedResult, scale: Scale, rank: int) -> GradeStatus:
-    """Return the status by the figures alone, for a prediction or a result without errors; they confirm nothing."""
-    statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
-    known = {quantity: result.figures.get(f"{quantity}.{statistic}") for quantity in _UNITS}
-    if (position := known["position"]) is None:
-        raise UsageError(f"{result.name} is a result of {result.command}, which has no {statistic} error to grade")
-    own_rank = max(scale.rank_of(name, figure.value) for name, figure in known.items() if figure is not None)
-    measured = "the result does not list the error of every pose"
-    why = measured if result.measured else "predicted from tolerances, not measured"
-    verdict: Verdict = "met_not_demonstrated" if own_rank <= rank else "not_met"
-    return GradeStatus(result.name, verdict, scale.name_of(own_rank), None, position, known["orientation"], None, why)
+        for own in [figures.get(quantity)]
+        for key, value in (
+            ("", own and own.value),
+            ("_upper_bound", own and own.interval and own.interval.upper_bound),
+        )
+    }
+    return {
+        "name": result.name,
+        "verdict": "demonstrated" if confirmed else "met_not_demonstrated" if met else "not_met",
+        "demonstrated": confirmed,
+        "grade": own_grade,
+        "probability": probability,
+        **ends,
+        "poses_to_demonstrate": needed,
+        "why": why_not,
+    }
 
 
 # Warnings of a comparison, where results were made differently, and notes on what its figures do not say.
@@ -197,18 +191,18 @@ def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, 
     with_errors = {result.name for result in results if "position" in result.errors}
     for match in pairing:
         names, most = f"{match['first']} and {match['second']}", max(match["n_first"], match["n_second"])
-        text = f"{names} have different poses, so their difference cannot be paired"
-        if match["paired"]:
-            text = f"{names} share {match['n_shared']} of {most} poses; only these are compared"
+        text = (
+            f"{names} share {match['n_shared']} of {most} poses; only these are compared"
+            if match["paired"]
+            else f"{names} have different poses, so their difference cannot be paired"
+        )
         if with_errors >= {match["first"], match["second"]} and match["n_shared"] != most:
             yield f"made differently, poses: {text}"
 
 
-def _notes(
-    results: Sequence[ComparedResult], tested: bool, statuses: Sequence[GradeStatus], scale: Scale | None
-) -> tuple[str, ...]:
+def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
-    level = 0.0 if scale is None else 100 * scale.confidence
+    graded = grade or {"demonstrated_by": (), "confidence": 0.0}
     notes = (
         (
             tested,
@@ -220,8 +214,8 @@ def _notes(
             "position and orientation of calibrate and trace are those after the fit, on held-out poses",
         ),
         (
-            sum(status.verdict == "demonstrated" for status in statuses) > 1,
-            f"each grade by itself is confirmed at {level:g} % confidence, not all together",
+            len(graded["demonstrated_by"]) > 1,
+            f"each grade by itself is confirmed at {100 * graded['confidence']:g} % confidence, not all together",
         ),
     )
     return tuple(note for applies, note in notes if applies)
@@ -233,85 +227,6 @@ _SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")
 _NO_TEST_OF_PREDICTION = "a prediction describes robots yet to be built, so it has no sampling error to test with"
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedRow:
-    """One figure of every result, and its differences to the baseline."""
-
-    key: str
-    unit: str
-    figures: tuple[EstimatedValue, ...]
-    """One figure for each result, in the order of the results."""
-    differences: tuple[Difference | None, ...]
-    """Differences to the baseline; None for the baseline itself."""
-
-
-@dataclass(frozen=True, slots=True)
-class RankedPair:
-    """Two results in the order of the ranking."""
-
-    better: str
-    worse: str
-    """By the estimates, whether or not the difference is significant."""
-    difference: Difference
-    """Worse minus better."""
-    p_corrected: float | None
-    """p-value corrected for the number of pairs (Holm)."""
-    different: bool
-
-
-@dataclass(frozen=True, slots=True)
-class Ranking:
-    """Results in the order of one figure, the smallest first."""
-
-    key: str
-    unit: str
-    level: float
-    """Corrected p-value below which two results count as different."""
-    names: tuple[str, ...]
-    values: tuple[float, ...]
-    letters: tuple[str, ...]
-    """Group letters; results that share a letter do not differ significantly."""
-    groups: tuple[tuple[str, ...], ...]
-    """Largest groups of results without a significant difference; without any test, no groups and no letters."""
-    pairs: tuple[RankedPair, ...]
-    predicted: tuple[str, ...]
-    """Predictions, which are not ranked with measured results."""
-
-    def sentences(self) -> tuple[str, ...]:
-        """Return the ranking as text: neighbours that differ, groups that do not, pairs without a test, predictions."""
-        unranked = [f"{name} is a prediction, which is not ranked with measured arms" for name in self.predicted]
-        if not self.groups:
-            return (*["ordered by the figure; no difference could be tested"] * (len(self.names) > 1), *unranked)
-        neighbours = [pair for pair in self.pairs if self.names.index(pair.worse) == self.names.index(pair.better) + 1]
-        lines = [f"{pair.better} is better than {pair.worse}" for pair in neighbours if pair.different]
-        lines += [
-            f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly"
-            for group in self.groups
-            if len(group) > 1
-        ]
-        untested = [pair for pair in self.pairs if pair.difference.p_value is None]
-        lines += [f"{pair.better} and {pair.worse} could not be tested" for pair in untested]
-        return (*lines, *unranked)
-
-
-@dataclass(frozen=True, slots=True)
-class ResultComparison:
-    """Return value of :func:`compare`."""
-
-    results: tuple[ComparedResult, ...]
-    baseline: str
-    confidence: float
-    rows: tuple[ComparedRow, ...]
-    pairing: tuple[Mapping[str, Any], ...]
-    """Match of the poses of every result with those of the baseline, as in the document."""
-    ranking: Ranking
-    scale: Scale | None
-    required_grade: str | None
-    grade_statuses: tuple[GradeStatus, ...]
-    notes: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-
 def compare(
     results: Sequence[ComparedResult],
     *,
@@ -321,8 +236,8 @@ def compare(
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
-) -> ResultComparison:
-    """Compare results with each other.
+) -> dict[str, Any]:
+    """Return the comparison of results with each other, with the keys of the document.
 
     Args:
         results: At least two results with different names.
@@ -397,60 +312,337 @@ def compare(
             **{f"n_{p}": r.errors["position"].n_groups if are_listed else r.n_poses for p, r in both.items()},
         }
 
-    rows = tuple(
-        ComparedRow(
-            key,
-            unit_of(key),
-            tuple(result.figures[key] for result in results),
-            tuple(None if i == reference else change(key, reference, i) for i in range(len(results))),
-        )
+    rows: list[dict[str, Any]] = [
+        {
+            "key": key,
+            "unit": unit_of(key),
+            "values": [
+                {"name": result.name, "value": figure.value}
+                | {end: getattr(figure.interval, end, None) for end in ("lower", "upper", "confidence")}
+                for result in results
+                for figure in [result.figures[key]]
+            ],
+            "differences": [
+                {"name": name, **change(key, reference, i).document()} for i, name in enumerate(names) if i != reference
+            ],
+        }
         for key in keys
-    )
-    matches = tuple(match(reference, i) for i in range(len(results)) if i != reference)
+    ]
+    matches = [match(reference, i) for i in range(len(results)) if i != reference]
     ranked_by = by or (RANKED_BY if RANKED_BY in rankable else rankable[0])
-    grade_scale = None if required_grade is None else scale or common_scale(results)
-    statuses: tuple[GradeStatus, ...] = ()
-    if grade_scale is not None and required_grade is not None:
-        statuses = grade_statuses(results, grade_scale, required_grade, seed)
-    tested = any(item is not None and item.p_value is not None for row in rows for item in row.differences)
-    return ResultComparison(
-        results=tuple(results),
-        baseline=names[reference],
-        confidence=confidence,
-        rows=rows,
-        pairing=matches,
-        ranking=_ranking(results, ranked_by, confidence, partial(change, ranked_by)),
-        scale=grade_scale,
-        required_grade=required_grade,
-        grade_statuses=statuses,
-        notes=_notes(results, tested, statuses, grade_scale),
-        warnings=tuple(_warnings(results, matches)),
-    )
+    graded: dict[str, Any] | None = None
+    if required_grade is not None:
+        scale = scale or common_scale(results)
+        statuses = grade_statuses(results, scale, required_grade, seed)
+        graded = {
+            "wanted": required_grade,
+            "scale": scale.name,
+            "statistic": scale.statistic,
+            "confidence": scale.confidence,
+            "demonstrated_by": [status["name"] for status in statuses if status["demonstrated"]],
+            "results": statuses,
+        }
+    tested = any(item["p_value"] is not None for row in rows for item in row["differences"])
+    return {
+        "results": tuple(results),
+        "baseline": names[reference],
+        "confidence": confidence,
+        "pairing": matches,
+        "statistics": rows,
+        "ranking": _ranking(results, ranked_by, confidence, partial(change, ranked_by)),
+        "grade": graded,
+        "notes": _notes(results, tested, graded),
+        "warnings": tuple(_warnings(results, matches)),
+    }
 
 
 def _ranking(
     results: Sequence[ComparedResult], key: str, confidence: float, change: Callable[[int, int], Difference]
-) -> Ranking:
-    """Return the order of the results by a figure; ``change`` gives its difference between two of them."""
+) -> dict[str, Any]:
+    """Return the order of the results by a figure; ``change`` gives its difference between two of them.
+
+    Predictions are not ranked with measured results. Results that share a letter do not differ significantly; without
+    any test, there are no groups and no letters.
+    """
     ranked = [i for i, result in enumerate(results) if result.measured] or range(len(results))
     order = sorted(ranked, key=lambda i: (abs(results[i].figures[key].value), i))
     pairs = [(i, j, change(order[i], order[j])) for i, j in combinations(range(len(order)), 2)]
-    level = 1.0 - confidence
+    level, names = 1.0 - confidence, [results[i].name for i in order]
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
-    names = [results[i].name for i in order]
     groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
-    return Ranking(
-        key=key,
-        unit=unit_of(key),
-        level=level,
-        names=tuple(names),
-        values=tuple(results[i].figures[key].value for i in order),
-        letters=tuple(group_letters(len(order), groups)),
-        groups=tuple(tuple(names[i] for i in group) for group in groups),
-        pairs=tuple(
-            RankedPair(names[i], names[j], pair_difference, p, (i, j) in different)
+    alike = [[names[i] for i in group] for group in groups if len(group) > 1]
+    text = ["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups)
+    if groups:
+        text = [f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different]
+        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in alike]
+        untested = [(i, j) for i, j, pair_difference in pairs if pair_difference.p_value is None]
+        text += [f"{names[i]} and {names[j]} could not be tested" for i, j in untested]
+    unranked = [result.name for i, result in enumerate(results) if i not in ranked]
+    text += [f"{name} is a prediction, which is not ranked with measured arms" for name in unranked]
+    return {
+        "by": key,
+        "unit": unit_of(key),
+        "level": level,
+        "order": [
+            {"name": results[i].name, "value": results[i].figures[key].value, "letters": letters}
+            for i, letters in zip(order, group_letters(len(order), groups), strict=True)
+        ],
+        "indistinguishable": alike,
+        "pairs": [
+            {
+                "better": names[i],
+                "worse": names[j],
+                "different": (i, j) in different,
+                "p_corrected": p,
+                "difference": pair_difference.document(),
+            }
             for (i, j, pair_difference), p in zip(pairs, corrected, strict=True)
-        ),
-        predicted=tuple(result.name for i, result in enumerate(results) if i not in ranked),
+        ],
+        "text": text,
+    }
+
+
+# Targets that were measured before and after a correction: gain, remaining error, and whether a promise was kept.
+#
+# With e the measured position less the wanted one, the gain is the fall of its RMS. A target's planned displacement
+# follows from the model; the measured displacements are regressed on it, and the slope is 1 where the correction was
+# loaded and 0 where it was not. The remaining error is as promised where its normalised square
+#
+#     chi^2 = r^T V^-1 r,    V = J C J^T + D,
+#
+# r the measured less the predicted position, is usual for a chi-square of 3 N degrees of freedom. C is the covariance
+# of the model's coefficients, which all targets share, D that of repeatability, unexplained error and noise.
+
+_FEWEST = 3
+"""Smallest number of shared targets."""
+_PROMISED = 0.01
+"""Probability below which the remaining error is not what was promised."""
+
+Rows = Sequence[list[int]]
+"""Rows of each shared target in a file."""
+
+
+@dataclass(frozen=True, slots=True)
+class PairedTargets:
+    """Comparison of the same targets before and after a correction."""
+
+    names: tuple[str, ...]
+    before: Array
+    """``(3, N)`` mean error before, measuring frame, m."""
+    after: Array
+    gain: Gain
+    loaded: Mapping[str, Any]
+    """Regression of the measured on the planned displacements, with the keys of the result."""
+    promise: Mapping[str, Any] | None
+    """Test of the remaining error against the prediction, with the keys of the result; None without a model."""
+    notes: tuple[str, ...]
+
+    @property
+    def metrics_before(self) -> ErrorMetrics:
+        """Metrics of the error before, m."""
+        return pose_metrics(self.before).position
+
+    @property
+    def metrics_after(self) -> ErrorMetrics:
+        """Metrics of the error after, m."""
+        return pose_metrics(self.after).position
+
+
+def paired_targets(
+    first: Measurements,
+    second: Measurements,
+    nominal: Robot | None = None,
+    model: Robot | None = None,
+    noise: str | float | None = None,
+) -> PairedTargets:
+    """Compare the targets that two files have in common.
+
+    Args:
+        first: Poses measured before the correction.
+        second: Poses measured after it.
+        nominal: Robot whose poses are wanted where neither file has commanded poses.
+        model: Model of the correction; the files have the commanded joints.
+        noise: Standard deviation of the measurement noise along each axis, m or text; None for that of ``second``.
+
+    Raises:
+        InputError: The files share fewer than three targets, or the model has no record of its fit.
+        UsageError: The files lack wanted poses or joints, or neither the noise nor the model leaves a measurement any
+            error.
+        MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
+    """
+    names, *rows = _shared_targets(first, second)
+    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
+    if stated[0][0] is stated[1][0] is None:
+        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
+        robot = given(nominal if first.q is not None else None, lacking)
+        stated[0] = (predict(dataclasses.replace(robot, effects=()), first).translation, rows[0])
+    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
+    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
+    # Without a model, the best guess of the plan is that the whole error goes.
+    note = "without a model, the planned displacement is the error before, measurement noise included"
+    planned, promise = wanted - before, None
+    if model is not None:
+        planned, promise = _against_model(model, (first, second), rows, after, noise)
+    return PairedTargets(
+        names,
+        before - wanted,
+        after - wanted,
+        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
+        _loaded(after - before, planned),
+        promise,
+        (note,) if model is None else (),
     )
+
+
+def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
+    """Return the targets of both files, paired by their ``pose``, or by their order without such a column."""
+    apart = f"{first.n} and {second.n} rows without a column pose cannot be paired"
+    fix = "add a column pose to both files"
+    refuse(
+        (
+            (first.pose is None) != (second.pose is None),
+            Problem("one file has a column pose, the other has none", fix="add it to both files"),
+        ),
+        (first.pose is None and first.n != second.n, Problem(apart, second.source, fix=fix)),
+    )
+    before, after = (rows_of_targets(data) for data in (first, second))
+    common = [key for key in before if key in after]
+    message = f"the files share {len(common)} targets, {_FEWEST} are needed"
+    fix = "give the files of the same targets before and after the correction"
+    refuse((len(common) < _FEWEST, Problem(message, second.source, fix=fix)))
+    return tuple(map(" ".join, common)), [before[key] for key in common], [after[key] for key in common]
+
+
+def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
+    """Return the rows of each target by its name: its pose, and the measured target if the file has that column.
+
+    Without a column pose, each row is a target, named by its number.
+    """
+    poses = np.arange(1, data.n + 1) if data.pose is None else data.pose
+    columns = (poses,) if data.target is None or data.pose is None else (poses, data.target)
+    rows: dict[tuple[str, ...], list[int]] = {}
+    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
+        rows.setdefault(key, []).append(i)
+    return rows
+
+
+def _means(values: Array, rows: Rows) -> Array:
+    """Return the means ``(K, T)`` of the columns of ``(K, N)`` over the rows of each target."""
+    return np.stack([values[:, own].mean(axis=1) for own in rows], axis=1)
+
+
+def _loaded(measured: Array, planned: Array) -> dict[str, Any]:
+    """Return the slope of measured on planned displacements, with an interval from the scatter between targets."""
+    power, n = float(np.sum(np.square(planned))), planned.shape[1]
+    slope = low = high = math.nan
+    verdict = "undecided"
+    if power > 0.0:
+        slope = float(np.sum(measured * planned)) / power
+        scores = np.sum(planned * (measured - slope * planned), axis=0)
+        slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
+        half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
+        low, high = slope - half_width, slope + half_width
+        if low > 0.5:
+            verdict = "loaded"
+        elif high < (0.5 if low <= 0.0 else 0.9):
+            verdict = "not_loaded" if low <= 0.0 else "partly_loaded"
+    return {"verdict": verdict, "slope": slope, "lower": low, "upper": high, "planned_rms_m": rms_length(planned)}
+
+
+# What a model promises of the targets that it corrected, and the test of the error that remains.
+
+
+def _against_model(
+    robot: Robot, files: Sequence[Measurements], rows: Sequence[Rows], measured: Array, noise: str | float | None
+) -> tuple[Array, dict[str, Any]]:
+    """Return the displacements that the model plans, and the test of the means ``measured`` after the correction."""
+    fix = "give a file that `write_model` of a trace or a calibration wrote"
+    fit = given(model_fit(robot), Problem("the model has no record of its fit", robot.name, column="fit", fix=fix))
+    lacks_joints = any(file.q is None for file in files)
+    refuse((lacks_joints, "`model` needs the joints q1, q2, … that were commanded, in both files"))
+    arm = absorb_constants(robot)
+    for file in files:
+        # Circumstances drawn in place of missing ones would be held against the measurements.
+        Model.of(arm).bind(file)
+    before, after = (completed(fit, file, 0) for file in files)
+    planned_from = _means(Model.of(arm).bind(before).poses(np.zeros(0)).translation, rows[0])
+    poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
+    alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
+    firsts = np.array([own[0] for own in rows[1]])
+    separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
+    used = _noise(fit, noise, files[1].stated_noise[0])
+    # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
+    # principal variances are at least this noise.
+    variance = (used["position_m"] ** 2 / np.array([len(own) for own in rows[1]]))[:, None]
+    values, vectors = np.linalg.eigh(np.moveaxis(separate, 2, 0))
+    values = np.maximum(values, 0.0) + variance if used["treatment"] == "added" else np.maximum(values, variance)
+    refuse((not np.all(values > 0.0), "the model has no unexplained error: `noise` must be more than 0"))
+    total = np.asarray(np.einsum("nik,nk,njk->ijn", vectors, values, vectors))
+    predicted = _means(poses.translation, rows[1])
+    return predicted - planned_from, promise_test(
+        measured - predicted, jacobian[:3, :, firsts], covariance, total, used
+    )
+
+
+def _noise(fit: ModelFit, option: str | float | None, stated: float | None) -> dict[str, Any]:
+    """Return the measurement noise: given, of the poses after the correction, or of the model's fit."""
+    # Noise within the unexplained error of the model is only its lower bound.
+    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
+    if option is not None:
+        position, source = size(option, "length", "`noise`"), "given"
+    elif stated is not None:
+        position, source = stated, "file"
+    return {
+        "position_m": position,
+        "source": source,
+        "treatment": "added" if fit.noise_is_separate else "contained",
+    }
+
+
+def promise_test(
+    residual: Array, jacobian: Array, covariance: Array, separate: Array, noise: Mapping[str, Any]
+) -> dict[str, Any]:
+    """Return the normalised square of a residual and its probability, with the keys of the result.
+
+    Args:
+        residual: ``(3, N)`` measured less predicted positions, m.
+        jacobian: ``(3, P, N)`` of the positions to the model's coefficients.
+        covariance: ``(P, P)`` of the coefficients.
+        separate: ``(3, 3, N)`` covariance of all that targets do not share, m².
+        noise: Measurement noise in it.
+    """
+    precision = np.moveaxis(np.linalg.inv(np.moveaxis(separate, 2, 0)), 0, 2)
+    weighted = np.einsum("ijn,jn->in", precision, residual)
+    chi_square, shared = float(np.sum(residual * weighted)), 0.0
+    if covariance.size:
+        # Woodbury's identity with C = L L^T: coefficients without uncertainty need no inverse.
+        values, vectors = np.linalg.eigh(covariance)
+        columns = np.einsum("ipn,pk->ikn", jacobian, vectors * np.sqrt(np.maximum(values, 0.0)))
+        score = np.einsum("ikn,in->k", columns, weighted)
+        information = np.einsum("ikn,ijn,jln->kl", columns, precision, columns, optimize=True)
+        chi_square -= float(score @ np.linalg.solve(np.eye(score.size) + information, score))
+        shared = float(np.mean(np.sum(np.square(columns), axis=(0, 1))))
+    expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", separate))))
+    p_value = chi2_sf(chi_square, float(residual.size))
+    return {
+        "kept": p_value >= _PROMISED,
+        "chi_square": chi_square,
+        "degrees_of_freedom": residual.size,
+        "p_value": p_value,
+        "promised_rms_m": expected,
+        "noise": noise,
+    }
+
+
+def noise_doubts(noise: Mapping[str, Any]) -> list[str]:
+    """Return a warning where noise is stated that the model's unexplained error may contain."""
+    if noise["treatment"] == "added" or noise["source"] == "model":
+        return []
+    stated = "`noise`" if noise["source"] == "given" else "the noise of `after`"
+    return [
+        f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
+        f"{1e3 * noise['position_m']:.3g} mm is not added; the error counts as this noise at least; to separate the "
+        "two, fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
+    ]

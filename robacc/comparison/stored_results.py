@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
-from robacc.errors import refuse
+from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
 from robacc.statistics.intervals import (
@@ -61,12 +61,12 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             known = set(node)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in known), "")
-            if not name:
-                raise NoValueError(f"a result of robacc {document.get('command', '?')} has no {path}")
+            lacking = f"a result of robacc {document.get('command', '?')} has no {path}"
+            refuse((not name, lacking), error=NoValueError)
             node = node[name]
-        if node is None:
-            why = holder.get("why")
-            raise NoValueError(f"the result has no {path}" + (f": {why}" if isinstance(why, str) else ""))
+        why = holder.get("why")
+        reason = f": {why}" if isinstance(why, str) else ""
+        refuse((node is None, f"the result has no {path}{reason}"), error=NoValueError)
     return node, holder, name
 
 
@@ -82,8 +82,7 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
         stored[0] = stored[0][int(index)]
     if isinstance(value, Mapping):
         stored, value = [value], value.get("value")
-    if (number := finite_number(value)) is None:
-        raise NoValueError(f"the result's {key} is not a number")
+    number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
     interval = None
     if (found := next((entry for entry in stored if isinstance(entry, Mapping)), None)) is not None:
         # Under the names of an interval or of a gain.
@@ -180,9 +179,8 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
     unit, rows, kind, is_held_out = unit_of(quantity), "poses", "poses", stage[1:] == ["held_out"]
     if is_held_out and document.get("poses_apart") is not None:
         rows, kind, is_held_out = "poses_apart", "holdout", False
-    path = f"{quantity}.errors_{unit}"
-    if stage:
-        path = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{stage[0]}"
+    of_stage = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{''.join(stage[:1])}"
+    path = of_stage if stage else f"{quantity}.errors_{unit}"
     n = document.get("n_poses", 0) if rows == "poses" else len(document[rows]["line"])
     vectors, groups = _column(document, path, n, 3), _column(document, f"{rows}.group", n)
     if vectors is None or n == 0:
@@ -209,10 +207,10 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
     if rows is None:
         return None
     array = np.array(rows, dtype=None if width is None else float)
-    if array.shape != (n,) + (() if width is None else (width or array.shape[-1],)):
-        raise NoValueError(f"{_APART}: {path}: expected {n} rows")
-    if width is not None and not np.all(np.abs(array) < _LARGEST):
-        raise NoValueError(f"{_APART}: {path}: expected numbers below {_LARGEST:g}")
+    shape = (n,) + (() if width is None else (width or array.shape[-1],))
+    refuse((array.shape != shape, f"{_APART}: {path}: expected {n} rows"), error=NoValueError)
+    is_too_large = width is not None and not np.all(np.abs(array) < _LARGEST)
+    refuse((is_too_large, f"{_APART}: {path}: expected numbers below {_LARGEST:g}"), error=NoValueError)
     return array.T
 
 
@@ -291,8 +289,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     grade = document.get("grade") or {}
     places = _places(document, command)
     figures = dict(_figures(document, command, places))
-    if not figures:
-        raise ValueError("no figures to compare")
+    refuse((not figures, "no figures to compare"), error=ValueError)
     scale = None
     if all(grade.get(key) is not None for key in ("scale", "statistic", "confidence", "steps", "otherwise")):
         steps = tuple(
@@ -481,6 +478,15 @@ class Difference:
     def same(cls, value: float, confidence: float, why: str, paired: bool, n_poses: int | None) -> Difference:
         """Return a difference without uncertainty, and the reason."""
         return cls(value, Interval(value, value, None, confidence, why), float(value == 0.0), paired, n_poses)
+
+    def document(self) -> dict[str, Any]:
+        """Return the keys of the document."""
+        return {
+            "value": self.value,
+            **{name: getattr(self.interval, name) for name in ("lower", "upper", "confidence")},
+            **{name: getattr(self, name) for name in ("p_value", "paired", "n_poses")},
+            **{name: getattr(self.interval, name) for name in ("method", "why")},
+        }
 
 
 _MOMENTS: dict[str, tuple[int, int]] = {

@@ -12,8 +12,7 @@ from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from robacc.documents.envelope import significant_document
-from robacc.documents.gate import GATE_KEY, GATE_RESULT
+from robacc.documents.envelope import GATE_KEY, GATE_RESULT, significant_document
 from robacc.documents.keys import (
     ALIGNMENT,
     FIGURES,

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.documents.gate import GATE_KEY
+from robacc.documents.envelope import GATE_KEY
 from robacc.documents.keys import (
     FIGURES,
     NOTES,
@@ -34,59 +34,20 @@ from robacc.documents.keys import (
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
-    from robacc.comparison.comparing import ResultComparison
     from robacc.correction import Correction, ExpectedErrors
 
 _NAME = {"name": Key(text, "Name of the result.")}
 _DIFFERENCE = {
     "value": Key(number | None, "Difference in the unit of the figure."),
-    "lower": Key(number | None, "Lower limit of the interval.", "interval.lower"),
-    "upper": Key(number | None, "Upper limit of the interval.", "interval.upper"),
-    "confidence": Key(share | None, "Confidence of the interval.", "interval.confidence"),
+    "lower": Key(number | None, "Lower limit of the interval."),
+    "upper": Key(number | None, "Upper limit of the interval."),
+    "confidence": Key(share | None, "Confidence of the interval."),
     "p_value": Key(share | None, "Probability of a difference as large by chance; null if there is no test."),
     "paired": Key(flag, "True if the difference is tested pose by pose."),
     "n_poses": Key(count | None, "Number of commanded poses in the test."),
-    "method": Key(text | None, "Method of the test.", "interval.method"),
-    "why": Key(text | None, "Reason why there is no test, or null.", "interval.why"),
+    "method": Key(text | None, "Method of the test."),
+    "why": Key(text | None, "Reason why there is no test, or null."),
 }
-DIFFERENCE = part(_DIFFERENCE, "difference", "Difference of two results in one figure.")
-_TO_BASELINE = part(_NAME | _DIFFERENCE)
-_VALUE = part(
-    {
-        **_NAME,
-        "value": Key(number, "Value in the unit."),
-        "lower": Key(number | None, "Lower limit of the interval.", "interval.lower"),
-        "upper": Key(number | None, "Upper limit of the interval.", "interval.upper"),
-        "confidence": Key(share | None, "Confidence of the interval.", "interval.confidence"),
-    }
-)
-_ROW = part(
-    {
-        "key": Key(text, "Key of the figure, as in position.rms."),
-        "unit": Key(text, "m, rad or 1."),
-        "values": Key(array(_VALUE), "Value of each result."),
-        "differences": Key(array(_TO_BASELINE), "Differences to the baseline."),
-    }
-)
-"""One figure of every result."""
-
-
-def _rows(comparison: ResultComparison) -> list[Document]:
-    """Return the figures with the names of the results."""
-    names = [result.name for result in comparison.results]
-    return [
-        _ROW.write(
-            row,
-            values=[_VALUE.write(figure, name=name) for name, figure in zip(names, row.figures, strict=True)],
-            differences=[
-                _TO_BASELINE.write(difference, name=name)
-                for name, difference in zip(names, row.differences, strict=True)
-                if difference is not None
-            ],
-        )
-        for row in comparison.rows
-    ]
-
 
 COMPARE = part(
     {
@@ -125,11 +86,36 @@ COMPARE = part(
             ),
             "Match of each result's poses with those of the baseline.",
         ),
-        "statistics": Key(array(_ROW), "Figures that all results have.", _rows),
+        "statistics": Key(
+            array(
+                part(
+                    {
+                        "key": Key(text, "Key of the figure, as in position.rms."),
+                        "unit": Key(text, "m, rad or 1."),
+                        "values": Key(
+                            array(
+                                part(
+                                    {
+                                        **_NAME,
+                                        "value": Key(number, "Value in the unit."),
+                                        "lower": Key(number | None, "Lower limit of the interval."),
+                                        "upper": Key(number | None, "Upper limit of the interval."),
+                                        "confidence": Key(share | None, "Confidence of the interval."),
+                                    }
+                                )
+                            ),
+                            "Value of each result.",
+                        ),
+                        "differences": Key(array(part(_NAME | _DIFFERENCE)), "Differences to the baseline."),
+                    }
+                )
+            ),
+            "Figures that all results have.",
+        ),
         "ranking": Key(
             part(
                 {
-                    "by": Key(text, "Key of the figure.", "key"),
+                    "by": Key(text, "Key of the figure."),
                     "unit": Key(text, "Unit of the figure."),
                     "level": Key(share, "Corrected p-value below which two results count as different."),
                     "order": Key(
@@ -145,15 +131,10 @@ COMPARE = part(
                             )
                         ),
                         "Results, the smallest value first; predictions only where nothing is measured.",
-                        lambda ranking: [
-                            {"name": name, "value": value, "letters": letters}
-                            for name, value, letters in zip(ranking.names, ranking.values, ranking.letters, strict=True)
-                        ],
                     ),
                     "indistinguishable": Key(
                         array(array(text)),
                         "Groups of results that do not differ significantly.",
-                        lambda ranking: [list(group) for group in ranking.groups if len(group) > 1],
                     ),
                     "pairs": Key(
                         array(
@@ -165,13 +146,16 @@ COMPARE = part(
                                     "p_corrected": Key(
                                         share | None, "p-value corrected for the number of pairs (Holm)."
                                     ),
-                                    "difference": Key(DIFFERENCE, "Worse minus better."),
+                                    "difference": Key(
+                                        part(_DIFFERENCE, "difference", "Difference of two results in one figure."),
+                                        "Worse minus better.",
+                                    ),
                                 }
                             )
                         ),
                         "All pairs of results.",
                     ),
-                    "text": Key(array(text), "Ranking as text.", lambda ranking: ranking.sentences()),
+                    "text": Key(array(text), "Ranking as text."),
                 }
             ),
             "Results in the order of one figure, the smallest first.",
@@ -179,20 +163,16 @@ COMPARE = part(
         "grade": Key(
             part(
                 {
-                    "wanted": Key(text, "Required grade.", "required_grade"),
-                    "scale": Key(text, "Grade scale.", "scale.name"),
+                    "wanted": Key(text, "Required grade."),
+                    "scale": Key(text, "Grade scale."),
                     "statistic": Key(
                         choice("rms", "mean_error", "p95", "max"),
                         "Statistic that the limits apply to.",
-                        "scale.statistic",
                     ),
-                    "confidence": Key(share, "Confidence of the upper bounds.", "scale.confidence"),
+                    "confidence": Key(share, "Confidence of the upper bounds."),
                     "demonstrated_by": Key(
                         array(text),
                         "Names of the results that the grade is confirmed for.",
-                        lambda comparison: [
-                            status.name for status in comparison.grade_statuses if status.verdict == "demonstrated"
-                        ],
                     ),
                     "results": Key(
                         array(
@@ -206,21 +186,15 @@ COMPARE = part(
                                     "demonstrated": Key(
                                         flag,
                                         "True if the grade is confirmed.",
-                                        lambda status: status.verdict == "demonstrated",
                                     ),
                                     "grade": Key(text, "The result's own grade."),
                                     "probability": Key(share | None, "Probability that the limits are truly met."),
-                                    "position_m": Key(size | None, "Statistic of the scale, m.", "position.value"),
-                                    "position_upper_bound_m": Key(
-                                        size | None, "Upper bound of the statistic, m.", "position.interval.upper_bound"
-                                    ),
-                                    "orientation_rad": Key(
-                                        size | None, "Statistic of the scale or limit, rad.", "orientation.value"
-                                    ),
+                                    "position_m": Key(size | None, "Statistic of the scale, m."),
+                                    "position_upper_bound_m": Key(size | None, "Upper bound of the statistic, m."),
+                                    "orientation_rad": Key(size | None, "Statistic of the scale or limit, rad."),
                                     "orientation_upper_bound_rad": Key(
                                         size | None,
                                         "Upper bound of the statistic, rad.",
-                                        "orientation.interval.upper_bound",
                                     ),
                                     "poses_to_demonstrate": Key(
                                         count | None, "Total number of poses that would confirm the grade."
@@ -230,13 +204,11 @@ COMPARE = part(
                             )
                         ),
                         "Status of each result.",
-                        "grade_statuses",
                     ),
                 }
             )
             | None,
             "Status of the results against the required grade; null without one.",
-            lambda comparison: None if comparison.scale is None else comparison,
         ),
         **NOTES,
         **WARNINGS,
@@ -267,11 +239,10 @@ COMPARE_PAIRED = part(
                     "verdict": Key(
                         choice("loaded", "partly_loaded", "not_loaded", "undecided"),
                         "Whether the correction was loaded.",
-                        lambda it: it.verdict.replace(" ", "_"),
                     ),
                     "slope": Key(number | None, "1 where the correction was loaded, 0 where it was not."),
-                    "lower": Key(number | None, "Lower end of the 95 % interval.", "low"),
-                    "upper": Key(number | None, "Upper end of the 95 % interval.", "high"),
+                    "lower": Key(number | None, "Lower end of the 95 % interval."),
+                    "upper": Key(number | None, "Upper end of the 95 % interval."),
                     "planned_rms_m": Key(size, "Rms of the planned displacements, m."),
                 }
             ),

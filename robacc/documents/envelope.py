@@ -1,10 +1,12 @@
 """Results as files: the envelope with what made it, the schema, numbers rounded so that all processors agree, CSV text.
 
-A stored result is read back with a check of its values by the declarations of its keys, and its poses as columns.
+A stored result is read back with a check of its values by the declarations of its keys, and its poses as columns. The
+outcome of a gate is a part of any result; a gate file is read with the baselines that it names, which are results.
 """
 
 from __future__ import annotations
 
+import dataclasses
 import json
 import math
 import os
@@ -14,34 +16,45 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from importlib import import_module
-from pathlib import PurePath
-from typing import Any
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.documents.keys import (
     INPUT,
+    LEFT_OUT,
     Document,
     Key,
     Kind,
     Later,
+    anything,
     array,
+    choice,
     constant,
     count,
+    flag,
+    number,
     part,
+    share,
     shortened,
+    size,
     table,
     text,
 )
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.io.dialect import for_spreadsheet
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
 from robacc.robots.arm import BLOCK
 from robacc.robots.description import IDENTITY
+from robacc.statistics.intervals import ASSURANCE
 from robacc.version import __version__
+
+if TYPE_CHECKING:
+    from robacc.gates import Gate, GateOutcome
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
 
@@ -169,7 +182,7 @@ def envelope(
 
 MODULES = {
     "calibrate": "fit",
-    "check": "gate",
+    "check": "envelope",
     "compare": "compare",
     "compare-paired": "compare",
     "correct": "compare",
@@ -197,9 +210,8 @@ MODULES = {
 
 def result_kind(name: str) -> Kind:
     """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
-    own = part({})
-    if name in MODULES:
-        own = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
+    module = import_module(f"robacc.documents.{MODULES[name]}") if name in MODULES else None
+    own = getattr(module, name.upper().replace("-", "_"), part({}))
     envelope = {
         "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),
@@ -287,8 +299,7 @@ def understood(name: str, command: str) -> Iterator[None]:
 
 def _parsed(text: str, name: str) -> Any:
     """Return the document, of any JSON type."""
-    if not text.strip():
-        raise InputError(Problem("is empty", name, fix="save the result as JSON"))
+    refuse((not text.strip(), Problem("is empty", name, fix="save the result as JSON")))
     try:
         document = json.loads(
             text, object_pairs_hook=_unique_keys, parse_constant=_number, parse_float=_number, parse_int=_number
@@ -322,10 +333,11 @@ def _unique_keys(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
 
 def _number(text: str) -> float:
     """Return a number of JSON, whole or not; Python also takes the names of numbers that are not finite."""
-    if text.lstrip("-")[0] in "NI":
-        raise ValueError(f"{text} is not a number of JSON")
-    if not math.isfinite(float(text)):
-        raise ValueError(f"the number {text[:40]} is too large")
+    refuse(
+        (text.lstrip("-")[0] in "NI", f"{text} is not a number of JSON"),
+        (not math.isfinite(float(text)), f"the number {text[:40]} is too large"),
+        error=ValueError,
+    )
     return int(text) if text.lstrip("-").isdecimal() else float(text)
 
 
@@ -335,26 +347,23 @@ def _checked(document: Any, name: str) -> str:
     Raises:
         InputError: The document is not a result of this version of robacc; with every value that is not of its kind.
     """
-    if not isinstance(document, Mapping) or "schema" not in document:
-        reason = "it has no key 'schema'" if isinstance(document, Mapping) else "it is not a JSON object"
-        raise InputError(Problem(f"is not a result of robacc: {reason}", name, fix="save the result as JSON"))
-    match = _SCHEMA.fullmatch(document["schema"]) if isinstance(document["schema"], str) else None
-    if match is None:
-        message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
-        raise InputError(Problem(message, name, column="schema"))
-    command, version = match[1], int(match[2])
-    if version != schema_version(command):
-        message = (
-            f"has version {version} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
-            f"robacc reads version {schema_version(command)}"
-        )
-        fix = "compute the result again with this robacc, or read it with the robacc that made it"
-        raise InputError(Problem(message, name, column="schema", fix=fix))
+    reason = "it has no key 'schema'" if isinstance(document, Mapping) else "it is not a JSON object"
+    other = Problem(f"is not a result of robacc: {reason}", name, fix="save the result as JSON")
+    refuse((not isinstance(document, Mapping) or "schema" not in document, other))
+    message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
+    schema = document["schema"] if isinstance(document["schema"], str) else ""
+    command, version = given(_SCHEMA.fullmatch(schema), Problem(message, name, column="schema")).groups()
+    message = (
+        f"has version {int(version)} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
+        f"robacc reads version {schema_version(command)}"
+    )
+    fix = "compute the result again with this robacc, or read it with the robacc that made it"
+    refuse((int(version) != schema_version(command), Problem(message, name, column="schema", fix=fix)))
     # Readers need some keys of every result.
     problems = result_kind(command).problems({**dict.fromkeys(("robacc", "command", "options", "inputs")), **document})
-    if found := [Problem(message, name, column=path) for path, message in problems]:
-        raise InputError(found)
-    return command
+    found = [Problem(message, name, column=path) for path, message in problems]
+    refuse((found, found))
+    return str(command)
 
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.
@@ -407,9 +416,8 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
             top = top_section(read_text(source), source, tuple(IDENTITY))
             stated = read_fields(top, IDENTITY_FIELDS)
             top.source.finish()
-            if not stated:
-                fix = f"write at least one of {', '.join(IDENTITY)}"
-                raise InputError(Problem("names nothing of what was tested", source, fix=fix))
+            fix = f"write at least one of {', '.join(IDENTITY)}"
+            refuse((not stated, Problem("names nothing of what was tested", source, fix=fix)))
         else:
             known = nearest(key, tuple(IDENTITY)) or f"known keys: {', '.join(IDENTITY)}"
             refuse(
@@ -421,3 +429,171 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
             )
         identity |= stated
     return {key: identity[key] for key in IDENTITY if key in identity}
+
+
+OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+
+GATE_RESULT = part(
+    {
+        "name": Key(text, "Name of the gate.", "gate.name"),
+        "outcome": Key(OUTCOME, "Fail if one criterion fails, pass if all criteria pass."),
+        "exit_status": Key(choice(0, 4, 5), "Exit status of the command: 0 pass, 4 fail, 5 undecided."),
+        "assurance": Key(share, "Probability that poses_to_decide poses decide.", lambda _: ASSURANCE),
+        "criteria": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the criterion."),
+                        "key": Key(text, "Key of the figure, as in position.p95."),
+                        "outcome": Key(OUTCOME),
+                        "why": Key(text | None, "Explanation of the outcome, if it needs one."),
+                        "unit": Key(
+                            text,
+                            "Unit of value, limit, bounds and margin: m, rad or 1.",
+                        ),
+                        "value": Key(
+                            Kind({"type": ["number", "string"]}) | None,
+                            "Value of the result: a number, a grade or a word.",
+                        ),
+                        "limit": Key(
+                            anything,
+                            "Limit: a number, a grade, or the words that pass.",
+                        ),
+                        "at_least": Key(flag, "True if the limit is a minimum, not a maximum."),
+                        "rule": Key(
+                            choice("bound", "simple", "guard_band", "guarded_rejection"),
+                            "Decision rule.",
+                        ),
+                        "rule_text": Key(
+                            text,
+                            "Description of the rule, with its source.",
+                        ),
+                        "confidence": Key(
+                            share | None,
+                            "Confidence of each one-sided bound; null if the rule uses no bound.",
+                        ),
+                        "share": Key(
+                            share | None,
+                            "Share of all poses that must lie within the limit of a largest error; otherwise null.",
+                        ),
+                        "lower_bound": Key(number | None, "One-sided lower bound at the confidence."),
+                        "upper_bound": Key(number | None, "One-sided upper bound at the confidence."),
+                        "margin": Key(number | None, "Distance to the limit; negative beyond the limit."),
+                        "conformity_probability": Key(share | None, "Confidence that the true value meets the limit."),
+                        "method": Key(text | None, "Method of the bounds."),
+                        "n_poses": Key(count | None, "Number of commanded poses behind the value."),
+                        "poses_to_decide": Key(
+                            count | None,
+                            (
+                                "Total number of poses (of visits for ISO 9283) that would decide an inconclusive "
+                                "criterion."
+                            ),
+                        ),
+                        "poses_to_decide_if_value_is_true": Key(
+                            count | None,
+                            "The same number if the measured value is the true value.",
+                        ),
+                        "baseline": Key(
+                            part(
+                                {
+                                    "file": Key(text, "Path from the gate file."),
+                                    "value": Key(number | None, "Value of the figure in the baseline."),
+                                }
+                            )
+                            | None,
+                            "Stored result that the figure is compared with; otherwise null.",
+                        ),
+                        "instrument_uncertainty_over_limit": Key(
+                            size | None,
+                            "The instrument's expanded uncertainty over the limit; null if unknown.",
+                        ),
+                        "reason": Key(text, "Reason for the limit, from the gate file."),
+                        "warnings": Key(array(text), "Warnings about this criterion."),
+                        "operating_curve_over": Key(
+                            choice("share_within_limit", "value"),
+                            "Abscissa of the operating curve.",
+                        ),
+                        "operating_curve": Key(
+                            array(array(number, 2)),
+                            "Pairs of a true value and the probability to pass at that value.",
+                        ),
+                    }
+                )
+            ),
+            "Criteria in the order of the gate.",
+            "evaluations",
+        ),
+        "warnings": Key(array(text), "Warnings of all criteria, without repetitions."),
+    },
+    "gate_result",
+    "Outcome of a gate.",
+)
+
+GATE_KEY = Key(GATE_RESULT, "Gate outcome; present only with a gate.", lambda _: LEFT_OUT, optional=True)
+"""Key that a gate adds to a result."""
+
+CHECK = part(
+    {
+        "result": Key(
+            part(
+                {
+                    "schema": Key(text, "Schema of the result."),
+                    "robacc": Key(text, "Version of robacc that made the result."),
+                    "command": Key(text, "Command that made the result."),
+                    "inputs": Key(array(INPUT), "Input files of the result."),
+                }
+            ),
+            "Evaluated result.",
+            lambda checked: {
+                key: checked.result.document.get(key) for key in ("schema", "robacc", "command", "inputs")
+            },
+        ),
+        "gate": Key(GATE_RESULT, source=""),
+    },
+    about="Evaluation of a gate on a stored result.",
+)
+
+
+def gate_document(outcome: GateOutcome) -> Document:
+    """Return the outcome of the gate and of each criterion."""
+    document: Document = significant_document(GATE_RESULT.write(outcome))
+    return document
+
+
+# Read a gate file and the baselines that it names.
+
+
+Baselines = Mapping[str, Mapping[str, Any]]
+"""Documents of the baselines, by their paths in the gate."""
+
+
+def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
+    """Return the gate of a file, its baselines, and the records of all these files.
+
+    Paths of baselines start from the folder of the gate file.
+
+    Raises:
+        InputError: One of the files cannot be read, is not a gate, or is not a result.
+    """
+    from robacc.gates import load_gate
+
+    gate = load_gate(read_text(path), path)
+    records = [InputFile.at(path, sha256_of(path), "gate")]
+    baselines = {}
+    problems: list[Problem] = []
+    for name in gate.baselines:
+        place = baseline_path(path, name)
+        try:
+            stored = read_result(place)
+        except InputError as error:
+            problems += error.problems
+            continue
+        baselines[name] = stored.document
+        records.append(InputFile.at(place, stored.sha256, "baseline"))
+    refuse((problems, problems))
+    return gate, baselines, records
+
+
+def baseline_path(gate: str, name: str) -> str:
+    """Return the path of a baseline that the file ``gate`` names."""
+    return os.fspath(Path(gate).parent / name)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from robacc.documents.gate import GATE_KEY
+from robacc.documents.envelope import GATE_KEY
 from robacc.documents.keys import (
     NOTES,
     OUTSIDE_KEY,
@@ -88,8 +88,8 @@ PERCENTILES = part(
 _SHARE = part(
     {
         "name": Key(text, "Name of the joint or kind."),
-        "share_position": Key(share, "Share of the position variance; all shares sum to 1.", "position"),
-        "share_orientation": Key(share, "Share of the orientation variance; all shares sum to 1.", "orientation"),
+        "share_position": Key(share, "Share of the position variance; all shares sum to 1."),
+        "share_orientation": Key(share, "Share of the orientation variance; all shares sum to 1."),
     },
     "share",
     "Contribution of one source to the predicted variance.",
@@ -102,7 +102,9 @@ _ERRORS = {
             f"mean_error_{unit}": Key(size, f"Mean length over robots and poses, {unit}."),
             f"p95_{unit}": Key(size, f"95th percentile over robots and poses, {unit}."),
             f"max_radius95_{unit}": Key(size, f"Largest of the poses' 95 % radii, {unit}.", "max"),
-            f"mean_covariance_{unit}2": Key(matrix3, f"Mean covariance over poses, {unit}²."),
+            f"mean_covariance_{unit}2": Key(
+                matrix3, f"Mean covariance over poses, {unit}².", lambda errors: np.mean(errors.covariance, axis=2)
+            ),
             "percentiles_over_poses": Key(
                 part(
                     {
@@ -181,13 +183,13 @@ PREDICT = part(
             array(
                 part(
                     {
-                        "parameter": Key(text, "Parameter, as joint.kind.", "name"),
+                        "parameter": Key(text, "Parameter, as joint.kind."),
                         "joint": Key(text | None, "Joint; null for base and tool."),
                         "kind": Key(text | None, "Kind of parameter: theta, d, a, alpha …"),
-                        "sd": Key(size | None, "Standard deviation, in the unit.", "tolerance"),
+                        "sd": Key(size | None, "Standard deviation, in the unit."),
                         "unit": Key(text | None, "m or rad."),
-                        "share_position": Key(share, "Share of the position variance.", "position"),
-                        "share_orientation": Key(share, "Share of the orientation variance.", "orientation"),
+                        "share_position": Key(share, "Share of the position variance."),
+                        "share_orientation": Key(share, "Share of the orientation variance."),
                     }
                 )
             ),
@@ -409,20 +411,12 @@ PREDICT = part(
         "warranty_map": Key(
             part(
                 {
-                    "voxel_m": Key(Kind({"type": "number", "exclusiveMinimum": 0}), "Edge of a voxel, m.", "edge"),
-                    "centre_m": Key(
-                        rows3, "Centre of each voxel in the measuring frame, m.", lambda voxels: rounded(voxels.centre)
-                    ),
-                    "configurations": Key(array(ordinal), "Number of configurations in each voxel.", "count"),
-                    "bound95_m": Key(
-                        array(size), "Largest 95 % bound of position in each voxel, m.", lambda voxels: voxels.bound[0]
-                    ),
-                    "bound95_rad": Key(
-                        array(size),
-                        "Largest 95 % bound of orientation in each voxel, rad.",
-                        lambda voxels: voxels.bound[1],
-                    ),
-                    "grade": Key(array(text), "Grade that every configuration of each voxel meets.", "grades"),
+                    "voxel_m": Key(Kind({"type": "number", "exclusiveMinimum": 0}), "Edge of a voxel, m."),
+                    "centre_m": Key(rows3, "Centre of each voxel in the measuring frame, m."),
+                    "configurations": Key(array(ordinal), "Number of configurations in each voxel."),
+                    "bound95_m": Key(array(size), "Largest 95 % bound of position in each voxel, m."),
+                    "bound95_rad": Key(array(size), "Largest 95 % bound of orientation in each voxel, rad."),
+                    "grade": Key(array(text), "Grade that every configuration of each voxel meets."),
                 }
             )
             | None,
@@ -450,12 +444,10 @@ PREDICT = part(
 
 _POINT = part(
     {
-        "n_poses": Key(ordinal, "Number of poses.", "n"),
+        "n_poses": Key(ordinal, "Number of poses."),
         "rms_m": Key(size, "Root mean variance over the region, from the uncertainty of the coefficients, m."),
         "worst_m": Key(size, "The same at the worst task pose, m."),
-        "total_rms_m": Key(
-            size, "The same with repeatability and unexplained error, which no fit removes, m.", "total"
-        ),
+        "total_rms_m": Key(size, "The same with repeatability and unexplained error, which no fit removes, m."),
         "random_rms_m": Key(
             size | None,
             "Mean of rms_m over draws of as many random feasible poses, m; null where they do not identify the model.",
@@ -480,22 +472,20 @@ def _visits(plan: CampaignPlan) -> Document:
 
 PLAN = part(
     {
-        "purpose": Key(
-            choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement.", "settings.purpose"
-        ),
+        "purpose": Key(choice("calibrate", "trace", "acceptance", "health"), "Purpose of the measurement."),
         "criterion": Key(
             choice("I", "G", "D", "A") | None,
             (
                 "Criterion of the choice: mean (I) or worst (G) predicted error, determinant (D) or sum of variances "
                 "(A) of the coefficients; null where the purpose sets it."
             ),
-            lambda plan: plan.settings.criterion if plan.settings.purpose == "calibrate" else None,
+            lambda plan: plan.criterion if plan.purpose == "calibrate" else None,
         ),
         "n_poses": Key(ordinal, "Number of different poses.", lambda plan: int(plan.chosen.size)),
         "n_visits": Key(
             ordinal, "Number of visits, with repeats and drift checks.", lambda plan: len(plan.route.roles)
         ),
-        "fit": Key(text, "Effects that the fit leaves free.", "settings.fit"),
+        "fit": Key(text, "Effects that the fit leaves free."),
         "candidates": Key(
             part(
                 {
@@ -530,7 +520,7 @@ PLAN = part(
             )
             | None,
             "Pairs of links that were checked for collisions; null without a check of collisions.",
-            "settings.constraints.collisions",
+            "constraints.collisions",
         ),
         "noise": Key(
             part(
@@ -645,7 +635,7 @@ PLAN = part(
         "instrument_in_base_m": Key(
             array(number) | None,
             "Position of the instrument in the base frame, m; null if it was not given.",
-            "settings.constraints.sight.position",
+            "constraints.sight.position",
         ),
         "robot": Key(
             ROBOT,
@@ -682,7 +672,7 @@ PLAN = part(
             part(
                 {
                     "planned": Key(_POINT | None, "The planned poses; null where they do not identify the model."),
-                    "curve": Key(array(_POINT), "Over the number of poses.", "points"),
+                    "curve": Key(array(_POINT), "Over the number of poses."),
                     "knee": Key(
                         integer | None,
                         (
@@ -729,7 +719,7 @@ PLAN = part(
             )
             | None,
             "Detection limit of every form of an effect; null for acceptance.",
-            "detectability.limits",
+            lambda plan: plan.detectability and plan.detectability["limits"],
         ),
         "inseparable": Key(
             array(
@@ -744,12 +734,12 @@ PLAN = part(
             )
             | None,
             "Pairs of detectable effects of which the second explains the first within the noise; null for acceptance.",
-            "detectability.pairs",
+            lambda plan: plan.detectability and plan.detectability["pairs"],
         ),
         "not_testable": Key(
             table() | None,
             "Reason why an effect cannot be tested on these poses, by effect; null for acceptance.",
-            "detectability.missing",
+            lambda plan: plan.detectability and plan.detectability["missing"],
         ),
         "power": Key(
             part(

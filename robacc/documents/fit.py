@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
-from robacc.documents.gate import GATE_KEY
+from robacc.documents.envelope import GATE_KEY
 from robacc.documents.keys import (
     COVARIANCE,
     CURVE,
@@ -58,16 +58,6 @@ CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
 _WITH_INTERVALS = ("rms", "mean_error", "p95")
 
-GAIN = part(
-    {
-        "value": Key(number, "Error before minus error after, m."),
-        "low": Key(number | None, "Lower limit of the interval, m.", lambda gain: finite(gain.low)),
-        "high": Key(number | None, "Upper limit of the interval, m.", lambda gain: finite(gain.high)),
-        "confidence": Key(share, "Confidence of the interval."),
-    },
-    "gain",
-    "Reduction of the rms position error on held-out poses, m; null if there are none.",
-)
 
 NOISE = part(
     {
@@ -177,18 +167,6 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_DECLARED = part(
-    {
-        "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
-        "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
-        "left_out": Key(
-            array(part({"effect": Key(text, "Name of the effect."), "why": Key(text, "The reason.")})),
-            "Effects of every arm that the poses do not support.",
-            lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
-        ),
-    }
-)
-
 _FIT = {
     "n_poses": Key(count, "Measured poses (rows)."),
     "noise": Key(NOISE),
@@ -198,7 +176,20 @@ _FIT = {
         STAGE, "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all)."
     ),
     "after": Key(STAGE, "Extended model: all effects are fitted, in trace with the findings."),
-    "declared": Key(_DECLARED, "Effects that were declared to a trace, or that a calibration was to fit."),
+    "declared": Key(
+        part(
+            {
+                "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
+                "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
+                "left_out": Key(
+                    array(part({"effect": Key(text, "Name of the effect."), "why": Key(text, "The reason.")})),
+                    "Effects of every arm that the poses do not support.",
+                    lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
+                ),
+            }
+        ),
+        "Effects that were declared to a trace, or that a calibration was to fit.",
+    ),
     "causes": Key(
         array(
             part(
@@ -229,7 +220,19 @@ _FIT = {
             "nothing; the largest first."
         ),
     ),
-    "gain_m": Key(GAIN | None),
+    "gain_m": Key(
+        part(
+            {
+                "value": Key(number, "Error before minus error after, m."),
+                "low": Key(number | None, "Lower limit of the interval, m.", lambda gain: finite(gain.low)),
+                "high": Key(number | None, "Upper limit of the interval, m.", lambda gain: finite(gain.high)),
+                "confidence": Key(share, "Confidence of the interval."),
+            },
+            "gain",
+            "Reduction of the rms position error on held-out poses, m; null if there are none.",
+        )
+        | None
+    ),
     "n_folds": Key(
         count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
     ),

@@ -97,9 +97,12 @@ class Kind:
 
         A record that is a mapping has its keys already.
         """
-        entries, values = self.keys or {}, record
-        if not isinstance(record, Mapping):
-            values = {key: given[key] if key in given else entry.value(key, record) for key, entry in entries.items()}
+        entries = self.keys or {}
+        values = (
+            record
+            if isinstance(record, Mapping)
+            else {key: given[key] if key in given else entry.value(key, record) for key, entry in entries.items()}
+        )
         return {
             key: entries[key].kind.document(value) if key in entries else value
             for key, value in values.items()
@@ -112,9 +115,11 @@ class Kind:
             return value
         if self.items is None:
             return self.write(value)
-        if isinstance(value, Mapping):
-            return {key: self.items.document(item) for key, item in value.items()}
-        return [self.items.document(item) for item in value]
+        return (
+            {key: self.items.document(item) for key, item in value.items()}
+            if isinstance(value, Mapping)
+            else [self.items.document(item) for item in value]
+        )
 
     def problems(self, value: Any, path: str = "") -> Iterator[tuple[str, str]]:
         """Yield the path of every value of a parsed document that is not of the kind, and what was expected.
@@ -285,51 +290,53 @@ def texts(column: NDArray[Any] | None) -> list[str] | None:
     return None if column is None else [str(value) for value in column]
 
 
-OUTSIDE = part(
-    {
-        "n_poses": Key(count, "Poses outside at least one range."),
-        "position_std_max_m": Key(
-            size,
-            "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
-            "std_max",
-        ),
-        "ranges": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Effect and its joints."),
-                        "driver": Key(
-                            text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."
-                        ),
-                        "unit": Key(text, "Unit of the range."),
-                        "low": Key(number, "Lowest value that the effect was fitted on."),
-                        "high": Key(number, "Highest value that the effect was fitted on."),
-                        "n_poses": Key(ordinal, "Poses outside this range."),
-                        "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
-                        "rule": Key(
-                            choice("held", "extrapolated"),
-                            (
-                                "held: the effect keeps its value at the end of the range; extrapolated: it follows "
-                                "its law."
-                            ),
-                            lambda item: "held" if item.is_held else "extrapolated",
-                        ),
-                    }
-                )
-            ),
-            "Ranges that some pose exceeds, most poses first.",
-        ),
-    }
-)
-
-
 def _outside(result: Any) -> Any:
     """Return the poses outside the validity ranges of a result's model; nothing without files or a robot."""
     outside = getattr(getattr(result, "made", None), "outside", None)
     return LEFT_OUT if outside is None else outside
 
 
-OUTSIDE_KEY = Key(OUTSIDE, "Poses outside the validity range of the robot file's effects.", _outside, optional=True)
+OUTSIDE_KEY = Key(
+    part(
+        {
+            "n_poses": Key(count, "Poses outside at least one range."),
+            "position_std_max_m": Key(
+                size,
+                "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
+                "std_max",
+            ),
+            "ranges": Key(
+                array(
+                    part(
+                        {
+                            "effect": Key(text, "Effect and its joints."),
+                            "driver": Key(
+                                text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."
+                            ),
+                            "unit": Key(text, "Unit of the range."),
+                            "low": Key(number, "Lowest value that the effect was fitted on."),
+                            "high": Key(number, "Highest value that the effect was fitted on."),
+                            "n_poses": Key(ordinal, "Poses outside this range."),
+                            "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
+                            "rule": Key(
+                                choice("held", "extrapolated"),
+                                (
+                                    "held: the effect keeps its value at the end of the range; extrapolated: it "
+                                    "follows its law."
+                                ),
+                                lambda item: "held" if item.is_held else "extrapolated",
+                            ),
+                        }
+                    )
+                ),
+                "Ranges that some pose exceeds, most poses first.",
+            ),
+        }
+    ),
+    "Poses outside the validity range of the robot file's effects.",
+    _outside,
+    optional=True,
+)
 """Key that the use of a model adds to a result."""
 
 INPUT = part(
@@ -584,18 +591,21 @@ ALIGNMENT = part(
 )
 """Frames registered to the poses."""
 
-JOINTS = array(
-    part(
-        {
-            "name": Key(text, "Name of the joint."),
-            "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
-        }
-    )
-)
 ROBOT = part(
     {
         "name": Key(text, "Name in the robot file."),
-        "joints": Key(JOINTS, "Joints with a variable, in chain order.", "variables"),
+        "joints": Key(
+            array(
+                part(
+                    {
+                        "name": Key(text, "Name of the joint."),
+                        "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
+                    }
+                )
+            ),
+            "Joints with a variable, in chain order.",
+            "variables",
+        ),
         "effects": Key(
             array(text),
             "Names of the effects that the robot file lists; they are applied.",

@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_or
 import numpy as np
 
 from robacc.effects.drivers import Driver, Periods, Validity, columns_of, driver_values, is_of_weight, ranges
-from robacc.errors import MissingColumnError, UsageError
+from robacc.errors import MissingColumnError, UsageError, given, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
@@ -239,9 +239,7 @@ def needed(column: Array | None, name: str, effect: str) -> Array:
     Raises:
         MissingColumnError: the data do not have it.
     """
-    if column is None:
-        raise MissingColumnError(f"{effect} needs the column {name}, which the poses do not have")
-    return column
+    return given(column, f"{effect} needs the column {name}, which the poses do not have", MissingColumnError)
 
 
 def commanded(data: Measurements, effect: str) -> Array:
@@ -255,8 +253,7 @@ def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]
     Raises:
         UsageError: the robot file has no masses.
     """
-    if not arm.chain.bodies:
-        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+    refuse((not arm.chain.bodies, f"{effect} needs mass and com of the links, which the robot file does not have"))
     return own_weight(arm, data)
 
 
@@ -437,8 +434,7 @@ class Effect(abc.ABC):
     def check_joint(cls, arm: Arm, joint: str) -> None:
         """Raise UsageError for a joint that the effect cannot act on."""
         possible = cls.possible_joints(arm)
-        if joint not in possible:
-            raise UsageError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+        refuse((joint not in possible, f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}"))
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
@@ -503,12 +499,12 @@ class Effect(abc.ABC):
             ValueError: a setting is unknown or has a wrong value.
         """
         known = settings_of(cls)
-        if unknown := [key for key in settings if key not in known]:
-            raise ValueError(f"{cls.name} has no setting {', '.join(map(repr, unknown))}")
+        unknown = [key for key in settings if key not in known]
+        refuse((unknown, f"{cls.name} has no setting {', '.join(map(repr, unknown))}"), error=ValueError)
         try:
             effect = cls(joints, **{known[key].field: known[key].read(value) for key, value in settings.items()})
-            if problem := effect.conflict(settings.keys()):
-                raise ValueError(problem)
+            problem = effect.conflict(settings.keys())
+            refuse((problem, problem or ""), error=ValueError)
         except ValueError as error:
             raise ValueError(f"{cls.name}: {error}") from None
         return effect

@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import refuse
 from robacc.geometry import Array
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
@@ -164,9 +165,7 @@ def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tupl
 
 def nearest_image(values: Array, low: float, high: float, period: float | None) -> Array:
     """Return the values, each moved by whole periods to the place nearest to the middle of a range."""
-    if period is None:
-        return values
-    return values - period * np.round((values - 0.5 * (low + high)) / period)
+    return values if period is None else values - period * np.round((values - 0.5 * (low + high)) / period)
 
 
 def range_excess(values: Array, low: float, high: float, period: float | None = None) -> Array:
@@ -216,15 +215,16 @@ def read_validity(arm: Arm, names: Iterable[str], entry: Any, length: float, ang
         ValueError: a driver is not of the effect, or a range is not two numbers, low and high.
     """
     allowed = tuple(names)
-    if not isinstance(entry, Mapping):
-        raise ValueError(f"validity must be a mapping of driver to [low, high], found {entry!r}")
-    result = {}
+    no_mapping = f"validity must be a mapping of driver to [low, high], found {entry!r}"
+    refuse((not isinstance(entry, Mapping), no_mapping), error=ValueError)
+    result, expected = {}, f"it has {', '.join(allowed)}" if allowed else "it has none"
     for name, pair in entry.items():
-        if name not in allowed:
-            expected = f"it has {', '.join(allowed)}" if allowed else "it has none"
-            raise ValueError(f"validity.{name} is not a driver of this effect; {expected}")
-        if not isinstance(pair, list | tuple) or len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
-            raise ValueError(f"validity.{name} must be [low, high], two numbers, found {pair!r}")
+        is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(_is_number, pair))
+        refuse(
+            (name not in allowed, f"validity.{name} is not a driver of this effect; {expected}"),
+            (not is_pair or pair[0] > pair[1], f"validity.{name} must be [low, high], two numbers, found {pair!r}"),
+            error=ValueError,
+        )
         unit = driver_unit(arm, name) if name in arm.names else ""
         size = {"rad": angle, "m": length}.get(unit, 1.0)
         result[name] = (float(pair[0]) * size, float(pair[1]) * size)

@@ -28,7 +28,7 @@ from robacc.effects.base import (
     weight_needed,
 )
 from robacc.effects.drivers import Validity
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses
 from robacc.gravity import UNIT_LOADS, Load, bears_weight, moments, payload, unit_loads, weight_torques
 from robacc.measurements import Measurements
@@ -475,11 +475,9 @@ class PayloadCompliance(Elastic):
             return {"": needed(data.payload, "payload_kg", self.name)}
         names = needed(data.payload_group, "payload_group", self.name)
         unknown = sorted(set(np.unique(names).tolist()) - {*self.groups, *_NOTHING})
-        if unknown:
-            raise UsageError(
-                f"{self.name} was fitted with the loads {', '.join(self.groups)}, but a row carries {unknown[0]!r}; "
-                "fit it with rows of this load, or write payload_kg"
-            )
+        fitted, fix = ", ".join(self.groups), "fit it with rows of this load, or write payload_kg"
+        message = f"{self.name} was fitted with the loads {fitted}, but a row carries"
+        refuse(*((True, f"{message} {name!r}; {fix}") for name in unknown))
         return {group: (names == group).astype(float) for group in self.groups}
 
     def statement(

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from robacc.effects.base import REGISTRY, Effect, effect_class, load_plug_ins
 from robacc.effects.specification import every_column
-from robacc.errors import UsageError
+from robacc.errors import given, refuse
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
@@ -38,16 +38,13 @@ def parse_requests(text: str) -> tuple[Request, ...]:
     """
     requests, position = [], 0
     while position < len(text):
-        match = _ITEM.match(text, position)
-        if match is None:
-            raise UsageError(f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]")
-        name, inside = match.groups()
+        unread = f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]"
+        name, inside = (match := given(_ITEM.match(text, position), unread)).groups()
         effect_class(name)
         joints = None
         if inside is not None:
             joints = tuple(part.strip() for part in inside.split(",") if part.strip())
-            if not joints:
-                raise UsageError(f"{name}[] names no joint; leave the brackets out, or write {name}[all]")
+            refuse((not joints, f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
         requests.append(Request(name, joints))
         position = match.end()
     unique = {(request.name, request.joints): request for request in requests}
@@ -63,11 +60,15 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     effects = []
     for request in requests:
         cls, joints = effect_class(request.name), request.joints
-        if (why := cls.missing(arm, data)) is not None:
-            raise UsageError(f"{request.name} cannot be fitted: {why}")
+        why = cls.missing(arm, data)
+        refuse(
+            (why is not None, f"{request.name} cannot be fitted: {why}"),
+            (
+                joints is not None and not cls.traits.per_joint,
+                f"{request.name} acts on no joint in particular; write it without brackets",
+            ),
+        )
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
-        if joints is not None and not cls.traits.per_joint:
-            raise UsageError(f"{request.name} acts on no joint in particular; write it without brackets")
         for joint in joints or ():
             arm.number(joint)
             cls.check_joint(arm, joint)

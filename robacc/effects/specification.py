@@ -19,7 +19,7 @@ from robacc.effects.drivers import (
     range_excess,
     read_validity,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -68,8 +68,7 @@ def known_effects(robot: Robot) -> tuple[Known, ...]:
         if (earlier := first.setdefault(known[-1].effect.key(), key)) != key:
             message = f"repeats {known[-1].effect} of {earlier}; their values would add up"
             problems.append(Problem(message, column=key, fix="give one entry with the sum of the values"))
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     return tuple(known)
 
 
@@ -89,30 +88,32 @@ def coefficients(robot: Robot) -> tuple[tuple[str, float, str], ...]:
 
 
 def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
-    if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
-        raise ValueError(f"expected a mapping with the key effect, found {entry!r}")
+    is_effect = isinstance(entry, Mapping) and isinstance(entry.get("effect"), str)
+    refuse((not is_effect, f"expected a mapping with the key effect, found {entry!r}"), error=ValueError)
     cls = effect_class(entry["effect"])
     settings = {key: value for key, value in entry.items() if key not in _COMMON_KEYS}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
-    if "values" not in entry:
-        raise ValueError(f"{effect} has no values, so it would do nothing; write values: {{name: number}}")
-    entry_values = entry["values"]
-    if not isinstance(entry_values, Mapping):
-        raise ValueError(f"values must be a mapping of name to number, found {entry_values!r}")
-    values = {}
+    entry_values, values = entry.get("values", {}), dict[str, float]()
+    refuse(
+        ("values" not in entry, f"{effect} has no values, so it would do nothing; write values: {{name: number}}"),
+        (not isinstance(entry_values, Mapping), f"values must be a mapping of name to number, found {entry_values!r}"),
+        error=ValueError,
+    )
+    names = [_short_name(effect, term) for term in terms]
+    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
     for key, value in entry_values.items():
         name = cls.name if key == "value" else f"{cls.name}.{key}"
-        if name not in terms:
-            names = [_short_name(effect, term) for term in terms]
-            more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"values.{key} must be a finite number, found {value!r}")
+        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
+        refuse(
+            (name not in terms, f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}"),
+            (not is_number, f"values.{key} must be a finite number, found {value!r}"),
+            error=ValueError,
+        )
         values[name] = value * _unit_size(terms[name].unit, *arm.robot.effect_units)
-        if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
-            raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
+        turns = f"values.{key} is more than a turn; expected a small angle, found {value:g}"
+        refuse((terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi, turns), error=ValueError)
     if "validity" not in entry:
         return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
     drivers = effect.validity_drivers(arm)
@@ -121,17 +122,17 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     """Return the entry's joints, checked."""
-    if not cls.traits.per_joint:
-        if joints:
-            raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
+    possible, acts_on_joints = ", ".join(cls.possible_joints(arm)), cls.traits.per_joint
+    is_list = isinstance(joints, list | tuple) and all(joint in arm.names for joint in joints)
+    refuse(
+        (joints and not acts_on_joints, f"{cls.name} acts on no joint in particular; leave joints out"),
+        (acts_on_joints and not is_list, f"joints must be a list of {', '.join(arm.names)}; found {joints!r}"),
+        error=ValueError,
+    )
+    if not joints and (cls.traits.joints_optional or not acts_on_joints):
         return ()
-    if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
-        raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
-    possible = cls.possible_joints(arm)
-    if not joints and cls.traits.joints_optional:
-        return ()
-    if not joints or len(set(joints)) < len(joints):
-        raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
+    needed = f"{cls.name} needs joints, each once: some of {possible}; found {list(joints)!r}"
+    refuse((not joints or len(set(joints)) < len(joints), needed), error=ValueError)
     for joint in joints:
         cls.check_joint(arm, joint)
     return tuple(joints)

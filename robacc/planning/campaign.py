@@ -6,14 +6,14 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import UsageError, refuse
+from robacc.errors import given, refuse
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
@@ -44,9 +44,7 @@ from robacc.planning.design import (
 from robacc.planning.expected import (
     BATCH,
     CURVE_EXCHANGED,
-    Detectability,
     Expectation,
-    ExpectedAccuracy,
     ExpectedNoise,
     PlannedCoefficients,
     candidate_rows,
@@ -201,47 +199,17 @@ DEFAULT_CANDIDATES = 5000
 
 
 @dataclass(frozen=True, slots=True)
-class CampaignSettings:
-    """Demands on a plan. SI units."""
-
-    purpose: Purpose
-    poses: int | None = None
-    """Number of different poses; None for the default of the purpose."""
-    criterion: Criterion = "I"
-    fit: str = ""
-    """Effects that are free in the fit; empty for the default of the purpose."""
-    constraints: Constraints = field(default_factory=Constraints)
-    region: Zone | None = None
-    """Box in the base frame where the accuracy matters; None: everywhere the robot may be."""
-    noise: float | None = None
-    noise_orientation: float | None = None
-    """rad; None where orientation is not measured."""
-    repeatability: float | None = None
-    """m along each axis."""
-    unexplained: float = 0.0
-    check_every: int = 10
-    """Visits between drift checks; 0 for none."""
-    repeats: int | None = None
-    """Poses visited a second time; None for a tenth of the poses."""
-    validation: int = 0
-    """Poses of the validation set."""
-    target: float | None = None
-    """Error after calibration that is good enough, m rms; None: until more poses gain little."""
-    demands: tuple[Demand, ...] = ()
-    expected: float | None = None
-    """Expected true value of the statistic, m, for the number of acceptance poses."""
-    n_candidates: int = DEFAULT_CANDIDATES
-    payloads: tuple[float, ...] = ()
-    """kg; each pose has one of them."""
-    seed: int = 0
-
-
-@dataclass(frozen=True, slots=True)
 class CampaignPlan:
     """Planned poses in their order, and the expected result."""
 
     robot: Robot
-    settings: CampaignSettings
+    purpose: Purpose
+    criterion: Criterion
+    fit: str
+    """Effects that are free in the fit, as given."""
+    constraints: Constraints
+    payloads: tuple[float, ...]
+    """kg; each pose has one of them."""
     candidates: CandidatePoses
     chosen: NDArray[np.int64]
     """Numbers of the chosen candidates; pose k of the route is ``chosen[k]``."""
@@ -255,9 +223,11 @@ class CampaignPlan:
     """At the target along each axis, m rms over the task."""
     coefficients: Sequence[Mapping[str, Any]] = ()
     correlations: tuple[Correlation, ...] = ()
-    accuracy: ExpectedAccuracy | None = None
+    accuracy: Mapping[str, Any] | None = None
+    """Predicted accuracy of the planned poses and over the number of poses, with the keys of the result."""
     worth: Mapping[str, Any] | None = None
-    detectability: Detectability | None = None
+    detectability: Mapping[str, Any] | None = None
+    """What a trace can find: :func:`robacc.planning.expected.detectability`."""
     needed: Sequence[Mapping[str, Any]] = ()
     sufficiency: Mapping[str, Any] | None = None
     power: Mapping[str, float] | None = None
@@ -306,9 +276,7 @@ class CampaignPlan:
         Raises:
             UsageError: The plan has none.
         """
-        if self.validation is None:
-            raise UsageError("the plan has no validation poses; give their number as `validation`")
-        return self.validation
+        return given(self.validation, "the plan has no validation poses; give their number as `validation`")
 
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
@@ -335,20 +303,29 @@ _TIME_STEP = 20.0
 
 
 def expected_noise(
-    model: Model, task: Measurements, settings: CampaignSettings, record: ModelFit | None
+    model: Model,
+    task: Measurements,
+    record: ModelFit | None,
+    position: float | None,
+    orientation: float | None,
+    size: float | None,
+    unexplained: float,
 ) -> ExpectedNoise:
     """Return the noise to expect: as given, else that of the model's fit, else typical.
 
     Args:
         model: The robot.
         task: Poses over which the scatter at the target is meant.
-        settings: Given noise.
         record: Record of the robot's fit; None if it has none.
+        position: Given noise of the instrument, m.
+        orientation: The same of orientation, rad; None where it is not measured.
+        size: Given repeatability, m along each axis.
+        unexplained: Given error that no model explains, m.
 
     Raises:
         UsageError: Instrument and model have no error at all.
     """
-    position, sources, size = settings.noise, ["given noise"], settings.repeatability
+    sources = ["given noise"]
     if position is None and record is not None and record.noise[0] > 0.0:
         position, sources = record.noise[0], ["noise of the model's fit"]
     elif position is None:
@@ -362,14 +339,13 @@ def expected_noise(
         # m along each axis; an arm with a stated pose repeatability (mean + 3 sd of the distance) of about 0.08 mm.
         joints = joint_repeatability(model, task, 2e-5 if size is None else size)
         sources.append("typical arm" if size is None else "given repeatability")
-    unexplained = settings.unexplained
     if record is not None and not unexplained:
         variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
         unexplained = math.sqrt(max(variance - (0.0 if record.noise_is_separate else record.noise[0] ** 2), 0.0))
         sources += ["unexplained error of the model's fit"] if unexplained else []
     no_noise = "`noise` is zero; give the standard deviation of the instrument along each axis"
     refuse((position == 0.0 and unexplained == 0.0, no_noise))
-    return ExpectedNoise(position, settings.noise_orientation, joints, unexplained, ", ".join(sources))
+    return ExpectedNoise(position, orientation, joints, unexplained, ", ".join(sources))
 
 
 def known_information(
@@ -426,23 +402,40 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
     Raises:
         UsageError: They have no joint columns.
     """
-    if data.q is None:
-        raise UsageError("the poses measured already have no joint columns")
+    q = given(data.q, "the poses measured already have no joint columns")
     is_logged = data.direction is not None and data.speed is not None
     return dataclasses.replace(
         data,
         position=np.zeros_like(data.position),
         rotation=None,
-        direction=data.direction if is_logged else np.zeros_like(data.q),
-        speed=data.speed if is_logged else np.zeros_like(data.q),
+        direction=data.direction if is_logged else np.zeros_like(q),
+        speed=data.speed if is_logged else np.zeros_like(q),
         temperature=conditions.constant_temperature(data.n) if data.temperature is None else data.temperature,
     )
 
 
 def plan_campaign(
     robot: Robot,
-    settings: CampaignSettings,
+    purpose: Purpose,
+    poses: int | None = None,
+    criterion: Criterion = "I",
+    fit: str = "",
     *,
+    constraints: Constraints | None = None,
+    region: Zone | None = None,
+    noise: float | None = None,
+    noise_orientation: float | None = None,
+    repeatability: float | None = None,
+    unexplained: float = 0.0,
+    check_every: int = 10,
+    repeats: int | None = None,
+    validation: int = 0,
+    target: float | None = None,
+    demands: Sequence[Demand] = (),
+    expected: float | None = None,
+    n_candidates: int = DEFAULT_CANDIDATES,
+    payloads: tuple[float, ...] = (),
+    seed: int = 0,
     candidates: Measurements | None = None,
     task: Measurements | None = None,
     already: Measurements | None = None,
@@ -452,7 +445,25 @@ def plan_campaign(
     Args:
         robot: The robot, with the effects that are known; the record of its fit, if it has one, tells the noise, and
             without ``already`` what is known of the coefficients.
-        settings: Purpose, number, constraints and noise.
+        purpose: What the poses are for.
+        poses: Number of different poses; None for the default of the purpose.
+        criterion: What the poses of a calibration are chosen by.
+        fit: Effects that are free in the fit; empty for the default of the purpose.
+        constraints: What decides whether a pose is feasible.
+        region: Box in the base frame where the accuracy matters; None: everywhere the robot may be.
+        noise: Standard deviation of the instrument along each axis, m.
+        noise_orientation: The same about each axis, rad; None where orientation is not measured.
+        repeatability: That of the arm, m along each axis.
+        unexplained: Error of the model that stays the same at a pose, m along each axis.
+        check_every: Visits between drift checks; 0 for none.
+        repeats: Poses visited a second time; None for a tenth of the poses.
+        validation: Poses of the validation set.
+        target: Error after calibration that is good enough, m rms; None: until more poses gain little.
+        demands: Limits that the measurement is to decide.
+        expected: Expected true value of their statistic, m, for the number of acceptance poses.
+        n_candidates: Number of candidates to sample.
+        payloads: kg; each pose has one of them.
+        seed: Seed of all choices.
         candidates: Poses to choose from; sampled within the joint limits if None.
         task: Poses where the accuracy matters, in place of a region.
         already: Poses measured already.
@@ -461,52 +472,57 @@ def plan_campaign(
         UsageError: A demand cannot be met, or an effect cannot be fitted to this robot.
         InputError: A prismatic joint has no limits.
     """
-    purpose, seed, constraints = settings.purpose, settings.seed, settings.constraints
-    model = Model.of(robot, free_effects(robot, settings.fit or DEFAULT_FIT[purpose]))
-    conditions = conditions_of(model, settings.payloads, seed, purpose in ("calibrate", "health"))
-    if candidates is None:
-        feasible = sampled_candidates(model, constraints, settings.n_candidates, seed)
-    else:
-        feasible = given_candidates(model, constraints, candidates)
+    constraints = constraints or Constraints()
+    model = Model.of(robot, free_effects(robot, fit or DEFAULT_FIT[purpose]))
+    conditions = conditions_of(model, payloads, seed, purpose in ("calibrate", "health"))
+    feasible = (
+        sampled_candidates(model, constraints, n_candidates, seed)
+        if candidates is None
+        else given_candidates(model, constraints, candidates)
+    )
     pool = conditions.with_payloads(feasible)
-    poses = conditions.at(pool.q, pool.payload)
+    rows_of_pool = conditions.at(pool.q, pool.payload)
     measured = None if already is None else commanded_part(already, conditions)
-    task_poses = _task(model, conditions, settings, task)
+    # Payloads of the plan in turn where the poses of the task have none.
+    q = task_joints(model, constraints, region, seed) if task is None else task.q
+    q, payload = given(q, "the poses of the task have no joint columns"), None if task is None else task.payload
+    # Random numbers of the task's approaches, apart from those of the candidates.
+    task_poses = conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
     record = model_fit(robot)
-    noise = expected_noise(model, task_poses, settings, record)
-    repeatability = repeatability_at_target(model, task_poses, noise.joints)
+    errors = expected_noise(model, task_poses, record, noise, noise_orientation, repeatability, unexplained)
+    scatter = repeatability_at_target(model, task_poses, errors.joints)
     # Poses measured already, or else those of the model's fit.
     of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
     n_known = of_model if measured is None else measured.n
-    demands = [needed(demand, settings.expected) for demand in settings.demands]
-    count = _count(settings, demands, n_known, pool)
+    limits = [needed(demand, expected) for demand in demands]
+    count = _count(poses or (BATCH if n_known else None), DEFAULT_POSES[purpose], limits, pool)
 
-    rows = candidate_rows(model, poses, noise)
+    rows = candidate_rows(model, rows_of_pool, errors)
     planned = coefficients(model, rows)
     rows = rows[:, :, planned.columns]
     expectation = Expectation(
         rows,
         region_rows(model, task_poses)[:, :, planned.columns],
         planned,
-        known_information(model, planned, noise, measured, record),
-        float(np.sqrt(3.0) * np.hypot(repeatability, noise.unexplained)),
+        known_information(model, planned, errors, measured, record),
+        float(np.sqrt(3.0) * np.hypot(scatter, errors.unexplained)),
     )
     accuracy = worth = power = None
     if purpose == "acceptance":
-        chosen = _spread(settings, pool, count)
+        chosen = _spread(region, pool, count, seed)
     elif purpose == "trace":
-        problem, power_criterion = power_problem(model, poses, noise, measured)
+        problem, power_criterion = power_problem(model, rows_of_pool, errors, measured)
         chosen = choose_for_power(problem, count, seed)
         power = expected_power(problem, power_criterion, chosen, seed)
     else:
-        criterion, region, scale = settings.criterion, expectation.region, planned.prior_std
+        judged, interest, scale = criterion, expectation.region, planned.prior_std
         if purpose == "health":
-            criterion, region = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
+            judged, interest = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
         elif criterion == "A":
-            region = np.diag(1.0 / scale)[None]
+            interest = np.diag(1.0 / scale)[None]
         # Each coefficient is in units of its prior's standard deviation.
         information = expectation.already * scale[:, None] * scale + np.eye(scale.size)
-        design = DesignProblem(rows * scale, information, FitCriterion(criterion, region * scale))
+        design = DesignProblem(rows * scale, information, FitCriterion(judged, interest * scale))
         # The beginnings of a greedy design are those of fewer poses.
         order = design.best(count if purpose == "health" else 2 * count + BATCH)
         chosen = choose(design, order[:count], seed)
@@ -514,7 +530,7 @@ def plan_campaign(
         accuracy = expected_accuracy(expectation, design, order, chosen, seed)
         # As many measurements of new poses, of half as many poses twice, and of two readings of each.
         repeated, readings = (
-            candidate_rows(model, poses.subset(chosen), noise.reduced(*times))[:, :, planned.columns]
+            candidate_rows(model, rows_of_pool.subset(chosen), errors.reduced(*times))[:, :, planned.columns]
             for times in ((2, 1), (1, 2))
         )
         new_poses = rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)]
@@ -527,91 +543,86 @@ def plan_campaign(
     default = 0 if already is not None else count if purpose == "health" else count // 10
     plan = CampaignPlan(
         robot,
-        dataclasses.replace(settings, poses=count),
+        purpose,
+        criterion,
+        fit,
+        constraints,
+        payloads,
         pool,
         chosen,
         route(
             pool.q[:, chosen],
             None if pool.payload is None else pool.payload[chosen],
-            default if settings.repeats is None else settings.repeats,
-            settings.check_every if already is None else 0,
+            default if repeats is None else repeats,
+            check_every if already is None else 0,
             seed,
         ),
         tuple(ids),
-        _validation(model, conditions, settings),
-        noise,
-        repeatability,
+        _validation(
+            model, conditions, dataclasses.replace(constraints, inside=region or constraints.inside), validation, seed
+        ),
+        errors,
+        scatter,
         accuracy=accuracy,
         worth=worth,
-        needed=demands,
+        needed=limits,
         power=power,
     )
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
-    covariance = expectation.covariance(whitened_rows(model, new, noise)[:, :, planned.columns])
+    covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
     fits = purpose != "acceptance"
     return dataclasses.replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
-        sufficiency=sufficiency_of(expectation, chosen, n_known, settings.target, already is None) if n_known else None,
-        detectability=detectability(model, data, noise) if fits else None,
+        sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
+        detectability=detectability(model, data, errors) if fits else None,
         warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
     )
 
 
-def _task(
-    model: Model, conditions: Conditions, settings: CampaignSettings, stated: Measurements | None
-) -> Measurements:
-    """Return the poses of the task with their payloads; those of the plan in turn where ``stated`` has none."""
-    q = task_joints(model, settings.constraints, settings.region, settings.seed) if stated is None else stated.q
-    if q is None:
-        raise UsageError("the poses of the task have no joint columns")
-    payload = None if stated is None else stated.payload
-    # Random numbers of the task's approaches, apart from those of the candidates.
-    return conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
-
-
-def _count(
-    settings: CampaignSettings, demands: Sequence[Mapping[str, Any]], n_known: int, candidates: CandidatePoses
-) -> int:
-    """Return the number of poses: as given, else a batch beside known poses, else what decides all demands."""
-    count = settings.poses or (BATCH if n_known else None)
-    undecided = next((entry for entry in demands if entry["n_poses"] is None), None)
-    if count is None and undecided is not None:
-        raise UsageError(
-            f"no number of poses up to {MOST_POSES} decides {undecided['name']} if the true value is "
-            f"{undecided['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`"
+def _count(count: int | None, default: int, demands: Sequence[Mapping[str, Any]], candidates: CandidatePoses) -> int:
+    """Return the number of poses: ``count`` as given, else what decides all demands."""
+    refuse(
+        *(
+            (
+                count is None and demand["n_poses"] is None,
+                f"no number of poses up to {MOST_POSES} decides {demand['name']} if the true value is "
+                f"{demand['true_over_limit']:.2g} times the limit; give `expected` farther from the limit, or `poses`",
+            )
+            for demand in demands
         )
-    count = count or max((entry["n_poses"] or 0 for entry in demands), default=DEFAULT_POSES[settings.purpose])
+    )
+    count = count or max((entry["n_poses"] or 0 for entry in demands), default=default)
     most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
     number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
     refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
     return int(count)
 
 
-def _spread(settings: CampaignSettings, candidates: CandidatePoses, count: int) -> NDArray[np.int64]:
+def _spread(region: Zone | None, candidates: CandidatePoses, count: int, seed: int) -> NDArray[np.int64]:
     """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
-    n, region = candidates.n_poses, settings.region
+    n = candidates.n_poses
     position, q = candidates.position[:, :n], candidates.q[:, :n]
     allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
     text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
     refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
     # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
-    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, settings.seed)] + n * (
+    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
         np.arange(count) % candidates.n_payloads
     )
 
 
-def _validation(model: Model, conditions: Conditions, settings: CampaignSettings) -> Measurements | None:
+def _validation(
+    model: Model, conditions: Conditions, constraints: Constraints, count: int, seed: int
+) -> Measurements | None:
     """Return the validation poses in the order of their visits."""
-    count = settings.validation
     if not count:
         return None
-    constraints = dataclasses.replace(settings.constraints, inside=settings.region or settings.constraints.inside)
-    pool = sampled_candidates(model, constraints, 10 * count, settings.seed + 2)
+    pool = sampled_candidates(model, constraints, 10 * count, seed + 2)
     refuse((pool.n < count, f"only {pool.n} of {count} validation poses are feasible"))
     q, payload = pool.q[:, :count], conditions.in_turn(count)
-    visits = route(q, payload, 0, 0, settings.seed).visits
+    visits = route(q, payload, 0, 0, seed).visits
     ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])
     return _to_measure(model.arm.robot, q[:, visits], ids, None if payload is None else payload[visits])

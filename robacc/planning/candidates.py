@@ -11,7 +11,7 @@ from typing import Any, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -106,10 +106,8 @@ def parse_box(text: str, name: str) -> Zone:
     """
     ends = {axis: (-np.inf, np.inf) for axis in _AXES}
     for part in text.split(","):
-        match = re.fullmatch(r"\s*([xyz])\s*=([^:]*):([^:]*)", part)
-        if match is None:
-            raise UsageError(f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}")
-        axis, *sides = match.groups()
+        expected = f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}"
+        axis, *sides = given(re.fullmatch(r"\s*([xyz])\s*=([^:]*):([^:]*)", part), expected).groups()
         low, high = (length(side, name) if side.strip() else end for side, end in zip(sides, ends[axis], strict=True))
         refuse((low >= high, f"`{name}`: {axis} ends before it begins in {text!r}"))
         ends[axis] = low, high
@@ -123,10 +121,10 @@ def parse_half_space(text: str, name: str) -> Zone:
     Raises:
         UsageError: The text is not that.
     """
-    match = re.fullmatch(r"(.+?)(<=|>=)(.+)", text.replace(" ", ""))
-    products = list(re.finditer(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])", match[1])) if match else []
-    if match is None or not products or "".join(product[0] for product in products) != match[1]:
-        raise UsageError(f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}")
+    expected = f"`{name}`: expected a side to stay on such as z>=0.1 or 0.7x+0.7y<=1.2, found {text!r}"
+    match = given(re.fullmatch(r"(.+?)(<=|>=)(.+)", text.replace(" ", "")), expected)
+    products = list(re.finditer(r"([+-]?)\s*(\d*\.?\d*)\s*\*?\s*([xyz])", match[1]))
+    refuse((not products or "".join(product[0] for product in products) != match[1], expected))
     side = 1.0 if match[2] == "<=" else -1.0
     normal = np.zeros(3)
     for product in products:
@@ -171,9 +169,10 @@ def length(text: str | float, name: str) -> float:
         UsageError: It is no length.
     """
     quantity = parse_quantity(text) if isinstance(text, str) else (float(text), None)
-    if quantity is None or quantity[1] == "angle" or not np.isfinite(quantity[0]):
-        raise UsageError(f"`{name}`: expected a length in m or with a unit (m, mm, um), found {text!r}")
-    return quantity[0]
+    size, dimension = quantity or (np.nan, None)
+    expected = f"`{name}`: expected a length in m or with a unit (m, mm, um), found {text!r}"
+    refuse((dimension == "angle" or not np.isfinite(size), expected))
+    return float(size)
 
 
 # Filters of candidate poses, with a count of what each excludes.
@@ -380,11 +379,10 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
     Raises:
         UsageError: The rows have no joints, or none is feasible.
     """
-    if data.q is None:
-        raise UsageError("the candidates have no joint columns")
+    q = given(data.q, "the candidates have no joint columns")
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
     ids = None if data.pose is None else data.pose[first].astype(str)
-    return _feasible(model, constraints, [data.q[:, first]], first.size, ids=ids, source="{} given poses")
+    return _feasible(model, constraints, [q[:, first]], first.size, ids=ids, source="{} given poses")
 
 
 def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:

@@ -260,9 +260,8 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
         every: Visits from one check to the next; 0 for no check. Each payload has its own check pose.
         seed: Seed of the local search.
     """
-    groups = [np.arange(q.shape[1])]
-    if payload is not None:
-        groups = [np.flatnonzero(payload == mass) for mass in np.unique(payload)]
+    masses = np.zeros(q.shape[1]) if payload is None else payload
+    groups = [np.flatnonzero(masses == mass) for mass in np.unique(masses)]
     parts, checks, passes = [], [], 0
     for number, at in enumerate(groups):
         share = repeats // len(groups) + (number < repeats % len(groups))
@@ -417,9 +416,8 @@ def _balanced(scaled: Array, order: NDArray[np.int64], check: int | None, every:
 
 def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDArray[np.int64]:
     """Return the visits with the check pose at the start, after every ``every`` visits, and at the end."""
-    if check is None:
-        return order
-    return np.append(np.insert(order, np.arange(0, order.size, every), check), check)
+    starts = np.arange(0, order.size, every)
+    return order if check is None else np.append(np.insert(order, starts, check), check)
 
 
 def _drift_share(scaled: Array) -> float:

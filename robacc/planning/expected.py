@@ -182,32 +182,6 @@ CURVE_EXCHANGED = 200
 """Candidates that exchange looks at for a point of the curve."""
 
 
-@dataclass(frozen=True, slots=True)
-class AccuracyPoint:
-    """Predicted error over the task's region after a fit to ``n`` poses, m."""
-
-    n: int
-    rms: float
-    """Square root of the mean variance over the region, from the coefficients' uncertainty."""
-    worst: float
-    """The same at the worst task pose."""
-    total: float
-    """RMS with the repeatability and the unexplained error, which no fit removes."""
-    random_rms: float | None
-    """Mean RMS of random feasible poses in the same number; None if they do not identify the model."""
-
-
-@dataclass(frozen=True, slots=True)
-class ExpectedAccuracy:
-    """Accuracy over the number of poses."""
-
-    points: tuple[AccuracyPoint, ...]
-    knee: int | None
-    """Number of poses from which ten more reduce the total error by less than a tenth; None beyond the curve."""
-    planned: AccuracyPoint | None
-    """The planned poses; None if they do not identify the model."""
-
-
 def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None) -> Sequence[Mapping[str, Any]]:
     """Return the predicted standard error of every coefficient, in the order of the effects, with the result's keys.
 
@@ -256,28 +230,35 @@ class Expectation:
         # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
         return np.asarray(gain @ (normal + precision / BADLY_MADE**2) @ gain)
 
-    def point(self, rows: Array, n: int, random_rms: float | None = None) -> AccuracyPoint | None:
-        """Return the predicted accuracy of poses ``(n, M, P)``."""
+    def point(self, rows: Array, n: int, random_rms: float | None = None) -> dict[str, Any] | None:
+        """Return the predicted errors over the region after a fit to poses ``(n, M, P)``, with the keys of the result.
+
+        They are the root of the mean variance from the coefficients' uncertainty, that at the worst task pose, and the
+        first with what no fit removes; beside them is the mean of random poses. None where the poses do not suffice.
+        """
         covariance = self.covariance(rows)
         if covariance is None:
             return None
         variance = region_variance(self.region, covariance)
         mean = float(np.mean(variance))
-        return AccuracyPoint(n, mean**0.5, float(variance.max()) ** 0.5, (mean + self.floor**2) ** 0.5, random_rms)
+        worst, total = float(variance.max()) ** 0.5, (mean + self.floor**2) ** 0.5
+        sizes = {"rms_m": mean**0.5, "worst_m": worst, "total_rms_m": total}
+        return {"n_poses": n, **sizes, "random_rms_m": random_rms}
 
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
         points = [self.point(self.rows[at], n) for at in random_designs(self.rows.shape[0], n, n, seed)]
-        values = [point.rms for point in points if point is not None]
+        values = [point["rms_m"] for point in points if point is not None]
         return float(np.mean(values)) if len(values) == len(points) else None
 
 
 def expected_accuracy(
     expectation: Expectation, problem: DesignProblem, order: NDArray[np.int64], chosen: NDArray[np.int64], seed: int
-) -> ExpectedAccuracy:
+) -> Mapping[str, Any]:
     """Return the predicted accuracy over the number of poses, planned and random, and of the chosen poses.
 
-    The curve ends at the number of poses in ``order``, a greedy design.
+    It has the keys of the result. The curve ends at the number of poses in ``order``, a greedy design. Its knee is the
+    number from which ten more poses gain little.
     """
     _, n_rows, n_coefficients = problem.rows.shape
     first = BATCH // 2 if expectation.already.any() else -(-n_coefficients // n_rows) + 2
@@ -287,19 +268,14 @@ def expected_accuracy(
     for n in {*numbers.tolist(), chosen.size}:
         design = chosen if n == chosen.size else exchanged(problem, order[:n], CURVE_EXCHANGED)
         points[n] = expectation.point(expectation.rows[design], n, expectation.random_rms(n, seed))
-    known = [point for _, point in sorted(points.items()) if point is not None]
-    return ExpectedAccuracy(tuple(known), _knee(known), points[chosen.size])
-
-
-def _knee(points: Sequence[AccuracyPoint]) -> int | None:
-    """Return the smallest number from which ten more poses gain little; between the points, log error over log n."""
-    if len(points) < 2:
-        return None
-    log_n, log_total = np.log([(point.n, point.total) for point in points]).T
-    n = np.arange(points[0].n, points[-1].n - BATCH + 1)
-    now, later = (np.interp(np.log(count), log_n, log_total) for count in (n, n + BATCH))
-    enough = n[later - now > np.log(1.0 - ENOUGH_GAIN)]
-    return int(enough[0]) if enough.size else None
+    curve, knee = [point for _, point in sorted(points.items()) if point is not None], None
+    if len(curve) > 1:
+        # Between the points, the logarithm of the error is linear in that of the number.
+        log_n, log_total = np.log([(point["n_poses"], point["total_rms_m"]) for point in curve]).T
+        counts = np.arange(curve[0]["n_poses"], curve[-1]["n_poses"] - BATCH + 1)
+        now, later = (np.interp(np.log(n), log_n, log_total) for n in (counts, counts + BATCH))
+        knee = next(iter(counts[later - now > np.log(1.0 - ENOUGH_GAIN)].tolist()), None)
+    return {"planned": points[chosen.size], "curve": curve, "knee": knee}
 
 
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Mapping[str, Any]:
@@ -309,10 +285,10 @@ def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> M
     """
     points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
     names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
-    known = [(point.total, name) for name, point in zip(names, points, strict=True) if point is not None]
+    known = [(point["total_rms_m"], name) for name, point in zip(names, points, strict=True) if point is not None]
     verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
     keys = ("new_poses_rms_m", "repeated_poses_rms_m", "readings_rms_m")
-    rms = {key: None if point is None else point.rms for key, point in zip(keys, points, strict=True)}
+    rms = {key: None if point is None else point["rms_m"] for key, point in zip(keys, points, strict=True)}
     return {**rms, "verdict": verdict}
 
 
@@ -333,12 +309,14 @@ def sufficiency_of(
     if now is None or later is None:
         enough, why = False, "the poses so far do not identify all coefficients"
     elif target is not None:
-        enough = now.rms <= target
-        why = f"the predicted error of {now.rms * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
+        enough = now["rms_m"] <= target
+        why = f"the predicted error of {now['rms_m'] * 1e3:.3g} mm {'meets' if enough else 'exceeds'} the target"
     else:
-        gain = 1.0 - later.total / now.total
+        gain = 1.0 - later["total_rms_m"] / now["total_rms_m"]
         enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-    totals = {key: None if point is None else point.total for key, point in (("now_m", now), ("later_m", later))}
+    totals = {
+        key: None if point is None else point["total_rms_m"] for key, point in (("now_m", now), ("later_m", later))
+    }
     return {"n_already": n, "enough": enough, "why": why, **totals, "of_model": of_model}
 
 
@@ -353,21 +331,14 @@ _CERTAIN = 10.0
 """Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Detectability:
-    """What a trace of the planned poses can find, with the keys of the result."""
+def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Mapping[str, Any]:
+    """Return what a trace of the rows of ``data`` in their order finds, given the free effects of ``model``.
 
-    limits: Sequence[Mapping[str, Any]]
-    """Detection limit of every form of an effect, and the power at its usual size."""
-    pairs: Sequence[Mapping[str, Any]]
-    """Pairs of effects of which the second explains the first, at its usual size, within the noise: the largest cosine
-    between the new parts of their columns, and the expected difference in evidence if the first is the truth."""
-    missing: Mapping[str, str]
-    """Reason why an effect cannot be tested, by effect."""
-
-
-def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Detectability:
-    """Return detection limits given the free effects of ``model``, for the rows of ``data`` in their order."""
+    ``limits`` are the detection limits of every form of an effect, with the power at its usual size. ``pairs`` are
+    effects of which the second explains the first, at its usual size, within the noise: the largest cosine between the
+    new parts of their columns, and the expected difference in evidence if the first is the truth. ``missing`` is the
+    reason why an effect cannot be tested, by effect.
+    """
     pool, missing = named_candidates(model.arm, data, model.free)
     pool = [c for c in pool if len({term.unit for term in c.terms}) == 1]
     names = [{term.name for term in candidate.terms} for candidate in pool]
@@ -382,7 +353,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
     gram, lengths = new.T @ new, np.sum(np.square(columns), axis=0)
     dof = float(columns.shape[0] - identified.size)
     if dof <= 0:
-        return Detectability((), (), missing)
+        return {"limits": (), "pairs": (), "missing": missing}
     tested = []
     for candidate in pool:
         effect, first = candidate.effect, candidate.terms[0]
@@ -409,7 +380,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Det
             "rms_m": rms,
         }
         tested.append((place, entry))
-    return Detectability([limit for _, limit in tested], _pairs(tested, gram), missing)
+    return {"limits": [limit for _, limit in tested], "pairs": _pairs(tested, gram), "missing": missing}
 
 
 def usual_size(effect: str) -> float:

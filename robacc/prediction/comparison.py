@@ -17,7 +17,7 @@ import numpy as np
 
 from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import Problem, refuse
 from robacc.fitting import registration
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -45,8 +45,7 @@ def _stated_noise(
     used = [column if given is None else None for column, given in zip(columns, given_noise, strict=True)]
     message, fix = "the measuring uncertainty is 0, expected above 0", "remove the column, or give `noise`"
     wrong = [name for name, column in zip(names, used, strict=True) if column is not None and not np.all(column > 0)]
-    if wrong:
-        raise InputError([Problem(message, data.source, None, name, fix) for name in wrong])
+    refuse((wrong, [Problem(message, data.source, None, name, fix) for name in wrong]))
     return [
         (np.ones((3, data.n)), given, "estimated" if given is None else "given")
         if column is None
@@ -65,6 +64,8 @@ def _restricted_likelihood(
     A deviation in ``given_sigma`` stays.
     """
     n, give = 3 * data.n, "give the noise with `noise` or sigma columns"
+    few = Problem("too few poses to estimate the measurement noise", data.source, fix=f"measure more poses, or {give}")
+    exact = "the parameters explain every pose exactly, so the noise cannot be estimated"
     rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
     sigma = np.array([start if given is None else given for given, start in zip(given_sigma, rms, strict=True)])
     for _ in range(200):
@@ -76,13 +77,9 @@ def _restricted_likelihood(
         for k in (k for k, given in enumerate(given_sigma) if given is None):
             rows = triangles[k][:, :-1] / column_norms
             dof = n - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
-            if dof < 1.0:
-                message = "too few poses to estimate the measurement noise"
-                raise InputError(Problem(message, data.source, fix=f"measure more poses, or {give}"))
+            refuse((dof < 1.0, few))
             sigma[k] = np.linalg.norm(triangles[k][:, -1] - rows @ solution) / math.sqrt(dof)
-            if sigma[k] < 1e-12 * rms[k] or sigma[k] == 0.0:
-                message = "the parameters explain every pose exactly, so the noise cannot be estimated"
-                raise InputError(Problem(message, data.source, fix=give))
+            refuse((sigma[k] < 1e-12 * rms[k] or sigma[k] == 0.0, Problem(exact, data.source, fix=give)))
         if np.all(np.abs(sigma / before - 1.0) < 1e-10):
             break
     return [float(std) for std in sigma]
@@ -549,29 +546,28 @@ def compare_with_measured(
         InputError: There are no poses or no joints, or the noise cannot be estimated.
         UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
-    if data.n == 0:
-        raise InputError(Problem("has no poses to compare with the prediction", data.source))
-    if data.q is None:
-        message = "has no joint columns: the comparison needs the joint values"
-        raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
+    lacking = "has no joint columns: the comparison needs the joint values"
     is_noise = [value is None or (math.isfinite(value) and value > 0.0) for value in noise]
-    refuse((not all(is_noise), "`noise` is a standard deviation above 0"))
+    refuse(
+        (data.n == 0, Problem("has no poses to compare with the prediction", data.source)),
+        (data.q is None, Problem(lacking, data.source, fix="add q1, q2, …")),
+        (not all(is_noise), "`noise` is a standard deviation above 0"),
+    )
     check_confidence(confidence)
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     # With fewer poses, base and tool absorb everything that was measured.
-    if alignment is not None and data.n < 3:
-        message = f"fitting frames to {data.n} poses leaves no errors to compare"
-        raise InputError(Problem(message, data.source, fix="measure more poses, or leave out `align`"))
+    message = f"fitting frames to {data.n} poses leaves no errors to compare"
+    fix = "measure more poses, or leave out `align`"
+    refuse((alignment is not None and data.n < 3, Problem(message, data.source, fix=fix)))
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)
-    hint = None
     # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
-    if scale is not None and scale["factor"] >= 20.0:
-        hint = "errors this large come from units, joint signs or the order of the joints, not from tolerances"
-        if alignment is None:
-            hint = 'errors this large come from frames that do not agree; try `align="base_frame,tool_frame"`'
+    is_far_larger = scale is not None and scale["factor"] >= 20.0
+    cause = "units, joint signs or the order of the joints, not from tolerances"
+    if alignment is None:
+        cause = 'frames that do not agree; try `align="base_frame,tool_frame"`'
     registered = alignment and {
         "what": alignment.effects,
         "degrees_of_freedom": statistics.n_aligned,
@@ -586,7 +582,7 @@ def compare_with_measured(
         "alignment": registered,
         "noise": statistics.noise,
         "verdict": verdict,
-        "hint": hint,
+        "hint": f"errors this large come from {cause}" if is_far_larger else None,
         "normalised_squared_error": tests,
         "likelihood_ratio": scale,
         "variance_components": variance_components(statistics, parameters, confidence),

@@ -28,7 +28,7 @@ from robacc.accuracy.grade import Scale
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, effect_class
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
-from robacc.errors import InputError, Problem, RobaccError
+from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
@@ -42,7 +42,6 @@ from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,
     Prediction,
-    Share,
     in_tool_frame,
     outer_sums,
     predicted,
@@ -144,8 +143,8 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
     noise, factor, largest = entry["noise"], entry["bound_factor"], entry["largest_correction"]
     names = tuple(str(name) for name in entry["coefficients"])
     covariance = _symmetric(entry["covariance"])
-    if covariance.shape[0] != len(names):
-        raise ValueError(f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}")
+    other = f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}"
+    refuse((covariance.shape[0] != len(names), other), error=ValueError)
     orientation = noise["orientation"]
     return ModelFit(
         effects=tuple(
@@ -179,8 +178,8 @@ def _symmetric(rows: Sequence[Any]) -> Array:
     result = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         values = [float(number) for number in str(row).split()]
-        if len(values) != i + 1 or not np.all(np.isfinite(values)):
-            raise ValueError(f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones")
+        expected = f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones"
+        refuse((len(values) != i + 1 or not np.all(np.isfinite(values)), expected), error=ValueError)
         result[i, : i + 1] = result[: i + 1, i] = values
     return result
 
@@ -503,7 +502,11 @@ def calibrated_accuracy(
     covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
     totals = np.sum(traces, axis=0)
     shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
-    budget = [Share(name, None, name, None, None, *share) for name, share in zip(SOURCES, shares, strict=True)]
+    budget = [
+        {**dict.fromkeys(("parameter", "joint", "kind", "sd", "unit")), "parameter": name, "kind": name}
+        | {"share_position": position, "share_orientation": orientation}
+        for name, (position, orientation) in zip(SOURCES, shares, strict=True)
+    ]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
     outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
@@ -519,7 +522,7 @@ def calibrated_accuracy(
         [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
-        budget=tuple(sorted(budget, key=lambda share: -share.position)),
+        budget=sorted(budget, key=lambda share: -share["share_position"]),
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
@@ -578,10 +581,9 @@ def coverage(
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
     )
     half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
-    if aligned and np.all(half == half[0]):
-        fix = "measure at more than one commanded pose, or leave out `align`"
-        message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
-        raise InputError(Problem(message, data.source, fix=fix))
+    fix = "measure at more than one commanded pose, or leave out `align`"
+    message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
+    refuse((aligned and np.all(half == half[0]), Problem(message, data.source, fix=fix)))
     error, covariances = np.empty((3 if data.rotation is None else 6, data.n)), np.empty((2, 3, 3, data.n))
     for part in np.unique(half):
         rows = np.flatnonzero(half == part)
@@ -666,9 +668,7 @@ def fit_record(
     )
     residual, poses, sign = fit.residual[:, fit.inliers], data.subset(fit.inliers), 1.0
     if held_out is not None:
-        finite = np.all(np.isfinite(held_out[1]), axis=0)
-        if held_out[0] is data:
-            finite &= fit.inliers
+        finite = np.all(np.isfinite(held_out[1]), axis=0) & (fit.inliers if held_out[0] is data else True)
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
     inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
@@ -759,9 +759,8 @@ def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability |
     if data.sigma_position is not None:
         angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
         return float(np.mean(np.square(data.sigma_position))), angle
-    if repeatability is not None and repeatability.source != "residual":
-        return fit.misfit[0] ** 2, fit.misfit[1] ** 2
-    return 0.0, 0.0
+    is_separated = repeatability is not None and repeatability.source != "residual"
+    return (fit.misfit[0] ** 2, fit.misfit[1] ** 2) if is_separated else (0.0, 0.0)
 
 
 def _unexplained(

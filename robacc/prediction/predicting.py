@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import Problem, given, refuse
 from robacc.geometry import Array, compose, transpose
 from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
@@ -84,16 +84,14 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
             component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
             full_name = f"{name or frame}.{kind}"
             parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
-    if not parameters:
-        example = "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
-        if robot.convention == "urdf":
-            example = "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
-        fix = (
-            f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
-        )
-        raise InputError(
-            Problem(f"no parameter of {robot.name} has a tolerance, so no error can be predicted", fix=fix)
-        )
+    example = (
+        "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
+        if robot.convention == "urdf"
+        else "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
+    )
+    fix = f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
+    message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
+    refuse((not parameters, Problem(message, fix=fix)))
     return tuple(parameters)
 
 
@@ -211,13 +209,10 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         InputError: There are no poses or no joint variables.
         UsageError: The joint variables do not fit the robot.
     """
-    if data.n == 0:
-        raise InputError(Problem("has no poses to predict the accuracy at", data.source))
-    if data.q is None:
-        message = "has no joint columns: the prediction needs the joint values"
-        raise InputError(Problem(message, data.source, fix="add q1, q2, …"))
+    refuse((data.n == 0, Problem("has no poses to predict the accuracy at", data.source)))
+    message = "has no joint columns: the prediction needs the joint values"
     return Configurations(
-        data.q,
+        given(data.q, Problem(message, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
         Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),
@@ -313,8 +308,6 @@ class PredictedErrors:
     """``(N,)`` root of the trace."""
     pose_radius95: Array
     """``(N,)`` radius of 95 % of the errors at each pose, exact for Gaussian errors."""
-    mean_covariance: Array
-    """``(3, 3)`` mean over poses, tool frame."""
     rms: float
     """Over robots and poses, as are ``mean_error`` and ``p95``."""
     mean_error: float
@@ -328,29 +321,10 @@ class PredictedErrors:
     pose_statistic: Array
     """``(N,)`` the grade scale's statistic at each pose; for p95 and max the 95 % radius."""
 
-    def value(self, statistic: Statistic) -> float:
-        """Return the statistic of that name."""
-        return float(getattr(self, statistic))
-
     def percentiles(self, values: Array) -> Mapping[str, float]:
         """Return percentiles over poses of predicted errors ``(N,)``, with the keys of the result."""
         sizes = np.percentile(values, PERCENTILES).tolist()
         return {f"p{percent}": size for percent, size in zip(PERCENTILES, sizes, strict=True)}
-
-
-@dataclass(frozen=True, slots=True)
-class Share:
-    """Share of one parameter, joint or kind in the predicted variance; shares sum to 1."""
-
-    name: str
-    joint: str | None
-    """Joint of a parameter; None for a sum of several."""
-    kind: str | None
-    tolerance: float | None
-    """Standard deviation, m or rad; None for a sum of several parameters."""
-    unit: str | None
-    position: float
-    orientation: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -376,10 +350,11 @@ class Prediction:
     configurations: Configurations
     position: PredictedErrors
     orientation: PredictedErrors
-    budget: tuple[Share, ...]
-    """By parameter, the largest share of position first."""
-    by_joint: tuple[Share, ...]
-    by_kind: tuple[Share, ...]
+    budget: Sequence[Mapping[str, Any]]
+    """Shares in the predicted variance by parameter, the largest share of position first, with the keys of the result;
+    shares sum to 1."""
+    by_joint: Sequence[Mapping[str, Any]]
+    by_kind: Sequence[Mapping[str, Any]]
     grade: PredictedGrade
     meaning: str
     """Conversion of a tolerance into a variance, as text."""
@@ -407,22 +382,27 @@ def predict_accuracy(
     *covariances, power = pose_covariances(Arm.of(robot).chain, configurations.scalars, configurations.n, parameters)
     totals = power.sum(axis=1, keepdims=True)
     shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
-    by_parameter = [
-        Share(parameter.name, parameter.joint, parameter.kind, parameter.sd, parameter.unit, *pair)
-        for parameter, pair in zip(parameters, shares, strict=True)
+    by_parameter: list[dict[str, Any]] = [
+        {
+            "parameter": parameter.name,
+            **{key: getattr(parameter, key) for key in ("joint", "kind", "sd", "unit")},
+            "share_position": position,
+            "share_orientation": orientation,
+        }
+        for parameter, (position, orientation) in zip(parameters, shares, strict=True)
     ]
     notes = list(configurations.notes)
     if robot.effects:
         notes.append("the robot file's effects are not part of a prediction from tolerances")
     if meaning != NORMAL:
         notes.append("radii and percentiles assume that the sum of all errors is Gaussian; covariances do not")
-    by_joint = [share.joint or share.name.split(".")[0] for share in by_parameter]
+    by_joint = [share["joint"] or share["parameter"].split(".")[0] for share in by_parameter]
     return predicted(
         configurations,
         covariances,
         scale,
         parameters=tuple(parameters),
-        budget=tuple(sorted(by_parameter, key=_largest_first)),
+        budget=sorted(by_parameter, key=_largest_first),
         by_joint=_summed_shares(by_parameter, by_joint),
         by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters]),
         meaning=meaning,
@@ -438,7 +418,7 @@ def predicted(configurations: Configurations, covariances: Sequence[Array], scal
     position = _predicted_errors("m", covariances[0], configurations, scale.statistic)
     orientation = _predicted_errors("rad", covariances[1], configurations, scale.statistic)
     sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
-    ranks = {name: scale.rank_of(name, errors.value(scale.statistic)) for name, errors in sizes.items()}
+    ranks = {name: scale.rank_of(name, getattr(errors, scale.statistic)) for name, errors in sizes.items()}
     rank = max(ranks.values())
     met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
     grade = PredictedGrade(
@@ -476,7 +456,6 @@ def _predicted_errors(
         covariance,
         rms,
         radius,
-        mean_covariance=np.mean(covariance, axis=2),
         rms=math.sqrt(float(np.mean(np.square(rms)))),
         mean_error=float(np.mean(means)),
         p95=mixture_quantile(RADIUS_PROBABILITY, variances),
@@ -486,18 +465,18 @@ def _predicted_errors(
     )
 
 
-def _summed_shares(shares: Sequence[Share], keys: Sequence[str]) -> tuple[Share, ...]:
+def _summed_shares(shares: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> list[dict[str, Any]]:
     """Return the sum of the shares of each key, the largest first."""
-    sums: dict[str, Array] = {}
+    sums: dict[str, dict[str, Any]] = {}
     for share, key in zip(shares, keys, strict=True):
-        sums[key] = np.add(sums.get(key, 0.0), (share.position, share.orientation))
-    summed = [Share(key, None, None, None, None, *total.tolist()) for key, total in sums.items()]
-    return tuple(sorted(summed, key=_largest_first))
+        total = sums.setdefault(key, {"name": key, "share_position": 0.0, "share_orientation": 0.0})
+        total |= {name: total[name] + share[name] for name in ("share_position", "share_orientation")}
+    return sorted(sums.values(), key=_largest_first)
 
 
-def _largest_first(share: Share) -> tuple[float, float]:
+def _largest_first(share: Mapping[str, Any]) -> tuple[float, float]:
     """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
-    return -round(share.position, 9), -round(share.orientation, 9)
+    return -round(share["share_position"], 9), -round(share["share_orientation"], 9)
 
 
 def steps_met(scale: Scale, sizes: Mapping[Quantity, Array]) -> NDArray[np.bool_]:
@@ -544,7 +523,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
     """
     scale = prediction.grade.scale
     limits = step_limits(scale, grade)
-    budget = {share.name: (share.position, share.orientation) for share in prediction.budget}
+    budget = {part["parameter"]: (part["share_position"], part["share_orientation"]) for part in prediction.budget}
     shares = np.array([budget[parameter.name] for parameter in prediction.parameters]).T
     excess = _relative_excess(prediction, limits)
     uniform_factor = min(1.0, 1.0 / float(np.max(excess)))
@@ -585,7 +564,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
     errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
-    return np.array([part.value(statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
+    return np.array([getattr(part, statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
 
 
 def _optimal_factors(shares: Array, target_variances: Array) -> Array:
@@ -608,26 +587,11 @@ def _optimal_factors(shares: Array, target_variances: Array) -> Array:
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.
 
 
-@dataclass(frozen=True, slots=True)
-class WarrantyMap:
-    """Predicted errors of the V voxels that have a configuration."""
+def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> tuple[Mapping[str, Any], Array]:
+    """Return the map of the V voxels that have a configuration, with the keys of the result, and their RMS errors.
 
-    edge: float
-    """Edge of a voxel, m."""
-    centre: Array
-    """``(3, V)`` centres of the voxels, measuring frame, m."""
-    count: NDArray[np.int64]
-    """``(V,)`` configurations in each voxel."""
-    rms: Array
-    """``(2, V)`` RMS of position (m) and of orientation (rad)."""
-    bound: Array
-    """``(2, V)`` largest 95 % bound of position (m) and of orientation (rad)."""
-    grades: tuple[str, ...]
-    """``(V,)`` grade that every configuration of the voxel meets."""
-
-
-def warranty_map(prediction: Prediction, position: Array, edge: float | None = None) -> WarrantyMap:
-    """Return the map of predicted errors.
+    The map has the grade that every configuration of a voxel meets. The errors ``(2, V)`` are those of position (m) and
+    of orientation (rad).
 
     Args:
         prediction: Predicted errors of N configurations.
@@ -649,5 +613,11 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
         np.maximum.at(largest, number, errors.pose_radius95)
     scale = prediction.grade.scale
     ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
-    grades = tuple(map(scale.name_of, ranks.tolist()))
-    return WarrantyMap(edge, np.asarray((voxels + 0.5) * edge), count, rms, bound, grades)
+    return {
+        "voxel_m": edge,
+        "centre_m": np.round((voxels + 0.5) * edge, 12).T,
+        "configurations": count,
+        "bound95_m": bound[0],
+        "bound95_rad": bound[1],
+        "grade": [*map(scale.name_of, ranks.tolist())],
+    }, rms

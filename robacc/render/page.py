@@ -30,7 +30,14 @@ from robacc.render.text import (
     shown,
 )
 from robacc.render.views.accuracy import estimate_headline, estimate_view, iso9283_headline, iso9283_view
-from robacc.render.views.compare import comparison_headline, comparison_view
+from robacc.render.views.compare import (
+    LOOKS,
+    check_headline,
+    comparison_headline,
+    comparison_view,
+    gate_section,
+    passed,
+)
 from robacc.render.views.expected import (
     correction_headline,
     correction_view,
@@ -40,7 +47,6 @@ from robacc.render.views.expected import (
     prediction_view,
 )
 from robacc.render.views.fit import fit_headline, fit_view
-from robacc.render.views.gate import LOOKS, check_headline, gate_section, passed
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
 

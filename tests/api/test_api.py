@@ -309,8 +309,8 @@ def test_results_are_compared_and_checked_without_files() -> None:
     found = robacc.compare(plain, f"{FOLDER}/b.json", robacc.read_result(f"{FOLDER}/a.json"), aligned)
     assert [one.name for one in found.results] == ["estimate", "b", "a", "estimate (2)"]
     assert found.made.inputs[0].sha256 == robacc.read_result(f"{FOLDER}/a.json").sha256
-    same = next(row for row in found.rows if row.key == "position.rms")
-    assert (same.figures[0], same.figures[1]) == (same.figures[2], same.figures[3])
+    same = next(row["values"] for row in found.statistics if row["key"] == "position.rms")
+    assert [value["value"] for value in same[:2]] == [value["value"] for value in same[2:]]
 
 
 FLAT = np.zeros((3, 4))
@@ -472,7 +472,7 @@ results: list[robacc.Result] = [found, fitted, closed, predicted, criteria, both
 def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT, encoding="utf-8")
     wrong = 'import robacc\nrobacc.estimte("p.csv")\nrobacc.estimate("p.csv", frame="world")\n'
-    wrong += "x: str = robacc.compare().rows\n"
+    wrong += "x: str = robacc.compare().statistics\n"
     (tmp_path / "wrong.py").write_text(wrong, encoding="utf-8")
     checked = ["-m", "mypy", "--strict", "--config-file", "pyproject.toml", str(tmp_path / "script.py")]
     done = subprocess.run(

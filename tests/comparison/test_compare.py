@@ -314,44 +314,44 @@ def made(
 
 def test_ranking_says_which_differences_are_real() -> None:
     comparison = compare([made("worst", 1, scale=2e-4), made("good", 2), made("better", 3)])
-    assert set(comparison.ranking.names[:2]) == {"good", "better"}
-    assert comparison.ranking.names[2] == "worst"
-    assert comparison.ranking.letters == ("a", "a", "b")
-    first, second, worst = comparison.ranking.names
-    assert comparison.ranking.sentences() == (
+    ranking = comparison["ranking"]
+    first, second, worst = (entry["name"] for entry in ranking["order"])
+    assert ({first, second}, worst) == ({"good", "better"}, "worst")
+    assert [entry["letters"] for entry in ranking["order"]] == ["a", "a", "b"]
+    assert ranking["text"] == [
         f"{second} is better than {worst}",
         f"{first} and {second} do not differ significantly",
-    )
-    plain = [pair.difference.p_value for pair in comparison.ranking.pairs]
-    assert [pair.p_corrected for pair in comparison.ranking.pairs] == pytest.approx(holm(plain))
-    assert comparison.warnings == ()
+    ]
+    plain = [pair["difference"]["p_value"] for pair in ranking["pairs"]]
+    assert [pair["p_corrected"] for pair in ranking["pairs"]] == pytest.approx(holm(plain))
+    assert comparison["warnings"] == ()
 
 
 def test_differences_are_to_the_baseline() -> None:
     a, b = made("a", 1), made("b", 2)
-    (none, first), (second, also_none) = (compare([a, b], baseline=name).rows[0].differences for name in ("a", "b"))
-    assert none is also_none is None
-    assert first.value == pytest.approx(-second.value)
+    (first,), (second,) = (compare([a, b], baseline=name)["statistics"][0]["differences"] for name in ("a", "b"))
+    assert (first["name"], second["name"]) == ("b", "a")
+    assert first["value"] == pytest.approx(-second["value"])
 
 
 def test_equal_results_are_one_result_twice() -> None:
     comparison = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
-    for delta in (row.differences[1] for row in comparison.rows):
-        assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
-    told = comparison.warnings, comparison.ranking.sentences()
-    assert told == ((), ("a and b do not differ significantly",))
+    for delta in (row["differences"][0] for row in comparison["statistics"]):
+        assert [delta[key] for key in ("value", "lower", "upper", "p_value")] == [0.0, 0.0, 0.0, 1.0]
+    told = comparison["warnings"], comparison["ranking"]["text"]
+    assert told == ((), ["a and b do not differ significantly"])
 
 
 def test_largest_errors_and_predictions_are_not_tested() -> None:
     comparison = compare([made("a", 1), made("b", 2)])
-    largest = next(row for row in comparison.rows if row.key == "position.max").differences[1]
-    assert (largest.p_value, largest.interval.why) == (None, "no test exists for the largest of all errors")
+    largest = next(row for row in comparison["statistics"] if row["key"] == "position.max")["differences"][0]
+    assert (largest["p_value"], largest["why"]) == (None, "no test exists for the largest of all errors")
     comparison = compare([made("a", 1), made("p", 2, command="predict")])
-    delta = comparison.rows[0].differences[1]
-    assert delta.p_value is None
-    assert delta.interval.why.startswith("a prediction describes robots yet to be built")
-    assert comparison.ranking.groups == ()
-    assert comparison.ranking.sentences() == ("p is a prediction, which is not ranked with measured arms",)
+    delta = comparison["statistics"][0]["differences"][0]
+    assert delta["p_value"] is None
+    assert delta["why"].startswith("a prediction describes robots yet to be built")
+    assert comparison["ranking"]["indistinguishable"] == []
+    assert comparison["ranking"]["text"] == ["p is a prediction, which is not ranked with measured arms"]
 
 
 def test_what_was_made_differently_is_warned_of() -> None:
@@ -371,8 +371,8 @@ def test_what_was_made_differently_is_warned_of() -> None:
             "poses: a and b share 40 of 50 poses; only these are compared",
         ),
     ):
-        assert compare([a, other]).warnings == (f"made differently, {told}",)
-    keys = [[row.key for row in compare([a, other]).rows] for other in (framed, made("b", 2))]
+        assert compare([a, other])["warnings"] == (f"made differently, {told}",)
+    keys = [[row["key"] for row in compare([a, other])["statistics"]] for other in (framed, made("b", 2))]
     assert ["position.mean_x" in found for found in keys] == [False, True]
 
 

@@ -13,7 +13,7 @@ from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
 from robacc.comparison.stored_results import NoValueError, errors_behind, value_at
 from robacc.documents.accuracy import GRADE
-from robacc.documents.gate import gate_document
+from robacc.documents.envelope import gate_document
 from robacc.documents.keys import STATISTICS
 from robacc.gates import Evaluation, GateOutcome, evaluate_gate, figure_at, load_gate
 from robacc.io.json_text import json_text

@@ -10,11 +10,11 @@ from xml.etree import ElementTree
 import pytest
 from commands import missing
 
-from robacc.documents.gate import gate_document
+from robacc.documents.envelope import gate_document
 from robacc.gates import Evaluation, Gate, GateCriterion, GateOutcome, evaluated
 from robacc.outcomes import FileOutcome
 from robacc.render.text import draw
-from robacc.render.views.gate import (
+from robacc.render.views.compare import (
     gate_view,
     github_annotations,
     junit as suites,

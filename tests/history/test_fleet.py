@@ -52,7 +52,7 @@ def test_strangers_are_rare_in_fleets_without_one_and_found_in_fleets_with_one()
         values, stds = rng.normal(0, 1.0, 20), np.full(20, 0.3)
         false += bool(fleet_of(fleet(values, stds))[1])
         values[3] = 8.0
-        assert [one.arm for one in fleet_of(fleet(values, stds))[1]][0] == "a3"
+        assert fleet_of(fleet(values, stds))[1][0].arm == "a3"
     assert false <= 200 * 0.05 + 3 * np.sqrt(200 * 0.05 * 0.95)
 
 

@@ -11,7 +11,7 @@ from scipy import stats
 from test_expected import NOISE, SCATTER, jacobian, whitener
 
 import robacc
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
+from robacc.planning.campaign import CampaignPlan, plan_campaign
 
 ROOT = Path(__file__).resolve().parents[2]
 CAMPAIGNS = 200
@@ -19,10 +19,8 @@ CAMPAIGNS = 200
 
 @pytest.fixture(scope="module")
 def plan() -> CampaignPlan:
-    settings = CampaignSettings(
-        "trace", 40, fit="base_frame,tool_frame,joint_offset", noise=NOISE, repeatability=SCATTER, n_candidates=300
-    )
-    return plan_campaign(arm("irb1600").robot, settings)
+    options = {"noise": NOISE, "repeatability": SCATTER, "n_candidates": 300}
+    return plan_campaign(arm("irb1600").robot, "trace", 40, fit="base_frame,tool_frame,joint_offset", **options)
 
 
 def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) -> float:
@@ -47,7 +45,7 @@ def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) ->
 
 @pytest.mark.parametrize("joint", ["j2", "j4"])
 def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> None:
-    limits = plan.detectability.limits
+    limits = plan.detectability["limits"]
     (limit,) = [entry for entry in limits if (entry["effect"], entry["joints"]) == ("backlash", (joint,))]
     names = [entry.name for entry in plan.robot.variables]
     direction = plan.visits().direction
@@ -65,7 +63,7 @@ def test_trace_poses_show_more_than_random_ones(plan: CampaignPlan) -> None:
 
 
 def test_exact_equals_are_named(plan: CampaignPlan) -> None:
-    pairs = {(pair["first"], pair["second"]): pair for pair in plan.detectability.pairs}
+    pairs = {(pair["first"], pair["second"]): pair for pair in plan.detectability["pairs"]}
     # d of two parallel axes moves the target in the same way.
     first, second = "link_geometry[j2] (labels d)", "link_geometry[j3] (labels d)"
     assert pairs[first, second]["similarity"] == pytest.approx(1.0, abs=1e-6)
@@ -78,7 +76,7 @@ def test_a_trace_finds_effects_of_three_planned_limits(tmp_path: Path) -> None:
     robot = ROOT / "sample_data" / "robot.yaml"
     planned = robacc.plan(robot, purpose="trace", poses=60, noise="0.03mm", repeatability="0mm", candidates=600)
     planned.write(tmp_path / "plan.csv")
-    limits = {(entry["effect"], entry["joints"]): entry["limit"] for entry in planned.detectability.limits}
+    limits = {(entry["effect"], entry["joints"]): entry["limit"] for entry in planned.detectability["limits"]}
     wanted = [("backlash", j) for j in ("j2", "j3", "j4")] + [("approach_lag", j) for j in ("j2", "j3")]
     wanted += [("gear_ratio", j) for j in ("j1", "j4")]
     found = 0

@@ -10,7 +10,7 @@ from arms import arm
 from homogeneous import frame, shift, turn
 
 from robacc.measurements import Measurements
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign
+from robacc.planning.campaign import CampaignPlan, plan_campaign
 from robacc.planning.candidates import Constraints, Sight
 from robacc.robots.description import Robot
 
@@ -63,8 +63,8 @@ def whitener(robot: Robot, q: np.ndarray, joints: np.ndarray) -> np.ndarray:
 def planned(name: str, sight: Sight | None = None, min_height: float | None = None) -> CampaignPlan:
     """A plan of 30 poses, each visited once."""
     settings = {"noise": NOISE, "repeatability": SCATTER, "n_candidates": 1000, "repeats": 0, "check_every": 0}
-    demands = CampaignSettings("calibrate", 30, constraints=Constraints(sight=sight, min_height=min_height), **settings)  # type: ignore[arg-type]
-    return plan_campaign(arm(name).robot, demands)
+    constraints = Constraints(sight=sight, min_height=min_height)
+    return plan_campaign(arm(name).robot, "calibrate", 30, constraints=constraints, **settings)  # type: ignore[arg-type]
 
 
 @pytest.mark.parametrize("name", ["irb1600", "puma560"])
@@ -118,8 +118,8 @@ def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     assert ours < 0.92 * np.mean(draws)
     assert ours < np.min(draws)
     accuracy = plan.accuracy
-    assert accuracy.planned.rms == pytest.approx(ours, rel=0.12)  # 400 and 200 sampled task poses
-    assert accuracy.planned.random_rms == pytest.approx(np.mean(draws), rel=0.15)
+    assert accuracy["planned"]["rms_m"] == pytest.approx(ours, rel=0.12)  # 400 and 200 sampled task poses
+    assert accuracy["planned"]["random_rms_m"] == pytest.approx(np.mean(draws), rel=0.15)
 
 
 def test_repeats_of_the_noise_model() -> None:
@@ -127,7 +127,7 @@ def test_repeats_of_the_noise_model() -> None:
     worth = plan.worth
     # Without an unexplained error a second visit has the information of the first; a reading leaves the scatter.
     assert worth["new_poses_rms_m"] <= worth["repeated_poses_rms_m"] < worth["readings_rms_m"]
-    assert worth["repeated_poses_rms_m"] == pytest.approx(plan.accuracy.planned.rms / np.sqrt(2), rel=0.02)
+    assert worth["repeated_poses_rms_m"] == pytest.approx(plan.accuracy["planned"]["rms_m"] / np.sqrt(2), rel=0.02)
 
 
 def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
@@ -138,8 +138,7 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
     def answer(n: int) -> CampaignPlan:
         q = rng.uniform(low, high, (6, n))
         already = Measurements(position=np.zeros((3, n)), q=q)
-        settings = CampaignSettings("calibrate", noise=NOISE, repeatability=SCATTER, n_candidates=800)
-        return plan_campaign(robot, settings, already=already)
+        return plan_campaign(robot, "calibrate", noise=NOISE, repeatability=SCATTER, n_candidates=800, already=already)
 
     few, many = answer(12), answer(150)
     assert (few.sufficiency["enough"], many.sufficiency["enough"]) == (False, True)
@@ -152,5 +151,5 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 def test_visible_poses_are_few_and_the_choice_among_them_matters() -> None:
     sight = Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30))
     plan = planned("irb1600", sight, 0.1)
-    assert plan.accuracy.planned.rms < 0.9 * plan.accuracy.planned.random_rms
+    assert plan.accuracy["planned"]["rms_m"] < 0.9 * plan.accuracy["planned"]["random_rms_m"]
     assert {entry["reason"] for entry in plan.candidates.excluded} >= {"reflector turned away by more than 30°"}

@@ -11,7 +11,7 @@ from test_acceptance import energy_distance
 
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, Purpose, plan_campaign
+from robacc.planning.campaign import CampaignPlan, Purpose, plan_campaign
 from robacc.planning.candidates import conditions_of
 from robacc.planning.design import Criterion
 from robacc.planning.expected import candidate_rows, coefficients, free_effects, power_problem, region_rows
@@ -22,10 +22,8 @@ FIT = "base_frame,tool_frame,joint_offset"
 
 
 def planned(name: str, purpose: Purpose, criterion: Criterion = "I") -> CampaignPlan:
-    settings = CampaignSettings(
-        purpose, POSES, criterion, FIT, check_every=0, repeats=0, n_candidates=CANDIDATES, noise=2e-5
-    )
-    return plan_campaign(arm(name).robot, settings)
+    options = {"check_every": 0, "repeats": 0, "n_candidates": CANDIDATES, "noise": 2e-5}
+    return plan_campaign(arm(name).robot, purpose, POSES, criterion, FIT, **options)  # type: ignore[arg-type]
 
 
 def draws(count: int) -> list[np.ndarray]:

@@ -14,7 +14,7 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, CampaignSettings, plan_campaign, too_few_warning
+from robacc.planning.campaign import CampaignPlan, plan_campaign, too_few_warning
 from robacc.planning.expected import free_effects
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -26,9 +26,7 @@ def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200)
     robot, q = plan.robot, plan.q
     names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     constants = [name for name in names if "frame" not in name]
-    model = Model.of(
-        robot, free_effects(robot, plan.settings.fit or "base_frame,tool_frame,joint_offset,link_geometry")
-    )
+    model = Model.of(robot, free_effects(robot, plan.fit or "base_frame,tool_frame,joint_offset,link_geometry"))
     rng = np.random.default_rng(0)
     test = plan.candidates.q[:, :fresh]
     errors, held_out = [], []
@@ -46,13 +44,12 @@ def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200)
 
 def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float, float]:
     """Geometric mean of predicted over realised standard errors, and the same of the error at fresh poses."""
-    settings = CampaignSettings("calibrate", poses, noise=noise, repeatability=SCATTER, n_candidates=600)
-    plan = plan_campaign(arm(name).robot, settings)
+    plan = plan_campaign(arm(name).robot, "calibrate", poses, noise=noise, repeatability=SCATTER, n_candidates=600)
     errors, held_out = realised(plan, noise, campaigns)
     predicted = [
         entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]
     ]
-    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy.planned.rms / held_out
+    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy["planned"]["rms_m"] / held_out
 
 
 def test_predictions_are_realised() -> None:
@@ -94,8 +91,7 @@ def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
 
 def test_the_prior_is_that_of_the_fit() -> None:
     noise = 1e-3
-    settings = CampaignSettings("calibrate", 20, noise=noise, repeatability=SCATTER, n_candidates=300)
-    plan = plan_campaign(arm("irb1600").robot, settings)
+    plan = plan_campaign(arm("irb1600").robot, "calibrate", 20, noise=noise, repeatability=SCATTER, n_candidates=300)
     robot, q = plan.robot, plan.q
     rng = np.random.default_rng(1)
     measured = positions(robot, q, {}) + noise * rng.normal(size=(3, q.shape[1]))
@@ -124,8 +120,9 @@ def test_sixty_planned_rows_do_for_all() -> None:
         predicted = fitted.model.bind(data.subset(at)).poses(fitted.theta).translation
         return float(np.sqrt(np.mean(np.sum(np.square(data.position[:, at] - predicted), axis=0))))
 
-    settings = CampaignSettings("calibrate", 60, noise=1e-5, unexplained=2.5e-4, check_every=0, repeats=0)
-    plan = plan_campaign(robot, settings, candidates=data, task=data)
+    plan = plan_campaign(
+        robot, "calibrate", 60, noise=1e-5, unexplained=2.5e-4, check_every=0, repeats=0, candidates=data, task=data
+    )
     chosen = plan.candidates.q[:, plan.chosen]
     rows = np.unique([int(np.argmin(np.sum(np.square(data.q - q[:, None]), axis=0))) for q in chosen.T])
     others = np.setdiff1d(np.arange(data.n), rows)
@@ -150,6 +147,5 @@ def test_the_number_that_is_enough_is_the_least_that_gives_no_warning(
 
 @pytest.mark.parametrize(("poses", "warned"), [(3, True), (10, False)])
 def test_a_plan_of_three_poses_is_warned_of(poses: int, warned: bool) -> None:
-    settings = CampaignSettings("calibrate", poses=poses, n_candidates=100)
-    plan = plan_campaign(arm("puma560").robot, settings)
+    plan = plan_campaign(arm("puma560").robot, "calibrate", poses=poses, n_candidates=100)
     assert any("fewer than the" in text for text in plan.warnings) == warned

@@ -217,14 +217,16 @@ def test_budget_sums_to_one_and_equals_the_reduction_without_a_parameter() -> No
     robot = robot_of("puma560")
     full = predicted(robot)
     for shares in (full.budget, full.by_joint, full.by_kind):
-        sums = [sum(getattr(share, quantity) for share in shares) for quantity in ("position", "orientation")]
+        sums = [sum(share[f"share_{quantity}"] for share in shares) for quantity in ("position", "orientation")]
         assert sums == pytest.approx([1.0, 1.0], abs=1e-12)
-    share = next(share for share in full.budget if share.name == "j2.theta")
+    share = next(share for share in full.budget if share["parameter"] == "j2.theta")
     without = predicted(with_tolerances(robot, {"theta": 0.0}, "j2"))
     assert len(without.parameters) == len(full.parameters) - 1
-    assert 1 - (without.position.rms / full.position.rms) ** 2 == pytest.approx(share.position, rel=1e-9)
-    assert 1 - (without.orientation.rms / full.orientation.rms) ** 2 == pytest.approx(share.orientation, rel=1e-9)
-    assert np.all(np.diff([share.position for share in full.budget]) < 1e-9)
+    assert 1 - (without.position.rms / full.position.rms) ** 2 == pytest.approx(share["share_position"], rel=1e-9)
+    assert 1 - (without.orientation.rms / full.orientation.rms) ** 2 == pytest.approx(
+        share["share_orientation"], rel=1e-9
+    )
+    assert np.all(np.diff([share["share_position"] for share in full.budget]) < 1e-9)
 
 
 def test_figures_over_poses_and_the_worst_pose() -> None:
@@ -289,7 +291,7 @@ def test_allocation_reaches_the_grade_and_is_the_cheapest(grade: str) -> None:
     assert np.all(factors <= 1.0)
     assert allocation["uniform_factor"] == pytest.approx(limit / prediction.position.p95, rel=1e-9)
     # At the same total variance, no other allocation costs less: stationarity, 1/f^3 in proportion to the share.
-    shares = {share.name: share.position for share in prediction.budget}
+    shares = {share["parameter"]: share["share_position"] for share in prediction.budget}
     share = np.array([shares[entry["parameter"]] for entry in allocation["tolerances"]])
     tightened = factors < 1.0 - 1e-9
     price = factors[tightened] ** -3 / share[tightened]

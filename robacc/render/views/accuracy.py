@@ -40,7 +40,7 @@ from robacc.render.text import (
     tile,
     with_unit,
 )
-from robacc.render.views.gate import LOOKS, annotation_lines, title, words_of
+from robacc.render.views.compare import LOOKS, annotation_lines, title, words_of
 from robacc.statistics.intervals import ASSURANCE
 
 _FRAMES = {

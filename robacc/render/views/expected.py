@@ -338,9 +338,9 @@ def plan_comments(plan: CampaignPlan) -> list[str]:
     """Return the comment lines above the columns of the visits."""
     blocks = plan.payload_blocks
     return [
-        f"Planned by robacc plan for {_PURPOSES[plan.settings.purpose]} of {plan.robot.name}: "
+        f"Planned by robacc plan for {_PURPOSES[plan.purpose]} of {plan.robot.name}: "
         f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
-        *([f"Payloads, each mounted once: {_payloads(blocks, plan.settings.payloads)}."] if blocks else []),
+        *([f"Payloads, each mounted once: {_payloads(blocks, plan.payloads)}."] if blocks else []),
         "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
         "the moves from row to row.",
         "Check every pose for collisions before you send it.",

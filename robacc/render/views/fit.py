@@ -600,12 +600,12 @@ def _parameter(parameter: Document) -> str:
 
 
 def _alternative(alternative: Document) -> str:
-    said = "same predictions"
-    if alternative["similarity"] <= 0.9999:
-        said = (
-            f"predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
-            f"{odds(alternative['evidence_difference'])}"
-        )
+    said = (
+        "same predictions"
+        if alternative["similarity"] > 0.9999
+        else f"predictions {100 * alternative['similarity']:.0f} % similar, odds of the alternative "
+        f"{odds(alternative['evidence_difference'])}"
+    )
     return f"not distinguishable from {_label(alternative)} on these poses: {said}"
 
 

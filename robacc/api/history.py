@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import os
 import time
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import groupby
@@ -32,10 +32,19 @@ from robacc.api.result import Result
 from robacc.api.stored import Source, stored_result
 from robacc.comparison.stored_results import FITS
 from robacc.documents.envelope import csv_text, understood
-from robacc.documents.history import FLEET, HEALTH, HISTORY_ADD, HISTORY_CHANGES, HISTORY_SHOW, HISTORY_TREND, date_text
+from robacc.documents.history import (
+    FLEET,
+    HEALTH,
+    HISTORY_ADD,
+    HISTORY_CHANGES,
+    HISTORY_SHOW,
+    HISTORY_TREND,
+    TEST,
+    date_text,
+)
 from robacc.errors import UsageError, refuse
 from robacc.history import store
-from robacc.history.changes import Change, Limit, Series, Spread, find_changes, level_of, slope_of
+from robacc.history.changes import ArmChange, Limit, Spread, find_changes, level_of, slope_of
 from robacc.history.fleet import FleetCoefficient, Stranger, arm_fit, fleet_of, joint_tolerances, typical_robot
 from robacc.history.quick_test import quick_test
 from robacc.history.store import Test, add, arm_of, document_of, opened, series_of, tests
@@ -121,26 +130,13 @@ def history_add(
     return HistoryAdded(added=added, known=known, n_results=len(found), arms=arms, made=inputs.made())
 
 
-class ShownTest(NamedTuple):
-    """A result of the database with its error."""
-
-    arm: str
-    at: float
-    name: str
-    command: str
-    n_poses: int
-    rms: float | None
-    grade: str | None
-    temperature: float | None
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class HistoryShown(HistoryResult):
     """Results of a database."""
 
     command: ClassVar[str] = "history-show"
     keys = HISTORY_SHOW
-    results: tuple[ShownTest, ...]
+    results: Sequence[Mapping[str, Any]]
     db: str
     arm: str | None
 
@@ -188,28 +184,8 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
     with opened(os.fspath(db)) as base:
         found = tests(base, arm)
         errors = {row.test: row.value for row in store.figures(base, arm, "position.rms")}
-    shown = (
-        ShownTest(t.arm, t.at, t.name, t.command, t.n_poses, errors.get(t.id), t.grade, t.temperature) for t in found
-    )
-    return HistoryShown(results=tuple(shown), db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
-
-
-class TrendValue(NamedTuple):
-    """Value of a key in a test."""
-
-    at: float
-    value: float
-    std: float | None
-
-
-class Trend(NamedTuple):
-    """Values of a key of one arm, and their slope."""
-
-    arm: str
-    values: tuple[TrendValue, ...]
-    rate_per_year: float | None = None
-    low: float | None = None
-    high: float | None = None
+    shown = [TEST.write(test, rms_m=errors.get(test.id)) for test in found]
+    return HistoryShown(results=shown, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -220,7 +196,7 @@ class HistoryTrend(HistoryResult):
     keys = HISTORY_TREND
     key: str
     unit: str
-    trends: tuple[Trend, ...]
+    trends: Sequence[Mapping[str, Any]]
 
     def view(self) -> list[Section]:
         """Return the values of each arm and their slope."""
@@ -251,14 +227,16 @@ def history_trend(
     refuse((not own, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
     for name, group in groupby(sorted(own, key=lambda row: found[row.test].arm), key=lambda row: found[row.test].arm):
-        values = tuple(TrendValue(found[row.test].at, row.value or 0.0, row.std) for row in group)
-        known = [value for value in values if value.std]
-        slope: tuple[float, ...] = ()
-        if len(known) > 2 and known[0].at < known[-1].at:
-            at, sizes, stds = (np.array(column, dtype=float) for column in zip(*known, strict=True))
-            slope = slope_of(Series(key, own[0].unit, at, sizes, stds, np.full(len(known), np.nan)))
-        trends.append(Trend(name, values, *slope))
-    return HistoryTrend(key=key, unit=own[0].unit, trends=tuple(trends), made=Inputs({"key": key, "arm": arm}).made())
+        rows = [(found[row.test].at, row.value, row.std) for row in group]
+        known = np.array([row for row in rows if row[2]], dtype=float).reshape(-1, 3)
+        slope: tuple[float | None, ...] = (None, None, None)
+        if len(known) > 2 and np.ptp(known[:, 0]) > 0.0:
+            slope = slope_of(*known.T)
+        values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in rows]
+        trends.append(
+            {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
+        )
+    return HistoryTrend(key=key, unit=own[0].unit, trends=trends, made=Inputs({"key": key, "arm": arm}).made())
 
 
 class ArmHistory(NamedTuple):
@@ -267,12 +245,12 @@ class ArmHistory(NamedTuple):
     arm: str
     n_tests: int
     level: float
-    changes: tuple[Change, ...]
+    changes: tuple[ArmChange, ...]
     detection_limits: tuple[Limit, ...]
     notes: tuple[str, ...]
 
 
-def arm_history(arm: str, own: list[Test], series: list[Series]) -> ArmHistory:
+def arm_history(arm: str, own: list[Test], series: list[ArmSeries]) -> ArmHistory:
     """Return what changed in the tests of an arm."""
     level = level_of(np.array([test.at for test in own]))
     changes, limits = find_changes(series, level)
@@ -300,7 +278,7 @@ class HistoryChanges(HistoryResult):
     arms: tuple[ArmHistory, ...]
 
     @property
-    def changes(self) -> tuple[Change, ...]:
+    def changes(self) -> tuple[ArmChange, ...]:
         """Changes of all arms."""
         return tuple(change for arm in self.arms for change in arm.changes)
 
@@ -347,7 +325,7 @@ class Health(Result):
     n_poses: int
     rms: float
     level: float
-    changes: tuple[Change, ...]
+    changes: tuple[ArmChange, ...]
     detection_limits: tuple[Limit, ...]
     hidden: tuple[str, ...]
     warnings: tuple[str, ...]
@@ -401,7 +379,7 @@ def health(
     path, last = path_of(poses), own[-1].at
     when = _time(at) or (os.path.getmtime(path) if path and os.path.isfile(path) else time.time())
     changes = tuple(
-        Change(one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals)
+        ArmChange(one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals)
         for one in found.shifts
     )
     limits = tuple(Limit(key, *limit) for key, limit in found.limits.items())

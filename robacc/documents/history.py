@@ -19,7 +19,6 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.history.changes import Change
 
 
 def date_text(seconds: float) -> str:
@@ -124,20 +123,24 @@ LIMITS = Key(
 
 def _by_kind(result: Any) -> Document:
     """Return the most certain change by kind and key, as gates name it; without one 0, up to the detection limit."""
-    sizes: Document = {}
-    known = {(kind, limit.key): limit for kind in ("step", "ramp", "setup") for limit in result.detection_limits}
+    known = {
+        (kind, limit.key): (limit.unit, 0.0, 0.0, limit.limit)
+        for kind in ("step", "ramp", "setup")
+        for limit in result.detection_limits
+    }
     for change in reversed(result.changes):
-        known[change.kind, change.key] = change
-    for (kind, key), one in known.items():
-        *path, name = key.split(".")
-        node = sizes.setdefault(kind, {})
-        for part_of_key in path:
-            node = node.setdefault(part_of_key, {})
-        size, low, high = (abs(one.size), one.low, one.high) if isinstance(one, Change) else (0.0, 0.0, one.limit)
-        ends = sorted((abs(low), abs(high)))
-        name = name if one.unit in ("1", "") else f"{name}_{one.unit}"
-        interval = {"lower": ends[0] * (low * high > 0.0), "upper": ends[1], "upper_bound": ends[1], "confidence": 0.95}
-        node[name] = size
+        low, high = sorted((abs(change.low), abs(change.high)))
+        low *= change.low * change.high > 0.0
+        known[change.kind, change.key] = (change.unit, abs(change.size), low, high)
+    sizes: Document = {}
+    for (kind, key), (unit, value, low, high) in known.items():
+        path = key.split(".")
+        name, node = path.pop(), sizes
+        for step in (kind, *path):
+            node = node.setdefault(step, {})
+        name = name if unit in ("1", "") else f"{name}_{unit}"
+        node[name] = value
+        interval = {"lower": low, "upper": high, "upper_bound": high, "confidence": 0.95}
         node.setdefault("intervals", {})[name] = interval
     return sizes
 

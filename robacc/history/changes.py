@@ -48,7 +48,7 @@ _SHAPES = ("step", "ramp", "single test")
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Series:
+class ArmSeries:
     """Values of one coefficient or figure in the tests of an arm, in the order of time."""
 
     key: str
@@ -70,7 +70,7 @@ class Series:
         return self.key.startswith(SETUP)
 
 
-class Change(NamedTuple):
+class ArmChange(NamedTuple):
     """A change of a series."""
 
     key: str
@@ -101,7 +101,7 @@ class Spread(NamedTuple):
     dof: float
 
     @classmethod
-    def of(cls, series: Sequence[Series]) -> Spread:
+    def of(cls, series: Sequence[ArmSeries]) -> Spread:
         """Return the distribution that the differences of successive tests show."""
         from scipy.special import digamma, polygamma
 
@@ -125,7 +125,7 @@ class Spread(NamedTuple):
 class _Fit:
     """Weighted least squares of a series with the columns ``x (n, b)``."""
 
-    def __init__(self, series: Series, x: Array, spread: Spread) -> None:
+    def __init__(self, series: ArmSeries, x: Array, spread: Spread) -> None:
         self.weights = 1.0 / np.square(series.stds)
         self.weighted = x * self.weights[:, None]
         self.inverse = np.linalg.inv(x.T @ self.weighted)
@@ -191,10 +191,10 @@ class Limit(NamedTuple):
     unit: str
 
 
-def find_changes(series: Sequence[Series], level: float) -> tuple[list[Change], list[Limit]]:
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Limit]]:
     """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits."""
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    changes: list[Change] = []
+    changes: list[ArmChange] = []
     limits: list[Limit] = []
     for one in series:
         found, limit = _changes(one, level, len(series), spread)
@@ -203,10 +203,10 @@ def find_changes(series: Sequence[Series], level: float) -> tuple[list[Change], 
     return sorted(changes, key=lambda change: change.p_value), limits
 
 
-def slope_of(series: Series) -> tuple[float, float, float]:
+def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, float]:
     """Return the slope of a straight line, per year, and the ends of its 95 % interval."""
-    columns = np.column_stack([np.ones(len(series.times)), (series.times - series.times.mean()) / YEAR])
-    fit = _Fit(series, columns, Spread(1.0, 0.0))
+    series = ArmSeries("", "", times, values, stds, np.full(len(times), np.nan))
+    fit = _Fit(series, np.column_stack([np.ones(len(times)), (times - times.mean()) / YEAR]), Spread(1.0, 0.0))
     value, half = float(fit.coefficients[1]), student_quantile(0.975, fit.dof) * fit.std(1)
     return value, value - half, value + half
 
@@ -216,7 +216,7 @@ def _n_candidates(n: int) -> int:
     return max(1, 3 * n - 5)
 
 
-def _changes(series: Series, level: float, n_series: int, spread: Spread) -> tuple[list[Change], float]:
+def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[ArmChange], float]:
     """Return the changes of a series and its detection limit.
 
     The most probable change is taken until none is improbable without a change.
@@ -255,7 +255,7 @@ def _changes(series: Series, level: float, n_series: int, spread: Spread) -> tup
             for i in range(len(found)):
                 found[i] = best(fitted(found[:i] + found[i + 1 :])) or found[i]
             whole = fitted(found)
-    changes: list[Change] = []
+    changes: list[ArmChange] = []
     for i, (shape, at) in enumerate(found):
         if shape == _SHAPES.index("single test"):
             continue
@@ -277,7 +277,7 @@ def _changes(series: Series, level: float, n_series: int, spread: Spread) -> tup
 
 
 def _change(
-    series: Series,
+    series: ArmSeries,
     fit: _Fit,
     column: int,
     length: float,
@@ -286,10 +286,10 @@ def _change(
     count: int,
     confirmed: bool,
     alternatives: Sequence[str],
-) -> Change:
+) -> ArmChange:
     value, half = float(fit.coefficients[column]), student_quantile(0.975, max(fit.dof, 1.0)) * fit.std(column)
     at, earliest, latest = map(float, tests)
     unit = f"{series.unit}/K" if kind == "temperature" else series.unit
     sizes = (length * value, length * (value - half), length * (value + half))
     p_value = min(1.0, fit.p_value(column) * count)
-    return Change(series.key, kind, at, earliest, latest, *sizes, unit, p_value, confirmed, tuple(alternatives))
+    return ArmChange(series.key, kind, at, earliest, latest, *sizes, unit, p_value, confirmed, tuple(alternatives))

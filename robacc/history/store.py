@@ -31,7 +31,7 @@ import numpy as np
 from robacc.comparison.stored_results import FITS, read_compared_result, unit_of
 from robacc.documents.envelope import StoredResult, understood
 from robacc.errors import InputError, Problem, refuse
-from robacc.history.changes import Series
+from robacc.history.changes import ArmSeries
 from robacc.statistics.distributions import normal_quantile
 
 _SCHEMAS = (
@@ -215,7 +215,7 @@ def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
     return [key for (key,) in db.execute(f"{one.format('figures')} UNION {one.format('coefficients')}", [arm])]
 
 
-def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[Series]:
+def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     """Return the series of the tests of one arm: its coefficients, and the rms errors of results that have none.
 
     A coefficient counts from the last change of the robot file on: it is relative to the file's own numbers.
@@ -238,5 +238,5 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[Series]:
     for (key, unit), group in itertools.groupby(found, key=operator.itemgetter(0, 1)):
         times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
         if len(times) > 1:
-            series.append(Series(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))
+            series.append(ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))
     return series

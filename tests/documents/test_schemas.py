@@ -16,12 +16,12 @@ from typer.testing import CliRunner
 
 import robacc
 from robacc.api.result import schema_names
-from robacc.cli.main import COMMANDS, RENAMED, app
+from robacc.cli.main import COMMANDS, FORMS, RENAMED, app
 from robacc.documents.envelope import schema_version
 
 Document = dict[str, Any]
 NAMES = list(schema_names())
-NO_RESULT = {"report", "init", "schema", "plot", "import"}
+NO_RESULT = {"history", "report", "init", "schema", "plot", "import"}
 """Commands that write no JSON."""
 CORRECT = (
     "correct",
@@ -222,7 +222,8 @@ def test_schema_is_one_and_says_whose(name: str) -> None:
 
 
 def test_every_command_that_writes_json_has_a_schema() -> None:
-    assert set(NAMES) == ({*COMMANDS, *RENAMED} - NO_RESULT) | {"estimate-many", "compare-paired"}
+    histories = {name.replace(" ", "-") for name in FORMS if name.startswith("history ")}
+    assert set(NAMES) == ({*COMMANDS, *RENAMED} - NO_RESULT) | {"estimate-many", "compare-paired"} | histories
 
 
 def test_parts_that_schemas_share_are_the_same_in_all() -> None:

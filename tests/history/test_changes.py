@@ -5,14 +5,14 @@ import itertools
 import numpy as np
 import pytest
 
-from robacc.history.changes import Limit, Series, find_changes, level_of, slope_of
+from robacc.history.changes import Limit, ArmSeries, find_changes, level_of, slope_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)
 
 
 def life(rng, n=80, p=20, *, between=1.0, heat=0.0, tails=None):
-    """Series of ``p`` coefficients over ``n`` weekly tests without a change; six of them are of the set-up."""
+    """ArmSeries of ``p`` coefficients over ``n`` weekly tests without a change; six of them are of the set-up."""
     times = np.arange(n) * WEEK
     temperature = 20.0 + 6.0 * np.sin(times / (8 * WEEK) + rng.uniform(0, 6)) + rng.normal(0, 1, n)
     series = []
@@ -23,17 +23,17 @@ def life(rng, n=80, p=20, *, between=1.0, heat=0.0, tails=None):
         values = rng.normal(0, 1e-3) + noise * np.hypot(stds, between * usual * abs(rng.normal()))
         values += heat * usual * (temperature - 20.0) * (k % 4 == 0)
         key = f"base_frame.{k}" if k >= p - 6 else f"joint_offset.j{k}"
-        series.append(Series(key, "rad", times, values, stds, temperature if heat else np.full(n, np.nan)))
+        series.append(ArmSeries(key, "rad", times, values, stds, temperature if heat else np.full(n, np.nan)))
     return series
 
 
 def cut(series, n):
-    return [Series(s.key, s.unit, s.times[:n], s.values[:n], s.stds[:n], s.temperatures[:n], s.rivals) for s in series]
+    return [ArmSeries(s.key, s.unit, s.times[:n], s.values[:n], s.stds[:n], s.temperatures[:n], s.rivals) for s in series]
 
 
 def moved(series, key, change):
     return [
-        Series(s.key, s.unit, s.times, s.values + change * (s.key == key), s.stds, s.temperatures, s.rivals)
+        ArmSeries(s.key, s.unit, s.times, s.values + change * (s.key == key), s.stds, s.temperatures, s.rivals)
         for s in series
     ]
 
@@ -120,7 +120,7 @@ def test_few_tests_of_few_coefficients_give_no_change_and_no_error():
     for n, p in itertools.product((2, 3, 4), (1, 2, 3)):
         changes, limits = find_changes(
             [
-                Series(f"k{k}", "m", np.arange(n) * WEEK, rng.normal(size=n), np.ones(n), np.full(n, np.nan))
+                ArmSeries(f"k{k}", "m", np.arange(n) * WEEK, rng.normal(size=n), np.ones(n), np.full(n, np.nan))
                 for k in range(p)
             ],
             LEVEL,
@@ -139,8 +139,7 @@ def test_level_is_one_alarm_a_year_at_most_five_percent():
 def test_slope_agrees_with_numpy():
     rng, n = np.random.default_rng(9), 12
     values = rng.normal(size=n)
-    series = Series("k", "m", np.arange(n) * WEEK, values, np.full(n, 0.1), np.full(n, np.nan))
-    slope, low, high = slope_of(series)
+    slope, low, high = slope_of(np.arange(n) * WEEK, values, np.full(n, 0.1))
     line, covariance = np.polyfit(np.arange(n) * LEVEL, values, 1, cov=True)
     assert slope == pytest.approx(line[0], rel=1e-9)
     from scipy.stats import t

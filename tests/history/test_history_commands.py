@@ -20,7 +20,7 @@ import robacc
 ROOT = Path(__file__).resolve().parents[2]
 NOMINAL = ROOT / "configs/robots/irb1600.yaml"
 STEP = float(np.degrees(4e-4))
-"""Change of the third joint's zero from the seventh test on, degrees."""
+"""ArmChange of the third joint's zero from the seventh test on, degrees."""
 
 
 def arm_with(folder, *, j3=0.0, x=0.0):

@@ -233,6 +233,8 @@ def _seen(
     basis = np.linalg.qr(columns[:, known])[0]
     own = columns[:, len(declared.terms) :]
     way = rng.normal(size=own.shape[1])
+    if effect.traits.is_nonnegative:
+        way = np.abs(way)  # No spring rises under a weight: no arm has the effect with a negative coefficient.
     way /= np.linalg.norm(way)
     moved = own @ way
     new = moved - basis @ (basis.T @ moved)

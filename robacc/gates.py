@@ -549,15 +549,16 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
             percent = f"{100 * criterion.confidence:g} %"
             why = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
     error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
-    # Distance from the estimate to the limit, on the scale on which the figure is close to normal.
+    # Distance from the value to the limit, on the scale on which the figure is close to normal.
     scaled, z = abs(curve.scale(limit) - curve.scale(value)), normal_quantile(criterion.confidence)
     assured = if_true = None
-    if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and math.isfinite(scaled):
+    if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and below is not None:
         fewest = n + 1
         if criterion.key.endswith(".p95"):
             # With fewer poses, no order statistic bounds a 95th percentile.
             fewest = max(fewest, math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95)))
-        if (assured := poses_to_decide(scaled / error, z, n)) is not None:
+        # The confidence at the limit has the estimate's bias, and its standard error on the side of the limit.
+        if 0.0 < below < 1.0 and (assured := poses_to_decide(abs(normal_quantile(below)), z, n)) is not None:
             assured = max(assured, fewest)
         # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2

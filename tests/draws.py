@@ -148,7 +148,7 @@ def draw(kind: Kind, seed: int) -> Draw:
         temperature=(18.0, 30.0) if kind.temperature else None,
         payloads=(0.0, 2.0, 5.0),
     )
-    built = _erring(robot, rng, "joint_offset" in kind.declared, "link_geometry" in kind.declared)
+    built = erring(robot, rng, "joint_offset" in kind.declared, "link_geometry" in kind.declared)
     blank = simulate(built, plan).data
     declared = fit(Model.of(robot, build(parse_requests(kind.declared), Arm.of(robot), blank)), blank)
     forms = list(_forms(kind, declared.model.arm, blank))
@@ -179,7 +179,7 @@ def draw(kind: Kind, seed: int) -> Draw:
     raise AssertionError(f"no form of {kind.effect} shows on {name}")
 
 
-def _erring(robot: Robot, rng: np.random.Generator, offsets: bool, lengths: bool) -> Robot:
+def erring(robot: Robot, rng: np.random.Generator, offsets: bool, lengths: bool) -> Robot:
     """The arm as it was built: base and tool elsewhere, and zeros and links off by what is usual."""
     base, tool = (
         Frame(
@@ -233,6 +233,8 @@ def _seen(
     basis = np.linalg.qr(columns[:, known])[0]
     own = columns[:, len(declared.terms) :]
     way = rng.normal(size=own.shape[1])
+    if effect.traits.is_nonnegative:
+        way = np.abs(way)  # No spring rises under a weight: no arm has the effect with a negative coefficient.
     way /= np.linalg.norm(way)
     moved = own @ way
     new = moved - basis @ (basis.T @ moved)

@@ -330,7 +330,7 @@ class LateralCompliance(OwnWeight):
     """
 
     name = "lateral_compliance"
-    traits = Traits(extrapolates="Hooke's law: deflection in proportion to the bending moment")
+    traits = Traits(extrapolates="Hooke's law: deflection in proportion to the bending moment", is_nonnegative=True)
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the bending moment across it",
         equation="rotations about x and y in front of joint j + c_j (m_x, m_y), the bending moment of gravity about "

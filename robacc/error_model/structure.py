@@ -142,11 +142,14 @@ def with_error_structure(
     is_weighted = "scatter" in noise.terms and source != "residual"
     misfit = (float(noise.std[0]), float(np.append(noise.std, 0.0)[1]))
     if is_weighted:
-        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=misfit)
+        # Other terms are an error of each row, too: beside them, the misfit is what remains of the residual.
+        is_weighted = not any(TERMS[name].is_correlated for name in noise.terms)
+        known = misfit if is_weighted else options.misfit
+        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=known)
         fitted = refitted(options)
         linear, rows = beside(fitted, data)
         noise = dataclasses.replace(noise, factor=np.ones(rows.size))
-    elif "scatter" in noise.terms:
+    if "scatter" in noise.terms:
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
     independent = np.square(noise.independent(linear.rows.stated)[:, :3])
@@ -192,7 +195,7 @@ def _with_covariance(
     """Return the fit with the covariance of its coefficients under all terms.
 
     ``linear`` is the fit at ``rows``, a random part of the inliers; pairs of rows count as often as all rows have them.
-    ``is_weighted`` says that scatter and noise are the fit's weights.
+    ``is_weighted`` says that scatter and noise alone are the fit's weights.
     """
     terms = [name for name in noise.terms if TERMS[name].is_correlated or not is_weighted]
     if not terms or not len(linear.prior_std):

@@ -19,7 +19,7 @@ from robacc.effects.base import REGISTRY, Effect, Term
 from robacc.effects.request import build, parse_requests
 from robacc.effects.specification import every_column
 from robacc.fitting.fit_result import Dropped, identify_terms
-from robacc.fitting.levels import ACCEPTED
+from robacc.fitting.levels import ACCEPTED, ROUNDS
 from robacc.fitting.normal_equations import joint_columns, whitening
 from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.solver import BADLY_MADE, broad_stds
@@ -220,15 +220,20 @@ class Expectation:
         (:mod:`robacc.fitting.priors`). None where the poses do not suffice.
         """
         normal = self.already + information_of(rows)
-        precision = np.diag(self.planned.broad_std**-2.0)
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        scaled = (normal + precision) / scale[:, None] / scale
-        # Condition number above which an information matrix counts as singular.
-        if np.linalg.cond(scaled) > 1e14:
-            return None
-        gain = np.linalg.inv(scaled) / scale[:, None] / scale
+        scale, broad = np.sqrt(np.maximum(np.diag(normal), 1e-300)), np.square(self.planned.broad_std)
+        usual = np.where(np.isfinite(broad), broad / BADLY_MADE**2, 0.0)
+        estimated = usual
+        for _ in range(ROUNDS):
+            # Mean slope of a Cauchy prior's pull c / (b^2 + c^2 / 2) on estimates c of this variance, to first order.
+            precision = 1.0 / (broad + 1.5 * estimated)
+            scaled = (normal + np.diag(precision)) / scale[:, None] / scale
+            # Condition number above which an information matrix counts as singular.
+            if np.linalg.cond(scaled) > 1e14:
+                return None
+            gain = np.linalg.inv(scaled) / scale[:, None] / scale
+            estimated = np.diag(gain @ (normal + normal * usual @ normal) @ gain)
         # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
-        return np.asarray(gain @ (normal + precision / BADLY_MADE**2) @ gain)
+        return np.asarray(gain @ (normal + np.diag(np.square(precision) * usual)) @ gain)
 
     def point(self, rows: Array, n: int, random_rms: float | None = None) -> dict[str, Any] | None:
         """Return the predicted errors over the region after a fit to poses ``(n, M, P)``, with the keys of the result.

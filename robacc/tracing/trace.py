@@ -76,38 +76,52 @@ def fitted_harmonics(
     parameters: Sequence[FittedParameter],
     covariance: Array,
     arm: Arm,
-    extent: float,
+    angle: Array,
     aliases: Sequence[float],
 ) -> tuple[Harmonic, ...]:
     """Return the harmonics of an effect, strongest first, from its parameters: cosine and sine of each order.
 
-    Of a profile, those are named whose amplitude is two standard errors or more. Standard errors follow by the law of
-    propagation (JCGM 100, 5.2.2).
+    A part of a turn does not separate the orders of a profile. Its harmonics are therefore the waves that describe it
+    over the measured angles by least squares, each in what the stronger ones leave (matching pursuit; Mallat and Zhang
+    1993), while the amplitude is two standard errors or more. Standard errors follow by the law of propagation (JCGM
+    100, 5.2.2).
 
     Args:
         effect: A periodic error of a joint that turns.
         parameters: Its coefficients.
         covariance: ``(2 K, 2 K)``, of the coefficients; NaN where one is not identified.
         arm: The arm, whose gears are possible origins.
-        extent: Range of the joint's angle over the poses, rad.
+        angle: ``(N,)`` the joint's angle at the poses, rad.
         aliases: Orders that the poses do not distinguish from its own, if it has one.
     """
-    joint, harmonics = effect.joints[0], []
-    for i, order in enumerate(orders_of(effect)):
-        cosine, sine = (parameter.value for parameter in parameters[2 * i : 2 * i + 2])
-        amplitude, pair = math.hypot(cosine, sine), slice(2 * i, 2 * i + 2)
-        rotation = np.array([[cosine, sine], [-sine, cosine]]) / max(amplitude, 1e-300)
-        variance = np.diag(rotation @ covariance[pair, pair] @ rotation.T)
+    orders, harmonics = orders_of(effect), list[Harmonic]()
+    gear_ratio, tolerance = arm.joint(effect.joints[0]).gear_ratio, order_tolerance(float(np.ptp(angle)))
+    values, maps = np.array([parameter.value for parameter in parameters]), np.eye(2 * len(orders))
+    if effect.is_profile():
+        phases = np.multiply.outer(orders, angle)
+        waves = np.stack((np.cos(phases), np.sin(phases)), axis=1)
+        fits = [np.linalg.pinv(np.vstack((np.ones_like(angle), *pair)).T)[1:] for pair in waves]
+        maps = np.concatenate(fits) @ waves.reshape(-1, angle.size).T
+    others = np.ones(len(orders), dtype=bool)
+    for _ in range(min(len(orders), LISTED)):
+        pairs = (maps @ values).reshape(-1, 2)
+        k = int(np.argmax(np.where(others, np.linalg.norm(pairs, axis=1), -1.0)))
+        own, (cosine, sine) = slice(2 * k, 2 * k + 2), pairs[k]
+        amplitude = math.hypot(cosine, sine)
+        rotation = np.array([[cosine, sine], [-sine, cosine]]) / max(amplitude, 1e-300) @ maps[own]
+        variance = np.diag(rotation @ covariance @ rotation.T)
         along = across = None
         if amplitude > 0.0 and np.all(variance >= 0.0):
             along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
-        if not effect.is_profile() or (along is not None and amplitude > 2.0 * along):
-            origin = origin_of(order, arm.joint(joint).gear_ratio, order_tolerance(extent))
-            harmonics.append(Harmonic(order, amplitude, along, math.atan2(sine, cosine), across, origin))
-    harmonics.sort(key=lambda harmonic: -harmonic.amplitude)
+        if effect.is_profile() and (along is None or amplitude <= 2.0 * along):
+            break
+        values[own] -= pairs[k]
+        others[k] = False
+        origin = origin_of(orders[k], gear_ratio, tolerance)
+        harmonics.append(Harmonic(orders[k], amplitude, along, math.atan2(sine, cosine), across, origin))
     if len(harmonics) == 1:
         harmonics[0] = dataclasses.replace(harmonics[0], aliases=tuple(aliases))
-    return tuple(harmonics[:LISTED] if effect.is_profile() else harmonics)
+    return tuple(harmonics)
 
 
 def periodic_statement(effect: Effect, harmonics: Sequence[Harmonic], effects: Sequence[Effect] = ()) -> str | None:
@@ -208,11 +222,8 @@ def describe_finding(
     statement, harmonics = fitted.statement(arm, values, between), tuple[Harmonic, ...]()
     if orders_of(effect) and all(map(arm.is_revolute, effect.joints)):
         assert data.q is not None
-        covariance, extent = (
-            final.covariance[np.ix_(columns, columns)],
-            float(np.ptp(data.q[arm.number(effect.joints[0])])),
-        )
-        harmonics = fitted_harmonics(effect, coefficients, covariance, arm, extent, identified.aliases)
+        covariance, angle = final.covariance[np.ix_(columns, columns)], data.q[arm.number(effect.joints[0])]
+        harmonics = fitted_harmonics(effect, coefficients, covariance, arm, angle, identified.aliases)
         statement = periodic_statement(effect, harmonics, others) if harmonics else statement
     implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     warnings = [] if implausible is None else [implausible]

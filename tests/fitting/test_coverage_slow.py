@@ -74,10 +74,15 @@ def simulate(covariance: np.ndarray, mean: np.ndarray, n: int, cycles: int = 1, 
 
 
 def judged(held: Held, at_least: set[str]) -> None:
-    """Every share is 93 to 97 %; of ``at_least`` it may be more."""
+    """Every coverage is 93 to 97 %; of ``at_least`` it may be more.
+
+    The share of the sets is binomial about the coverage. It refutes one of 93 to 97 % beyond three standard errors,
+    0.024 and 0.016: of 30 oblique poses the upper bound of p95 holds in 93.2 % of 10,000 sets, in some 1,000 in less.
+    """
     shares = {name: np.mean([inside for inside in of_name if inside is not None]) for name, of_name in held.items()}
-    assert {name: share for name, share in shares.items() if share < 0.93} == {}
-    assert {name: share for name, share in shares.items() if share > 0.97 and name not in at_least} == {}
+    least, most = (share + 3 * sign * np.sqrt(share * (1 - share) / SETS) for share, sign in ((0.93, -1), (0.97, 1)))
+    assert {name: share for name, share in shares.items() if share < least} == {}
+    assert {name: share for name, share in shares.items() if share > most and name not in at_least} == {}
 
 
 @pytest.mark.slow

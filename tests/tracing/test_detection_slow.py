@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+import math
 
 import numpy as np
 import pytest
 from draws import KINDS, draw
 from scipy import stats
 
+from robacc.fitting.levels import ACCEPTED
 from robacc.tracing.trace import Trace, trace
 
 FOLDS = 5
@@ -40,7 +42,11 @@ CHANCE = 1e-3
 @pytest.mark.slow
 @pytest.mark.parametrize("which", CURVES)
 def test_detection_against_size_is_what_theory_allows(which: str) -> None:
-    """The power of the F test at the level that the accepted odds are worth."""
+    """The power of the F test at the level that the accepted odds are worth, less what a rival takes.
+
+    Where an effect is there, the odds of another against it reach 20, beyond which the other alone is named, with a
+    probability of 1/20 at most: the mean of its Bayes factor is 1 (Royall, Statistical Evidence, 1997, 1.4).
+    """
     draws = [draw(KINDS[which], 1000 + seed) for seed in range(CURVE_SEEDS)]
     print(f"\n{which}: size over limit, share named, F test's power")
     below = []
@@ -52,7 +58,7 @@ def test_detection_against_size_is_what_theory_allows(which: str) -> None:
         power = float(np.mean([one.power(times) for one in draws]))
         print(f"{times:5.2f} {named / CURVE_SEEDS:7.3f} {power:7.3f}")
         # Exact: draws of unlike power scatter less than a binomial of their mean.
-        if stats.binom.cdf(named, CURVE_SEEDS, power) < CHANCE / len(SIZES):
+        if stats.binom.cdf(named, CURVE_SEEDS, power * (1.0 - math.exp(-ACCEPTED))) < CHANCE / len(SIZES):
             below.append(times)
     assert below == []
 

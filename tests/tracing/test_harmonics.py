@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 
 import numpy as np
+import pytest
 from arms import arm
 
 from robacc.effects.base import effect_class
@@ -15,7 +16,9 @@ from robacc.tracing.trace import Harmonic, fitted_harmonics, periodic_statement
 
 def line_of(values: np.ndarray, covariance: np.ndarray) -> tuple[float, float | None, float, float | None]:
     own = [FittedParameter(name, float(value), 1e-6, "rad") for name, value in zip("cs", values, strict=True)]
-    (line,) = fitted_harmonics(TransmissionError(("j1",), (2.0,)), own, covariance, arm("puma560"), 3.0, ())
+    (line,) = fitted_harmonics(
+        TransmissionError(("j1",), (2.0,)), own, covariance, arm("puma560"), np.linspace(0.0, 3.0), ()
+    )
     return line.amplitude, line.amplitude_std, line.phase, line.phase_std
 
 
@@ -55,3 +58,26 @@ def test_a_counterbalance_is_named_beside_the_spring_of_its_joint() -> None:
     assert "with joint_compliance[j2], a counterbalance across j2" in text
     for effects, harmonics in (((wave, other), low), ((spring,), [*low, Harmonic(51.0, 1e-5, 1e-6, 0.0, 0.1)])):
         assert "counterbalance" not in (periodic_statement(wave, harmonics, effects) or "")
+
+
+def test_harmonics_of_a_profile_are_the_waves_over_the_measured_angles() -> None:
+    """Whole orders over 2.5 rad imitate order 17.25; over a whole turn the harmonics are the coefficients."""
+    orders = tuple(float(order) for order in range(1, 37))
+    effect = TransmissionError(("j1",), orders, True)
+    angle = np.linspace(-0.3, 2.2, 400)
+    waves = np.concatenate([(np.cos(n * angle), np.sin(n * angle)) for n in orders])
+    values = np.linalg.lstsq(waves.T, 2e-4 * np.cos(17.25 * angle + 0.3), rcond=1e-4)[0]
+    covariance = 1e-12 * np.eye(72)
+
+    def strongest(values: np.ndarray, angle: np.ndarray) -> Harmonic:
+        own = [FittedParameter(f"c{i}", float(value), 1e-6, "rad") for i, value in enumerate(values)]
+        return fitted_harmonics(effect, own, covariance, arm("puma560"), angle, ())[0]
+
+    assert strongest(values, angle).order == 17.0
+    assert strongest(values, angle).amplitude == pytest.approx(2e-4, rel=0.1)
+    values = np.zeros(72)
+    values[[32, 33, 34, 35]] = [1e-4, -2e-4, 1e-4, 1e-4]
+    whole = strongest(values, np.linspace(0.0, 2.0 * np.pi, 400, endpoint=False))
+    assert (whole.order, whole.amplitude) == (17.0, pytest.approx(np.sqrt(5) * 1e-4))
+    assert whole.phase == pytest.approx(math.atan2(-2, 1))
+    assert whole.amplitude_std == pytest.approx(1e-6)

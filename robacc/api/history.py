@@ -44,7 +44,7 @@ from robacc.documents.history import (
 )
 from robacc.errors import UsageError, refuse
 from robacc.history import store
-from robacc.history.changes import ArmChange, Limit, Spread, find_changes, level_of, slope_of
+from robacc.history.changes import ArmChange, ArmSeries, Limit, Spread, find_changes, level_of, slope_of
 from robacc.history.fleet import FleetCoefficient, Stranger, arm_fit, fleet_of, joint_tolerances, typical_robot
 from robacc.history.quick_test import quick_test
 from robacc.history.store import Test, add, arm_of, document_of, opened, series_of, tests
@@ -115,6 +115,13 @@ def history_add(
     Raises:
         InputError: A result cannot be read, or the database cannot be written; nothing is added then.
         UsageError: A result is of a command without figures to compare, or the date is none.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(robacc.history_add(result, db=f"{folder}/arm.db", at="2026-05-31").added)
+        1
     """
     refuse((not results, "name the results to add"))
     inputs, when, added = Inputs({"at": at, "arm": arm}), _time(at), 0
@@ -180,6 +187,14 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
     Raises:
         InputError: The file is no database of results.
         UsageError: The database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_show(db=f"{folder}/arm.db").results[0]["command"])
+        estimate
     """
     with opened(os.fspath(db)) as base:
         found = tests(base, arm)
@@ -218,6 +233,14 @@ def history_trend(
     Raises:
         InputError: The file is no database of results.
         UsageError: No result has the key, or the database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_trend("position.rms", db=f"{folder}/arm.db").unit)
+        m
     """
     with opened(os.fspath(db)) as base:
         found = {test.id: test for test in tests(base, arm)}
@@ -306,6 +329,14 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
     Raises:
         InputError: The file is no database of results.
         UsageError: The database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_changes(db=f"{folder}/arm.db").changes)
+        ()
     """
     with opened(os.fspath(db)) as base:
         arms = []
@@ -361,6 +392,16 @@ def health(
     Raises:
         InputError: A file cannot be used, or the poses are too few.
         UsageError: The robot has no fit, or the database no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
+        >>> result = robacc.calibrate(poses, robot=robot, fit="base_frame,tool_frame,joint_offset,link_geometry")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     result.write_model(f"{folder}/model.yaml")
+        ...     print(robacc.health(poses, robot=f"{folder}/model.yaml", db=f"{folder}/arm.db").changes)
+        ()
     """
     inputs = Inputs(locals(), "poses")
     model = inputs.robot(robot, poses)
@@ -379,7 +420,9 @@ def health(
     path, last = path_of(poses), own[-1].at
     when = _time(at) or (os.path.getmtime(path) if path and os.path.isfile(path) else time.time())
     changes = tuple(
-        ArmChange(one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals)
+        ArmChange(
+            one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals
+        )
         for one in found.shifts
     )
     limits = tuple(Limit(key, *limit) for key, limit in found.limits.items())
@@ -455,6 +498,13 @@ def fleet(
     Raises:
         InputError: A result or the database cannot be read.
         UsageError: There are fewer than two arms, or a result is not one of calibrate or trace.
+
+    Example:
+        >>> import robacc
+        >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
+        >>> fits = [robacc.calibrate(poses, robot=robot, fit="joint_offset", folds=folds) for folds in (2, 3)]
+        >>> robacc.fleet(*fits).coefficients[0].key
+        'joint_offset.j1'
     """
     refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
     inputs = Inputs({"base_link": base_link, "tip_link": tip_link})

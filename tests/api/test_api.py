@@ -150,6 +150,30 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
             *("--payload", "0,2", "-o", f"{FOLDER}/made.csv"),
         ),
     ),
+    "history_add": (
+        lambda: robacc.history_add(f"{FOLDER}/c.json", db=f"{FOLDER}/1.db", at="2026-05-31"),
+        lambda: printed("history", "add", f"{FOLDER}/c.json", "--db", f"{FOLDER}/2.db", "--at", "2026-05-31"),
+    ),
+    "history_show": (
+        lambda: robacc.history_show(db=f"{FOLDER}/arm.db"),
+        lambda: printed("history", "show", "--db", f"{FOLDER}/arm.db"),
+    ),
+    "history_trend": (
+        lambda: robacc.history_trend("position.rms", db=f"{FOLDER}/arm.db"),
+        lambda: printed("history", "trend", "position.rms", "--db", f"{FOLDER}/arm.db"),
+    ),
+    "history_changes": (
+        lambda: robacc.history_changes(db=f"{FOLDER}/arm.db"),
+        lambda: printed("history", "changes", "--db", f"{FOLDER}/arm.db"),
+    ),
+    "health": (
+        lambda: robacc.health(POSES, robot=f"{FOLDER}/model.yaml", db=f"{FOLDER}/arm.db"),
+        lambda: printed("health", POSES, "--robot", f"{FOLDER}/model.yaml", "--db", f"{FOLDER}/arm.db"),
+    ),
+    "fleet": (
+        lambda: robacc.fleet(f"{FOLDER}/c.json", f"{FOLDER}/d.json"),
+        lambda: printed("fleet", f"{FOLDER}/c.json", f"{FOLDER}/d.json"),
+    ),
 }
 """A call and the command that does the same."""
 TOLD: list[tuple[str, int, int]] = []
@@ -168,6 +192,11 @@ def _files(tmp_path_factory: pytest.TempPathFactory) -> None:
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT).save(folder / "a.json")
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT, align="base_frame").save(folder / "b.json")
     (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
+    for name, effects in (("c", "base_frame,tool_frame,joint_offset"), ("d", "base_frame,joint_offset")):
+        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, fit=effects, folds=2)
+        fitted.save(folder / f"{name}.json")
+        fitted.write_model(folder / "model.yaml")
+    robacc.history_add(*(folder / f"{name}.json" for name in "abcd"), db=folder / "arm.db", at="2026-05-31")
 
 
 @pytest.mark.parametrize("what", CALLS)

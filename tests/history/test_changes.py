@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from robacc.history.changes import Limit, ArmSeries, find_changes, level_of, slope_of
+from robacc.history.changes import ArmSeries, Limit, find_changes, level_of, slope_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)
@@ -28,7 +28,9 @@ def life(rng, n=80, p=20, *, between=1.0, heat=0.0, tails=None):
 
 
 def cut(series, n):
-    return [ArmSeries(s.key, s.unit, s.times[:n], s.values[:n], s.stds[:n], s.temperatures[:n], s.rivals) for s in series]
+    return [
+        ArmSeries(s.key, s.unit, s.times[:n], s.values[:n], s.stds[:n], s.temperatures[:n], s.rivals) for s in series
+    ]
 
 
 def moved(series, key, change):

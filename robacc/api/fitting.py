@@ -33,7 +33,7 @@ from robacc.api.parameters import (
 from robacc.api.result import Result, fields_of
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
-from robacc.effects.request import Baseline, build, default_baseline, parse_requests
+from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Problem, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.priors import tolerance_priors

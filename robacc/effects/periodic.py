@@ -168,7 +168,6 @@ class TransmissionError(Effect):
     orders: tuple[float, ...] = orders_setting((1.0, 2.0))
     shrunk: bool = setting(False)
 
-    name = "transmission_error"
     traits = Traits(chart=Over("{joint}"), is_bounded=True, shared_by=())
     about = About(
         summary="a periodic error of the joint: eccentricity (once, twice per turn), gear teeth, a strain-wave gear; "
@@ -286,7 +285,6 @@ class ComplianceVariation(Effect):
 
     orders: tuple[float, ...] = orders_setting((2.0,))
 
-    name = "compliance_variation"
     traits = Traits(
         only="revolute",
         needs=(MASSES,),
@@ -354,7 +352,6 @@ class Counterbalance(Effect):
     ratio: float = setting(0.6, written=True, above=0.0, below=1.0)
     """r, above 0 and below 1."""
 
-    name = "counterbalance"
     traits = Traits(only="revolute", is_searched=True, chart=Over("{joint}"), is_bounded=True)
     about = About(
         summary="a spring or cylinder across the joint carries a part of the weight, and its torque turns the joint",
@@ -420,7 +417,6 @@ class AxisWobble(Effect):
     tilts: tuple[str, ...] = setting((), choices=("alpha", "beta", *FLEXURES))
     """Directions that tilt; empty for both."""
 
-    name = "axis_wobble"
     traits = Traits(only="revolute", chart=Over("{joint}", is_only=False), is_bounded=True, shared_by=())
     about = About(
         summary="the joint's axis tilts as it turns: runout or ovality of its bearing",

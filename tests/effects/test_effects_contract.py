@@ -31,8 +31,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.elastic import Elastic, JointCompliance, JointHardening
-from robacc.effects.request import build, catalogue, parse_requests
-from robacc.effects.specification import Known, entry_of, known_effects
+from robacc.effects.specification import Known, build, catalogue, entry_of, known_effects, parse_requests
 from robacc.errors import InputError, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit

@@ -48,7 +48,7 @@ from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity
 from robacc.poses import csv_file
 from robacc.poses.columns import AXES, RPY
-from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
     UNKNOWN_ROBOT,
     KnownRobot,
@@ -605,7 +605,7 @@ def _read_with_commands(
     columns = {name: getattr(given, name) for name in names}
     data = replace(measured.subset(found), **columns, ordered=ordered)
     if ordered and data.q is not None and data.direction is None:
-        visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+        visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
         direction, speed = motion_between_visits(data.q, visits)
         data = replace(data, direction=direction, speed=speed)
     size_warnings = () if robot is None else check_size(data, robot)

@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_or
 import numpy as np
 
 from robacc.effects.drivers import Driver, Periods, Validity, columns_of, driver_values, is_of_weight, ranges
-from robacc.errors import MissingColumnError, UsageError
+from robacc.errors import MissingColumnError, UsageError, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
@@ -256,8 +256,9 @@ def weight_needed(arm: Arm, data: Measurements, effect: str) -> tuple[Load, ...]
     Raises:
         UsageError: the robot file has no masses.
     """
-    if not arm.chain.bodies:
-        raise UsageError(f"{effect} needs mass and com of the links, which the robot file does not have")
+    refuse(
+        (not arm.chain.bodies, f"{effect} needs mass and com of the links, which the robot file does not have"),
+    )
     return own_weight(arm, data)
 
 
@@ -442,8 +443,7 @@ class Effect(abc.ABC):
     def check_joint(cls, arm: Arm, joint: str) -> None:
         """Raise UsageError for a joint that the effect cannot act on."""
         possible = cls.possible_joints(arm)
-        if joint not in possible:
-            raise UsageError(f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}")
+        refuse((joint not in possible, f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}"))
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:

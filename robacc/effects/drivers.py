@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.errors import refuse
 from robacc.geometry import Array
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
@@ -213,23 +214,30 @@ def read_validity(arm: Arm, names: Iterable[str], entry: Any, length: float, ang
     """Return the key ``validity`` of an effect's entry in SI; joints are in units of ``length`` m or ``angle`` rad.
 
     Raises:
-        ValueError: a driver is not of the effect, or a range is not two numbers, low and high.
+        UsageError: a driver is not of the effect, or a range is not two numbers, low and high.
     """
     allowed = tuple(names)
-    if not isinstance(entry, Mapping):
-        raise ValueError(f"validity must be a mapping of driver to [low, high], found {entry!r}")
+    refuse(
+        (not isinstance(entry, Mapping), f"validity must be a mapping of driver to [low, high], found {entry!r}"),
+    )
     result = {}
     for name, pair in entry.items():
-        if name not in allowed:
-            expected = f"it has {', '.join(allowed)}" if allowed else "it has none"
-            raise ValueError(f"validity.{name} is not a driver of this effect; {expected}")
-        if not isinstance(pair, list | tuple) or len(pair) != 2 or not all(map(_is_number, pair)) or pair[0] > pair[1]:
-            raise ValueError(f"validity.{name} must be [low, high], two numbers, found {pair!r}")
+        is_range = (
+            isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair)) and pair[0] <= pair[1]
+        )
+        refuse(
+            (
+                name not in allowed,
+                f"validity.{name} is not a driver of this effect; it has {', '.join(allowed) or 'none'}",
+            ),
+            (not is_range, f"validity.{name} must be [low, high], two numbers, found {pair!r}"),
+        )
         unit = driver_unit(arm, name) if name in arm.names else ""
         size = {"rad": angle, "m": length}.get(unit, 1.0)
         result[name] = (float(pair[0]) * size, float(pair[1]) * size)
     return result
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Return whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

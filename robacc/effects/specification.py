@@ -19,11 +19,12 @@ from robacc.effects.drivers import (
     Validity,
     clip_drivers,
     driver_values,
+    is_number,
     nearest_image,
     range_excess,
     read_validity,
 )
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -93,18 +94,21 @@ def coefficients(robot: Robot) -> tuple[tuple[str, float, str], ...]:
 
 
 def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
-    if not isinstance(entry, Mapping) or not isinstance(entry.get("effect"), str):
-        raise ValueError(f"expected a mapping with the key effect, found {entry!r}")
+    is_entry = isinstance(entry, Mapping) and isinstance(entry.get("effect"), str)
+    refuse((not is_entry, f"expected a mapping with the key effect, found {entry!r}"))
     cls = effect_class(entry["effect"])
     settings = {key: value for key, value in entry.items() if key not in _COMMON_KEYS}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
-    if "values" not in entry:
-        raise ValueError(f"{effect} has no values, so it would do nothing; write values: {{name: number}}")
-    entry_values = entry["values"]
-    if not isinstance(entry_values, Mapping):
-        raise ValueError(f"values must be a mapping of name to number, found {entry_values!r}")
+    entry_values = entry.get("values")
+    refuse(
+        ("values" not in entry, f"{effect} has no values, so it would do nothing; write values: {{name: number}}"),
+        (
+            not isinstance(entry_values, Mapping),
+            f"values must be a mapping of name to number, found {entry_values!r}",
+        ),
+    )
     values = {}
     for key, value in entry_values.items():
         name = cls.name if key == "value" else f"{cls.name}.{key}"
@@ -112,11 +116,10 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
             names = [_short_name(effect, term) for term in terms]
             more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
             raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
-            raise ValueError(f"values.{key} must be a finite number, found {value!r}")
+        refuse((not is_number(value), f"values.{key} must be a finite number, found {value!r}"))
         values[name] = value * _unit_size(terms[name].unit, *arm.robot.effect_units)
-        if terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi:
-            raise ValueError(f"values.{key} is more than a turn; expected a small angle, found {value:g}")
+        is_turn = terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi
+        refuse((is_turn, f"values.{key} is more than a turn; expected a small angle, found {value:g}"))
     if "validity" not in entry:
         return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
     drivers = effect.validity_drivers(arm)
@@ -126,16 +129,15 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     """Return the entry's joints, checked."""
     if not cls.traits.per_joint:
-        if joints:
-            raise ValueError(f"{cls.name} acts on no joint in particular; leave joints out")
+        refuse((joints, f"{cls.name} acts on no joint in particular; leave joints out"))
         return ()
-    if not isinstance(joints, list | tuple) or any(joint not in arm.names for joint in joints):
-        raise ValueError(f"joints must be a list of {', '.join(arm.names)}; found {joints!r}")
+    are_names = isinstance(joints, list | tuple) and all(joint in arm.names for joint in joints)
+    refuse((not are_names, f"joints must be a list of {', '.join(arm.names)}; found {joints!r}"))
     possible = cls.possible_joints(arm)
     if not joints and cls.traits.joints_optional:
         return ()
-    if not joints or len(set(joints)) < len(joints):
-        raise ValueError(f"{cls.name} needs joints, each once: some of {', '.join(possible)}; found {list(joints)!r}")
+    some = f"some of {', '.join(possible)}; found {list(joints)!r}"
+    refuse((not joints or len(set(joints)) < len(joints), f"{cls.name} needs joints, each once: {some}"))
     for joint in joints:
         cls.check_joint(arm, joint)
     return tuple(joints)
@@ -371,8 +373,7 @@ def parse_requests(text: str) -> tuple[Request, ...]:
         joints = None
         if inside is not None:
             joints = tuple(part.strip() for part in inside.split(",") if part.strip())
-            if not joints:
-                raise UsageError(f"{name}[] names no joint; leave the brackets out, or write {name}[all]")
+            refuse((not joints, f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
         requests.append(Request(name, joints))
         position = match.end()
     unique = {(request.name, request.joints): request for request in requests}
@@ -388,11 +389,13 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     effects = []
     for request in requests:
         cls, joints = effect_class(request.name), request.joints
-        if (why := cls.missing(arm, data)) is not None:
-            raise UsageError(f"{request.name} cannot be fitted: {why}")
+        why = cls.missing(arm, data)
+        no_joint = f"{request.name} acts on no joint in particular; write it without brackets"
+        refuse(
+            (why, f"{request.name} cannot be fitted: {why}"),
+            (joints is not None and not cls.traits.per_joint, no_joint),
+        )
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
-        if joints is not None and not cls.traits.per_joint:
-            raise UsageError(f"{request.name} acts on no joint in particular; write it without brackets")
         for joint in joints or ():
             arm.number(joint)
             cls.check_joint(arm, joint)

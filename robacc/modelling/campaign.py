@@ -13,7 +13,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robacc.effects.specification import known_effects
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
@@ -83,8 +83,7 @@ def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tup
     Raises:
         UsageError: ``use`` is none of the three.
     """
-    if use not in ("auto", "keep", "drop"):
-        raise UsageError(f"`campaign`: expected auto, keep or drop, found {use!r}")
+    refuse((use not in ("auto", "keep", "drop"), f"`campaign`: expected auto, keep or drop, found {use!r}"))
     campaign = robot.campaign
     if campaign is None or use == "drop":
         return robot if campaign is None else _before(robot, campaign), ()

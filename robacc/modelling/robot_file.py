@@ -11,7 +11,7 @@ from pathlib import PurePath
 from typing import Any
 
 from robacc.effects.specification import known_effects, with_effect_units
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
@@ -78,22 +78,18 @@ def read_robot(
         fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
         raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
     suffix = PurePath(name).suffix.lower()
-    if suffix in _MESHES:
-        raise InputError(Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED))
-    text = read_text(name)
-    if suffix == ".xacro":
-        fix = "convert it first: xacro robot.xacro > robot.urdf"
-        raise InputError(Problem("is xacro, not URDF", name, fix=fix))
+    refuse((suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)))
+    text, fix = read_text(name), "convert it first: xacro robot.xacro > robot.urdf"
+    refuse((suffix == ".xacro", Problem("is xacro, not URDF", name, fix=fix)))
     if suffix in _XML_SUFFIXES or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf
 
         return parse_urdf(text, name, base_link, tip_link, joint_columns)
-    if base_link is not None or tip_link is not None:
-        raise UsageError(
-            f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
-        )
-    if suffix in _TABLES:
-        raise InputError(Problem("is a table, not a robot description", name, fix=_EXPECTED))
+    one_chain = f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
+    refuse(
+        (base_link is not None or tip_link is not None, one_chain),
+        (suffix in _TABLES, Problem("is a table, not a robot description", name, fix=_EXPECTED)),
+    )
     robot = parse_robot(text, name)
     _check_effects(robot, text, name)
     return robot

@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
@@ -257,10 +257,16 @@ class Reading:
         Raises:
             UsageError: A convention or unit is unknown, or a coverage factor is not positive.
         """
-        if self.angles is not None and self.angles not in CONVENTIONS:
-            raise UsageError(f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}")
-        if self.coverage is not None and not 0 < self.coverage < 10:
-            raise UsageError(f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}")
+        refuse(
+            (
+                self.angles is not None and self.angles not in CONVENTIONS,
+                f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}",
+            ),
+            (
+                self.coverage is not None and not 0 < self.coverage < 10,
+                f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}",
+            ),
+        )
         self.unit_of  # noqa: B018 (the property checks)
 
     @property
@@ -274,11 +280,13 @@ class Reading:
         for part in (self.units or "").split(",") if self.units else ():
             unit = _UNIT_WORDS.get(part.strip(), part.strip())
             quantity = UNITS.get(unit, ("", 0.0))[0]
-            if quantity not in ("length", "angle") or quantity in result:
-                raise UsageError(
+            refuse(
+                (
+                    quantity not in ("length", "angle") or quantity in result,
                     f"`units`: expected a unit of length (m, mm, um, in) and one of angle (rad, mrad, deg), such as "
-                    f"mm,deg, found {self.units!r}"
+                    f"mm,deg, found {self.units!r}",
                 )
+            )
             result[quantity] = unit
         return result
 
@@ -352,11 +360,13 @@ class PoseFile(str):
             InputError: The column map cannot be read.
         """
         is_path = isinstance(path, str | os.PathLike)
-        if not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES):
-            raise UsageError(
+        refuse(
+            (
+                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES),
                 f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
-                "frame of records, or Measurements(position=…, q=…) of arrays"
+                "frame of records, or Measurements(position=…, q=…) of arrays",
             )
+        )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
         result.frame = getattr(path, "frame", None) if is_path else path
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}

@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Note, Problem
+from robacc.errors import Note, Problem, refuse
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
@@ -82,16 +82,18 @@ def with_known_names(
         return (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
     is_tried = required or texts.any()
     names = _of_numbers(table, rows, texts, robot, attained, commands) if is_tried else None
-    if names is None and required:
-        raise InputError(
+    refuse(
+        (
+            names is None and required,
             Problem(
                 "found numbers, expected a header row",
                 table.file,
                 table.line,
                 fix="begin the file with the columns' names, or name them with `columns`: a file with entries such as "
                 "'column 1: x_mm', which the command init writes",
-            )
+            ),
         )
+    )
     return names or table.names
 
 

@@ -487,7 +487,7 @@ def _parse_json(text: str, file: str) -> Robot:
     refuse((document.get("schema") != KINEMATICS_SCHEMA, other))
     top = top_section(text.replace("\t", " "), file, tuple(document))
     values = read_fields(top, _JSON, ("gravity", "base", "tool", "joints"))
-    top.source.finish()
+    top.source.raise_if_any()
     joints = tuple(
         _joint_at(joint["origin"], joint["name"], joint["type"], joint.get("limits")) for joint in values.pop("joints")
     )
@@ -529,7 +529,7 @@ def _parse_links(text: str, file: str) -> Robot:
     for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
             origins[name] = read_fields(section, dict.fromkeys(_KEYS, Source.number), _KEYS)
-    source.finish()
+    source.raise_if_any()
     numbered = [f"joint{i + 1}" for i in range(len(origins))]
     # The joint of each link, in the order of the arm.
     is_ur = set(origins) == set(UR_LINKS)

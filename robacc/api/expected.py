@@ -47,7 +47,7 @@ from robacc.documents.keys import rounded
 from robacc.errors import UsageError, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import resolve_campaign
+from robacc.modelling.validity import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,

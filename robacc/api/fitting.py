@@ -41,10 +41,9 @@ from robacc.fitting.visits import places
 from robacc.fitting.warnings import suspected_mistakes
 from robacc.io.files import write_text
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import with_campaign
 from robacc.modelling.model import Model
 from robacc.modelling.robot_file import model_text
-from robacc.modelling.validity import outside_validity
+from robacc.modelling.validity import outside_validity, with_campaign
 from robacc.prediction.model_uncertainty import fit_record
 from robacc.render.text import Section
 from robacc.render.views.fit import fit_view

@@ -43,9 +43,8 @@ from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
 from robacc.measurements import IMAGES, Measurements, commanded_groups
-from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.robot_file import read_robot, robot_path
-from robacc.modelling.validity import OutsideValidity, outside_validity
+from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
 from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, numbered_visits

@@ -31,7 +31,7 @@ from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.descriptions import EXPORT, SIMULATE
 from robacc.errors import MissingColumnError, Note, UsageError, refuse
 from robacc.io.files import read_text, write_text
-from robacc.modelling.campaign import resolve_campaign
+from robacc.modelling.validity import resolve_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.quantities import size

@@ -101,7 +101,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
-    entry_values = entry.get("values")
+    entry_values: Any = entry.get("values")
     refuse(
         ("values" not in entry, f"{effect} has no values, so it would do nothing; write values: {{name: number}}"),
         (

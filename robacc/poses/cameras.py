@@ -95,7 +95,7 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
         parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, node in found.items() if node}
         sections = {key: part for key, part in parts.items() if part is not None}
     cameras = {key: _camera(section) for key, section in sections.items()}
-    top.source.finish()
+    top.source.raise_if_any()
     return cameras
 
 

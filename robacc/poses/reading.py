@@ -146,7 +146,7 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
         if result.get("units") == OPEN:
             source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-    source.finish()
+    source.raise_if_any()
     return result
 
 

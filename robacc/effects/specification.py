@@ -25,7 +25,7 @@ from robacc.effects.drivers import (
     read_validity,
 )
 from robacc.errors import InputError, Problem, UsageError, refuse
-from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
+from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
@@ -332,11 +332,10 @@ def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
     turns = [changes.get(label, 0.0) for label in TURNS]
     if not any(turns):
         return Frame((x, y, z), frame.rpy)
-    rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
+    rotation = frame.pose.rotation
     for axis, turn in enumerate(turns):
         rotation = rotation @ rotation_about(axis, turn)
-    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(rotation))
-    return Frame((x, y, z), (roll, pitch, yaw))
+    return Frame.of(Poses(rotation, np.array((x, y, z))))
 
 
 # Requests, the baseline where none are declared, and the catalogue.

@@ -15,6 +15,7 @@ from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
+from robacc.robots.library import find_arm, similar_arms
 from robacc.robots.yaml_robot import (
     Units,
     comment_lines,
@@ -38,8 +39,6 @@ def robot_path(source: str | os.PathLike[str]) -> str:
     name = os.fspath(source)
     if not _may_be_arm(name):
         return name
-    from robacc.robots.library import find_arm
-
     arm = find_arm(name)
     return name if arm is None else os.fspath(arm.path)
 
@@ -72,8 +71,6 @@ def read_robot(
     """
     name = robot_path(path)
     if _may_be_arm(name):
-        from robacc.robots.library import similar_arms
-
         near = " or ".join(similar_arms(name))
         fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
         raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))

@@ -16,7 +16,7 @@ import numpy as np
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
 from robacc.errors import InputError, Problem, UsageError, refuse
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, nearest_rotation, rms_length
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
@@ -159,10 +159,7 @@ def _registered_rms(predicted: Array, measured: Array) -> float:
     """Return the rms distance (m) of measured from predicted positions ``(3, N)`` after the best rigid motion."""
     a = predicted - predicted.mean(axis=1, keepdims=True)
     b = measured - measured.mean(axis=1, keepdims=True)
-    u, _, vt = np.linalg.svd(b @ a.T)
-    sign = np.sign(np.linalg.det(u @ vt))
-    rotation = u @ np.diag([1.0, 1.0, sign]) @ vt
-    return rms_length(b - rotation @ a)
+    return rms_length(b - nearest_rotation(b @ a.T) @ a)
 
 
 # Poses outside the validity ranges of the effects.

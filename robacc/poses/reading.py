@@ -7,7 +7,7 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
@@ -16,12 +16,9 @@ from numpy.typing import NDArray
 from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
+from robacc.io.table import TableOptions
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
 from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
-
-if TYPE_CHECKING:
-    from robacc.io.table import TableOptions
-
 
 # Conventions of three angles that form an orientation, and the trial of the data against each.
 #
@@ -385,8 +382,6 @@ def reading_of(path: str | os.PathLike[str]) -> Reading:
 
 def table_options(path: str | os.PathLike[str]) -> TableOptions:
     """Return how the table at a path is to be read, with the statements that the path carries."""
-    from robacc.io.table import TableOptions
-
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
     return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, reading.board, frame)

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import Note, Problem, refuse
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
@@ -218,10 +218,9 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     off = np.abs(np.einsum("ijn,kjn->ikn", matrix, matrix) - identity).max(axis=(0, 1), initial=0.0)
     wrong = (off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
     log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
-    matrix = np.where(wrong, identity, matrix)
-    # The nearest rotation: entries are rounded.
-    left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
-    quaternion = quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))
+    # Entries are rounded.
+    rotation = nearest_rotation(np.moveaxis(np.where(wrong, identity, matrix), 2, 0))
+    quaternion = quaternion_from_rotation(np.moveaxis(rotation, 0, 2))
     return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
 
 

@@ -476,7 +476,7 @@ def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextT
         from python_calamine import CalamineError, CalamineWorkbook
     except ImportError as error:
         raise UsageError(
-            f"{file} is a workbook, which needs an optional package: pip install 'robacc[excel]'"
+            f"{file} is a workbook, which needs an optional package; run {install_advice('excel')}"
         ) from error
     try:
         book = CalamineWorkbook.from_filelike(io.BytesIO(data))

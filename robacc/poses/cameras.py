@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
@@ -86,13 +87,10 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
     for key in (key for key in _KEYS if several is not None and top.get(key) is not None):
         top.report(key, "stands beside cameras", "write it under the name of each")
     if several is not None:
-        names = top.source.plain(several, "cameras")
-        if not isinstance(names, dict):
+        entries = top.source.entries(several, "cameras") if isinstance(several, yaml.MappingNode) else ()
+        if not isinstance(several, yaml.MappingNode):
             top.report("cameras", "expected names with the keys of each camera")
-            names = {}
-        named = top.source.section(several, "cameras", tuple(names))
-        found = {} if named is None else {key: named.get(key) for key in names}
-        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, node in found.items() if node}
+        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, _, node in entries}
         sections = {key: part for key, part in parts.items() if part is not None}
     cameras = {key: _camera(section) for key, section in sections.items()}
     top.source.raise_if_any()

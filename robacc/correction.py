@@ -25,7 +25,7 @@ from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
 from robacc.robots.arm import Arm
@@ -161,7 +161,7 @@ def setting_of(
     full = Model.of(model)
     known = tuple(entry for entry in full.known if not entry.effect.traits.is_of_measurement)
     left_out = tuple(entry.effect for entry in full.known if entry.effect.traits.is_of_measurement)
-    visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+    visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
     return CorrectionSetting(
         dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits
     )

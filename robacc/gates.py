@@ -191,7 +191,7 @@ def load_gate(text: str, file: str) -> Gate:
         if criterion.name in [earlier.name for earlier in criteria]:
             section.report("name", f"two criteria have the name {criterion.name!r}")
         criteria.append(criterion)
-    top.source.finish()
+    top.source.raise_if_any()
     return Gate(name or "", tuple(criteria))
 
 

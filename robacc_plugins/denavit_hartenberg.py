@@ -305,7 +305,7 @@ def read_json(text: str, file: str) -> Robot | None:
     refuse((document.get("schema") != KINEMATICS_SCHEMA, other))
     top = top_section(text.replace("\t", " "), file, tuple(document))
     values = read_fields(top, _JSON, ("gravity", "base", "tool", "joints"))
-    top.source.finish()
+    top.source.raise_if_any()
     joints = tuple(
         joint_at(joint["origin"], joint["name"], joint["type"], joint.get("limits")) for joint in values.pop("joints")
     )

@@ -107,7 +107,7 @@ class Board:
             )
         elif squares is not None and self._type == "chessboard" and sum(squares) % 2 == 0:
             top.report("squares", "such a chessboard looks the same when it is turned by half", "for example [8, 5]")
-        top.source.finish()
+        top.source.raise_if_any()
         assert squares is not None
         self._size = (int(squares[0]), int(squares[1]))
         self._square = square

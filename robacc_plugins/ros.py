@@ -48,7 +48,7 @@ def read(text: str, file: str) -> Robot | None:
     for name, _, value in source.entries(nodes[0], "kinematics"):
         if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
             origins[name] = read_fields(section, dict.fromkeys(_KEYS, Source.number), _KEYS)
-    source.finish()
+    source.raise_if_any()
     numbered = [f"joint{i + 1}" for i in range(len(origins))]
     # The joint of each link, in the order of the arm.
     is_ur = set(origins) == set(UR_LINKS)

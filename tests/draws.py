@@ -16,8 +16,7 @@ from scipy import stats
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.periodic import TransmissionError
-from robacc.effects.request import build, parse_requests
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import build, entry_of, parse_requests
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array

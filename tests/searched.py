@@ -9,7 +9,7 @@ import numpy as np
 from independent_arm import DECLARED, robot
 
 from robacc.effects.base import Effect
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements

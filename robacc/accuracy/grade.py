@@ -137,7 +137,7 @@ def load_scale(document: str | yaml.Node, file: str) -> Scale:
         top.report("otherwise", f"{otherwise!r} is also the grade of a step", "choose another name")
     statistic = cast("Statistic", top.text("statistic", get_args(Statistic), needed=True))
     scale = Scale(top.text("name", needed=True) or "", statistic, confidence, tuple(steps), otherwise)
-    top.source.finish()
+    top.source.raise_if_any()
     return scale
 
 

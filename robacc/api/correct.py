@@ -40,7 +40,7 @@ from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import standing_campaign
+from robacc.modelling.validity import standing_campaign
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import ModelFit, model_fit, nominal_robot
 from robacc.programs.program import Program, read_program

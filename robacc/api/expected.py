@@ -46,7 +46,7 @@ from robacc.documents.keys import rounded
 from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import resolve_campaign
+from robacc.modelling.validity import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,

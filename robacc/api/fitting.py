@@ -33,7 +33,7 @@ from robacc.api.parameters import (
 from robacc.api.result import Result, fields_of
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
-from robacc.effects.request import Baseline, build, default_baseline, parse_requests
+from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.fit_result import Options
 from robacc.fitting.priors import tolerance_priors
@@ -41,10 +41,9 @@ from robacc.fitting.visits import places
 from robacc.fitting.warnings import suspected_mistakes
 from robacc.io.files import write_text
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import with_campaign
 from robacc.modelling.model import Model
 from robacc.modelling.robot_file import model_text
-from robacc.modelling.validity import outside_validity
+from robacc.modelling.validity import outside_validity, with_campaign
 from robacc.prediction.model_uncertainty import fit_record
 from robacc.render.text import Section
 from robacc.render.views.fit import fit_view

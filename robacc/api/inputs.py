@@ -43,12 +43,11 @@ from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
 from robacc.measurements import IMAGES, Measurements, commanded_groups
-from robacc.modelling.campaign import resolve_campaign
 from robacc.modelling.robot_file import read_robot, robot_path
-from robacc.modelling.validity import OutsideValidity, outside_validity
+from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
 from robacc.poses.columns import AXES, RPY
-from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
     UNKNOWN_ROBOT,
     KnownRobot,
@@ -600,7 +599,7 @@ def _read_with_commands(
     columns = {name: getattr(given, name) for name in names}
     data = replace(measured.subset(found), **columns, ordered=ordered)
     if ordered and data.q is not None and data.direction is None:
-        visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+        visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
         direction, speed = motion_between_visits(data.q, visits)
         data = replace(data, direction=direction, speed=speed)
     size_warnings = () if robot is None else check_size(data, robot)

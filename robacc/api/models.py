@@ -32,7 +32,7 @@ from robacc.documents.descriptions import EXPORT, SIMULATE
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_text
-from robacc.modelling.campaign import resolve_campaign
+from robacc.modelling.validity import resolve_campaign
 from robacc.plug_ins import plug_in, plug_in_names
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import model_fit

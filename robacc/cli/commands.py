@@ -729,7 +729,7 @@ def effects(
     from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import EFFECTS
     from robacc.effects import effect_class
-    from robacc.effects.request import catalogue
+    from robacc.effects.specification import catalogue
     from robacc.render.views.robot import effects_view
 
     inputs = Inputs(arguments)

@@ -26,7 +26,7 @@ from robacc.documents.keys import (
 )
 
 if TYPE_CHECKING:
-    from robacc.effects.request import CatalogueEntry
+    from robacc.effects.specification import CatalogueEntry
 
 FRAME = part(
     {"xyz_m": Key(vector3, "Translation, m."), "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad.")},

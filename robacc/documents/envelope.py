@@ -415,7 +415,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
         if not sign or os.path.isfile(source):
             top = top_section(read_text(source), source, tuple(IDENTITY))
             stated = read_fields(top, IDENTITY_FIELDS)
-            top.source.finish()
+            top.source.raise_if_any()
             fix = f"write at least one of {', '.join(IDENTITY)}"
             refuse((not stated, Problem("names nothing of what was tested", source, fix=fix)))
         else:

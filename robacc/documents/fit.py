@@ -49,7 +49,7 @@ from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
-    from robacc.effects.request import Baseline
+    from robacc.effects.specification import Baseline
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.tracing.calibrating import Judged, Stage

@@ -4,7 +4,7 @@ Importing the package fills the registry in the order of the catalogue, which is
 their place if they are not distinguishable on the poses: frames before joints, constants before what varies.
 """
 
-from robacc.effects import campaign, correction, elastic, frames, joints, periodic  # noqa: F401
+from robacc.effects import campaign, elastic, frames, joints, periodic  # noqa: F401
 from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class
 
 _ORDER = (

@@ -14,6 +14,7 @@ import dataclasses
 import difflib
 import functools
 import math
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
@@ -366,6 +367,10 @@ class Effect(abc.ABC):
     name: ClassVar[str]
     about: ClassVar[About]
     traits: ClassVar[Traits] = Traits()
+
+    def __init_subclass__(cls) -> None:
+        """Name an effect that states no name after its class: ``JointOffset`` is ``joint_offset``."""
+        cls.name = vars(cls).get("name") or re.sub(r"(?<=[a-z])(?=[A-Z])", "_", cls.__name__).lower()
 
     @abc.abstractmethod
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:

@@ -168,7 +168,6 @@ class TrackerError(LineOfSight):
 
     kind: Literal["range", "horizontal", "vertical"] = setting("range", written=True)
 
-    name = "tracker_error"
     traits = Traits(
         per_joint=False,
         is_searched=True,
@@ -244,7 +243,6 @@ class TargetDecentre(LineOfSight):
     axis: Literal["x", "y", "z"] = setting("x", written=True)
     """Axis of the tool that decides the reflector's roll about the line of sight."""
 
-    name = "target_decentre"
     traits = Traits(
         per_joint=False,
         is_searched=True,
@@ -314,7 +312,6 @@ class InstrumentScale(Effect):
     span: float = setting(1.0, key="span_s", above=0.0, written=lambda scale: scale.drift > 0)
     """s, the unit of time: a coefficient is the drift over it."""
 
-    name = "instrument_scale"
     traits = Traits(
         per_joint=False,
         extrapolates="a scale acts in proportion to the distance",
@@ -428,7 +425,6 @@ class ReadBack(Effect):
     its command, whatever was read before.
     """
 
-    name = "read_back"
     traits = Traits(
         per_joint=False,
         needs=(
@@ -514,7 +510,6 @@ class Step(Effect):
     span: float = field(default=0.0, compare=False)
     """Length of the run, s or lines; 0 if unknown."""
 
-    name = "step"
     traits = Traits(
         joints_optional=True,
         needs=(

@@ -212,18 +212,23 @@ def read_validity(arm: Arm, names: Iterable[str], entry: Any, length: float, ang
     """Return the key ``validity`` of an effect's entry in SI; joints are in units of ``length`` m or ``angle`` rad.
 
     Raises:
-        ValueError: a driver is not of the effect, or a range is not two numbers, low and high.
+        UsageError: a driver is not of the effect, or a range is not two numbers, low and high.
     """
     allowed = tuple(names)
-    no_mapping = f"validity must be a mapping of driver to [low, high], found {entry!r}"
-    refuse((not isinstance(entry, Mapping), no_mapping), error=ValueError)
-    result, expected = {}, f"it has {', '.join(allowed)}" if allowed else "it has none"
+    refuse(
+        (not isinstance(entry, Mapping), f"validity must be a mapping of driver to [low, high], found {entry!r}"),
+    )
+    result = {}
     for name, pair in entry.items():
-        is_pair = isinstance(pair, list | tuple) and len(pair) == 2 and all(map(_is_number, pair))
+        is_range = (
+            isinstance(pair, list | tuple) and len(pair) == 2 and all(map(is_number, pair)) and pair[0] <= pair[1]
+        )
         refuse(
-            (name not in allowed, f"validity.{name} is not a driver of this effect; {expected}"),
-            (not is_pair or pair[0] > pair[1], f"validity.{name} must be [low, high], two numbers, found {pair!r}"),
-            error=ValueError,
+            (
+                name not in allowed,
+                f"validity.{name} is not a driver of this effect; it has {', '.join(allowed) or 'none'}",
+            ),
+            (not is_range, f"validity.{name} must be [low, high], two numbers, found {pair!r}"),
         )
         unit = driver_unit(arm, name) if name in arm.names else ""
         size = {"rad": angle, "m": length}.get(unit, 1.0)
@@ -231,5 +236,6 @@ def read_validity(arm: Arm, names: Iterable[str], entry: Any, length: float, ang
     return result
 
 
-def _is_number(value: Any) -> bool:
+def is_number(value: Any) -> bool:
+    """Return whether a value is a finite number."""
     return isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)

@@ -115,7 +115,6 @@ class JointCompliance(OwnWeight):
 
     masses: Literal["known", "uncertain", "unknown"] = setting("known")  # type: ignore[assignment]
 
-    name = "joint_compliance"
     traits = Traits(
         extrapolates="Hooke's law: deflection in proportion to the torque", is_spring=True, is_nonnegative=True
     )
@@ -217,7 +216,6 @@ class JointHardening(Effect):
     largest_torques: Mapping[str, float] = dataclasses.field(default_factory=dict, repr=False, compare=False)
     """Largest torque on a joint, either way, beyond which the deflection is held; none while it is fitted."""
 
-    name = "joint_hardening"
     traits = Traits(needs=(MASSES,), drivers=("{joint}", "torque_{joint}"), chart=Over("torque_{joint}"))
     about = About(
         summary="the joint's spring hardens: strain-wave gears and gears with play are soft at small torque",
@@ -329,7 +327,6 @@ class LateralCompliance(OwnWeight):
     With masses ``unknown`` the bending moment's base regressors are fitted, as those of ``joint_compliance`` are.
     """
 
-    name = "lateral_compliance"
     traits = Traits(extrapolates="Hooke's law: deflection in proportion to the bending moment", is_nonnegative=True)
     about = About(
         summary="the joint's bearing and link bend: the axis tilts under the bending moment across it",
@@ -395,7 +392,6 @@ class PayloadCompliance(Elastic):
     groups: tuple[str, ...] = setting(())
     """Names of loads of unknown mass; none where the masses are those of payload_kg."""
 
-    name = "payload_compliance"
     traits = Traits(
         needs=(
             Need("no payload_kg column", lambda arm, data: data.payload is not None or data.payload_group is not None),
@@ -526,7 +522,6 @@ class BaseCompliance(OwnWeight):
 
     below: bool = setting(False)
 
-    name = "base_compliance"
     traits = Traits(
         per_joint=False,
         extrapolates="Hooke's law: tilt in proportion to the torque of the arm's weight",

@@ -69,7 +69,6 @@ def frame_terms(
 class BaseFrame(Effect):
     """Six coordinates of the base."""
 
-    name = "base_frame"
     traits = Traits(per_joint=False, is_constant=True, is_frame=True)
     about = About(
         summary="where the robot stands in the measuring frame",
@@ -101,7 +100,6 @@ class BaseFrame(Effect):
 class ToolFrame(Effect):
     """Six coordinates of the tool, or of each of several targets."""
 
-    name = "tool_frame"
     traits = Traits(per_joint=False, is_constant=True, is_frame=True)
     about = About(
         summary="where the measured target sits on the last link",
@@ -148,7 +146,6 @@ def _terms_of_frames(
 class JointOffset(Effect):
     """Offset of each joint's zero."""
 
-    name = "joint_offset"
     traits = Traits(is_constant=True, chart=Over("{joint}"))
     about = About(
         summary="joint zero: the encoder's zero is not the table's",
@@ -176,7 +173,6 @@ class LinkGeometry(Effect):
 
     labels: tuple[str, ...] = setting((), choices=(*DH_PARAMETERS, *FRAME_LABELS))
 
-    name = "link_geometry"
     traits = Traits(is_constant=True, shared_by=())
     about = About(
         summary="link lengths, offsets and twists differ from the table",
@@ -244,7 +240,6 @@ class RailErrors(Effect):
     high: float = setting(1.0, key="to", unit="length", written=True)
     """End of the travel, m."""
 
-    name = "rail_errors"
     traits = Traits(
         only="prismatic",
         needs=(Need("no prismatic joint", lambda arm, data: not all(map(arm.is_revolute, arm.names))),),
@@ -328,7 +323,6 @@ class ThermalExpansion(Effect):
     slides: bool = setting(True)
     """True if a slide's travel grows as the links do; False if its scale does not grow."""
 
-    name = "thermal_expansion"
     traits = Traits(
         per_joint=False,
         needs=(
@@ -412,7 +406,6 @@ class JointWarmup(Effect):
     origin: float = setting(0.0, key="origin_s", written=True)
     """s, the time from which the joint warms up."""
 
-    name = "joint_warmup"
     traits = Traits(needs=(TIME,), drivers=("time_s",), chart=Over("time_s", is_only=False))
     about = About(
         summary="the joint's zero shifts while its motor and gear warm up; each joint has a time constant of its own",
@@ -470,7 +463,6 @@ class FrameDrift(Effect):
     turning: bool = setting(False, written=True)
     """True if the base turns too."""
 
-    name = "frame_drift"
     traits = Traits(
         per_joint=False,
         needs=(TIME,),

@@ -39,7 +39,6 @@ from robacc.robots.arm import Arm
 class GearRatio(Effect):
     """Joint variable scaled by 1 + k."""
 
-    name = "gear_ratio"
     traits = Traits(chart=Over("{joint}"), extrapolates="a ratio acts in proportion to the joint's angle or travel")
     about = About(
         summary="joint angle scaled: the gear ratio, or a linear axis' pitch, is not the controller's",
@@ -67,7 +66,6 @@ class JointCoupling(Effect):
 
     drivers: tuple[str, ...] = setting(())
 
-    name = "joint_coupling"
     traits = Traits(extrapolates="a coupling acts in proportion to the driving joint's angle")
     about = About(
         summary="one joint turns another: wrist gears, a parallelogram, a belt over an axis",
@@ -146,7 +144,6 @@ class Backlash(Effect):
     friction: float = setting(0.0, key="friction_nm", least=0.0)
     """Friction that gravity's torque must overcome, N m (N for a prismatic joint); only by gravity."""
 
-    name = "backlash"
     traits = Traits(
         implausible_factor=60.0,  # Hobby servos have a degree (github.com/TheRobotStudio/SO-ARM100, issue 134).
         needs=(
@@ -276,7 +273,6 @@ class FrictionWindup(Effect):
     Friction of the loaded gear holds the joint short of its equilibrium. The torque is that at the commanded pose.
     """
 
-    name = "friction_windup"
     traits = Traits(
         needs=(DIRECTION, MASSES),
         chart=Over("signed_torque_{joint}"),
@@ -323,7 +319,6 @@ class ApproachLag(Effect):
 
     common: bool = setting(False)
 
-    name = "approach_lag"
     traits = Traits(
         needs=(SPEED,),
         drivers=("speed_{joint}",),

@@ -1,26 +1,31 @@
-"""Effects with values: entries of a robot file, validity ranges, and constants written into the robot's numbers."""
+"""Effects as texts and entries: requests such as ``gear_ratio[all]``, the baseline, the catalogue, and robot files.
+
+Of effects with values: entries of a robot file, validity ranges, and constants written into the robot's numbers.
+"""
 
 from __future__ import annotations
 
 import dataclasses
 import math
+import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
 
-from robacc.effects.base import Effect, Part, Term, effect_class
+from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class, load_plug_ins
 from robacc.effects.drivers import (
     Validity,
     clip_drivers,
     driver_values,
+    is_number,
     nearest_image,
     range_excess,
     read_validity,
 )
 from robacc.errors import Problem, UsageError, refuse
-from robacc.geometry import Array, Poses, rotation_about, rpy_from_rotation
+from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
@@ -88,32 +93,32 @@ def coefficients(robot: Robot) -> tuple[tuple[str, float, str], ...]:
 
 
 def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
-    is_effect = isinstance(entry, Mapping) and isinstance(entry.get("effect"), str)
-    refuse((not is_effect, f"expected a mapping with the key effect, found {entry!r}"), error=ValueError)
+    is_entry = isinstance(entry, Mapping) and isinstance(entry.get("effect"), str)
+    refuse((not is_entry, f"expected a mapping with the key effect, found {entry!r}"))
     cls = effect_class(entry["effect"])
     settings = {key: value for key, value in entry.items() if key not in _COMMON_KEYS}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
-    entry_values, values = entry.get("values", {}), dict[str, float]()
+    entry_values: Any = entry.get("values")
     refuse(
         ("values" not in entry, f"{effect} has no values, so it would do nothing; write values: {{name: number}}"),
-        (not isinstance(entry_values, Mapping), f"values must be a mapping of name to number, found {entry_values!r}"),
-        error=ValueError,
+        (
+            not isinstance(entry_values, Mapping),
+            f"values must be a mapping of name to number, found {entry_values!r}",
+        ),
     )
-    names = [_short_name(effect, term) for term in terms]
-    more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+    values = {}
     for key, value in entry_values.items():
         name = cls.name if key == "value" else f"{cls.name}.{key}"
-        is_number = isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value)
-        refuse(
-            (name not in terms, f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}"),
-            (not is_number, f"values.{key} must be a finite number, found {value!r}"),
-            error=ValueError,
-        )
+        if name not in terms:
+            names = [_short_name(effect, term) for term in terms]
+            more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
+            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
+        refuse((not is_number(value), f"values.{key} must be a finite number, found {value!r}"))
         values[name] = value * _unit_size(terms[name].unit, *arm.robot.effect_units)
-        turns = f"values.{key} is more than a turn; expected a small angle, found {value:g}"
-        refuse((terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi, turns), error=ValueError)
+        is_turn = terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi
+        refuse((is_turn, f"values.{key} is more than a turn; expected a small angle, found {value:g}"))
     if "validity" not in entry:
         return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
     drivers = effect.validity_drivers(arm)
@@ -122,17 +127,16 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
     """Return the entry's joints, checked."""
-    possible, acts_on_joints = ", ".join(cls.possible_joints(arm)), cls.traits.per_joint
-    is_list = isinstance(joints, list | tuple) and all(joint in arm.names for joint in joints)
-    refuse(
-        (joints and not acts_on_joints, f"{cls.name} acts on no joint in particular; leave joints out"),
-        (acts_on_joints and not is_list, f"joints must be a list of {', '.join(arm.names)}; found {joints!r}"),
-        error=ValueError,
-    )
-    if not joints and (cls.traits.joints_optional or not acts_on_joints):
+    if not cls.traits.per_joint:
+        refuse((joints, f"{cls.name} acts on no joint in particular; leave joints out"))
         return ()
-    needed = f"{cls.name} needs joints, each once: some of {possible}; found {list(joints)!r}"
-    refuse((not joints or len(set(joints)) < len(joints), needed), error=ValueError)
+    are_names = isinstance(joints, list | tuple) and all(joint in arm.names for joint in joints)
+    refuse((not are_names, f"joints must be a list of {', '.join(arm.names)}; found {joints!r}"))
+    possible = cls.possible_joints(arm)
+    if not joints and cls.traits.joints_optional:
+        return ()
+    some = f"some of {', '.join(possible)}; found {list(joints)!r}"
+    refuse((not joints or len(set(joints)) < len(joints), f"{cls.name} needs joints, each once: {some}"))
     for joint in joints:
         cls.check_joint(arm, joint)
     return tuple(joints)
@@ -330,8 +334,164 @@ def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
     turns = [changes.get(label, 0.0) for label in TURNS]
     if not any(turns):
         return Frame((x, y, z), frame.rpy)
-    rotation = Poses.from_xyz_rpy(np.zeros(3), np.array(frame.rpy)).rotation
+    rotation = frame.pose.rotation
     for axis, turn in enumerate(turns):
         rotation = rotation @ rotation_about(axis, turn)
-    roll, pitch, yaw = (float(angle) for angle in rpy_from_rotation(rotation))
-    return Frame((x, y, z), (roll, pitch, yaw))
+    return Frame.of(Poses(rotation, np.array((x, y, z))))
+
+
+# Requests, the baseline where none are declared, and the catalogue.
+
+_ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
+
+
+@dataclass(frozen=True, slots=True)
+class Request:
+    """One requested effect, and the joints it may act on."""
+
+    name: str
+    joints: tuple[str, ...] | None
+    """None for the default; ``("all",)`` for every joint it can act on."""
+
+    def __str__(self) -> str:
+        """Return the request as it is written."""
+        return self.name if self.joints is None else f"{self.name}[{','.join(self.joints)}]"
+
+
+def parse_requests(text: str) -> tuple[Request, ...]:
+    """Parse names separated by commas, each with optional joints in brackets.
+
+    Raises:
+        UsageError: the text is not that, or a name is not in the catalogue.
+    """
+    requests, position = [], 0
+    while position < len(text):
+        match = _ITEM.match(text, position)
+        if match is None:
+            raise UsageError(f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]")
+        name, inside = match.groups()
+        effect_class(name)
+        joints = None
+        if inside is not None:
+            joints = tuple(part.strip() for part in inside.split(",") if part.strip())
+            refuse((not joints, f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
+        requests.append(Request(name, joints))
+        position = match.end()
+    unique = {(request.name, request.joints): request for request in requests}
+    return tuple(sorted(unique.values(), key=lambda request: list(REGISTRY).index(request.name)))
+
+
+def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Effect, ...]:
+    """Return the effects, each in its default form.
+
+    Raises:
+        UsageError: a joint does not exist, the effect cannot act on it, or the data lack what it needs.
+    """
+    effects = []
+    for request in requests:
+        cls, joints = effect_class(request.name), request.joints
+        why = cls.missing(arm, data)
+        no_joint = f"{request.name} acts on no joint in particular; write it without brackets"
+        refuse(
+            (why, f"{request.name} cannot be fitted: {why}"),
+            (joints is not None and not cls.traits.per_joint, no_joint),
+        )
+        joints = cls.possible_joints(arm) if joints == ("all",) else joints
+        for joint in joints or ():
+            arm.number(joint)
+            cls.check_joint(arm, joint)
+        effects.append(cls.default(arm, data, joints))
+    return tuple(effects)
+
+
+# Effects of the baseline where none are declared: those by which every arm deviates, as far as the poses support them.
+#
+# A complete model of the constants has 4 coefficients for each revolute joint, 2 for each prismatic joint, and 6 for
+# the target, of which 3 for a target measured by position only (L. J. Everett, M. Driels, B. W. Mooring, "Kinematic
+# modelling for robot calibration", ICRA 1987).
+
+FRAMES = ("base_frame", "tool_frame")
+CONSTANTS = ("joint_offset", "link_geometry")
+"""Effects of every arm other than its frames, in the order in which the poses have to support them."""
+_COORDINATES_PER_COEFFICIENT = 1.5
+"""Fewest measured coordinates of poses in different places for each coefficient: 1.2 where a fifth is held out.
+
+Coefficients that the poses show weakly are shrunk to the nominal model, so they do less harm than geometry that the
+baseline lacks. On 37 simulated arms with 8 to 30 poses, 1.5 to 3 coordinates for each coefficient, the error of other
+poses was 0.01 to 1.3 times (median 0.4) that without geometry.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Baseline:
+    """Declared effects of a trace."""
+
+    names: tuple[str, ...]
+    """Requests, such as ``joint_offset`` or ``joint_offset[j2]``."""
+    by_default: bool
+    """The call declared nothing; robacc chose the effects."""
+    left_out: tuple[tuple[str, str], ...] = ()
+    """Effects that the default has and these poses do not support, with the reason."""
+
+
+def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
+    """Return the effects of every arm that poses in ``n_places`` different places support."""
+    reasons: dict[str, str | None] = {}
+    per_pose = 3 if data.rotation is None else 6
+    revolute = sum(map(arm.is_revolute, arm.names))
+    # Identifiable coefficients of the baseline up to each effect.
+    zeros, links = 6 + len(arm.names), 4 * revolute + 2 * (len(arm.names) - revolute)
+    for name, coefficients in zip((*FRAMES, *CONSTANTS), (0, 0, zeros, links), strict=True):
+        why = effect_class(name).missing(arm, data)
+        if coefficients:
+            coefficients += per_pose * max(len(arm.robot.targets), 1)
+            least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
+            if why is None and n_places * per_pose < least:
+                why = (
+                    f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
+                    f"coefficients of the baseline with it need {least}"
+                )
+        reasons[name] = why
+    names = tuple(name for name, why in reasons.items() if why is None)
+    return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
+
+
+@dataclass(frozen=True, slots=True)
+class CatalogueEntry:
+    """One effect of the catalogue."""
+
+    effect: type[Effect]
+    for_robot: bool
+    """True if it was compared with a robot, which the following are of."""
+    why: str | None = None
+    """Reason if it is not available; None if it is."""
+    joints: tuple[str, ...] = ()
+    """Joints that it can act on."""
+    coefficients: tuple[tuple[str, str], ...] = ()
+    """Name and unit of each coefficient of the effect in its default form."""
+
+
+def catalogue(
+    name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
+) -> tuple[CatalogueEntry, ...]:
+    """Return every effect, or the effect called ``name``, with its availability for ``robot`` and its poses if given.
+
+    Raises:
+        UsageError: there is no such effect.
+    """
+    load_plug_ins()
+    classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
+    if robot is None:
+        return tuple(CatalogueEntry(cls, False) for cls in classes)
+    arm = Arm.of(robot)
+    # Without poses, every column is assumed to be present.
+    poses = every_column(arm) if data is None else data
+    entries = []
+    for cls in classes:
+        joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
+        if why is None and cls.traits.per_joint and not joints:
+            why = "no joint that it can act on"
+        terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
+        names = tuple((term.name, term.unit) for term in terms)
+        entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
+    return tuple(entries)

@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
-from robacc.effects.correction import PoseCorrection
+from robacc.effects.periodic import PoseCorrection
 from robacc.error_model.covariance import (
     MOST_COMPONENTS,
     TERMS,

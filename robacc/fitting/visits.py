@@ -7,27 +7,18 @@ from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW
 from robacc.measurements import Measurements, different
-from robacc.poses.motion import numbered, rank_among_equals, visits_in_order
+from robacc.poses.motion import numbered_visits
 from robacc.poses.row_checks import MOST_POSES, close_groups
 
 
 def visit_numbers(data: Measurements) -> NDArray[np.int64]:
     """Return ``(N,)`` the number of the visit of each row, from 0.
 
-    The column ``visit`` decides. Without it, rows with the same commanded pose and cycle are a visit. Without cycles,
-    each repetition of a target at a pose is a separate visit; where rows are in the order measured, only consecutive
-    rows share a visit.
+    The columns ``visit`` and ``cycle`` decide. Without them, each repetition of a target at a pose is a separate visit;
+    where rows are in the order measured, only consecutive rows share a visit.
     """
-    if data.visit is not None:
-        return numbered(data.visit)
-    if data.cycle is not None:
-        return numbered(data.groups(), data.cycle)
-    if data.target is None:
-        return np.arange(data.n)
-    poses = data.groups()
-    if data.ordered:
-        return visits_in_order(poses, None, None, data.target)
-    return numbered(poses, rank_among_equals(numbered(poses, data.target)))
+    ordered = data.ordered and data.cycle is None
+    return numbered_visits(data.groups(), data.visit, data.cycle, data.target, ordered=ordered)
 
 
 def random_rank(data: Measurements) -> NDArray[np.int64]:

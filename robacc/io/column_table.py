@@ -24,6 +24,7 @@ from robacc.geometry import Array
 from robacc.io.dialect import GAPS, number_of
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
+from robacc.plug_ins import plug_in, plug_in_names
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -397,16 +398,8 @@ class Reader(Protocol):
 
 def _by_plug_in(path: str, first: bytes, options: TableOptions) -> Table | None:
     """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
-    from importlib.metadata import entry_points
-
-    for entry in entry_points(group="robacc.readers"):
-        try:
-            reader: Reader = entry.load()
-        except (ImportError, AttributeError) as error:
-            raise UsageError(f"the reader {entry.name} ({entry.value}) cannot be loaded: {error}") from error
-        if reader.takes(path, first):
-            return reader.read(path, options)
-    return None
+    readers: Iterator[Reader] = (plug_in("robacc.readers", name) for name in sorted(plug_in_names("robacc.readers")))
+    return next((reader.read(path, options) for reader in readers if reader.takes(path, first)), None)
 
 
 @contextmanager
@@ -483,7 +476,7 @@ def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextT
         from python_calamine import CalamineError, CalamineWorkbook
     except ImportError as error:
         raise UsageError(
-            f"{file} is a workbook, which needs an optional package: pip install 'robacc[excel]'"
+            f"{file} is a workbook, which needs an optional package; run {install_advice('excel')}"
         ) from error
     try:
         book = CalamineWorkbook.from_filelike(io.BytesIO(data))

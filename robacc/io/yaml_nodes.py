@@ -93,7 +93,7 @@ def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> Y
     source = Source(file)
     top = source.section(compose(document, file) if isinstance(document, str) else document, "", known)
     if top is None:
-        source.finish()
+        source.raise_if_any()
     return cast(YamlSection, top)
 
 
@@ -106,14 +106,6 @@ class Source(ProblemLog):
     def report(self, node: yaml.Node | None, path: str, message: str, fix: str | None = None) -> None:
         """Add a problem of a node, or of the file where ``node`` is None."""
         self.add(message, None if node is None else node.start_mark.line + 1, path or None, fix)
-
-    def finish(self) -> None:
-        """Raise an error where there is a problem.
-
-        Raises:
-            InputError: Every problem, in the order of the file.
-        """
-        self.raise_if_any()
 
     def section(self, node: yaml.Node, path: str, known: Sequence[str]) -> YamlSection | None:
         """Return a mapping with the keys ``known``, reporting any other key; None where the node is not a mapping."""

@@ -33,7 +33,7 @@ from robacc.iso_9283.criteria import (
 )
 from robacc.iso_9283.cube import PREFERRED_EDGES, PREFERRED_SIZES, fit_cube
 from robacc.measurements import Measurements
-from robacc.poses.motion import motion_between_visits, visits_in_order
+from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.robots.description import Frame, Robot
 
 # Conditions of the standard's protocol, and whether the data meet them, violate them or do not record them.
@@ -140,7 +140,7 @@ def _load(loads: list[Array], rated: float | None) -> Finding:
 def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
     for data, speed in zip(files, speeds, strict=True):
         if data.q is not None:
-            visits = visits_in_order(data.groups(), data.visit, data.cycle, data.target)
+            visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
             if np.allclose(speed, motion_between_visits(data.q, visits)[1], atol=1e-9):
                 return "unknown", "speeds are derived from the order of rows: they are relative, not absolute"
     fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])

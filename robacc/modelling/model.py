@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
-from robacc.errors import EquilibriumError, UsageError
+from robacc.errors import EquilibriumError, refuse
 from robacc.geometry import (
     Array,
     Poses,
@@ -432,8 +432,8 @@ class Model:
             UsageError: The poses lack a column that an effect needs, or do not fit the arm.
         """
         q = commanded(data, "a prediction from the robot")
-        if q.shape[0] != self.arm.chain.n_joints:
-            raise UsageError(f"the robot has {self.arm.chain.n_joints} joints, but the poses have {q.shape[0]}")
+        n_joints = self.arm.chain.n_joints
+        refuse((len(q) != n_joints, f"the robot has {n_joints} joints, but the poses have {len(q)}"))
         limits = validity if validity is not None else ({},) * len(self.free)
         known_limits = [known.validity for known in self.known]
         keys = [effect.key() for effect in self.free]
@@ -484,11 +484,9 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
     if not targets:
         return scalars
     if data.target is None:
-        if len(targets) > 1:
-            raise UsageError(f"the robot has the targets {', '.join(targets)}; add a column target to the poses")
-        chosen = np.full(data.n, next(iter(targets)))
-    else:
-        chosen = data.target
+        several = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
+        refuse((len(targets) > 1, several))
+    chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
     return _with_frames(arm, scalars, TOOL, targets, chosen)
 
 

@@ -11,10 +11,11 @@ from pathlib import PurePath
 from typing import Any
 
 from robacc.effects.specification import known_effects, with_effect_units
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
+from robacc.robots.library import find_arm, similar_arms
 from robacc.robots.yaml_robot import (
     Units,
     comment_lines,
@@ -38,8 +39,6 @@ def robot_path(source: str | os.PathLike[str]) -> str:
     name = os.fspath(source)
     if not _may_be_arm(name):
         return name
-    from robacc.robots.library import find_arm
-
     arm = find_arm(name)
     return name if arm is None else os.fspath(arm.path)
 
@@ -72,28 +71,22 @@ def read_robot(
     """
     name = robot_path(path)
     if _may_be_arm(name):
-        from robacc.robots.library import similar_arms
-
         near = " or ".join(similar_arms(name))
         fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
         raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
     suffix = PurePath(name).suffix.lower()
-    if suffix in _MESHES:
-        raise InputError(Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED))
-    text = read_text(name)
-    if suffix == ".xacro":
-        fix = "convert it first: xacro robot.xacro > robot.urdf"
-        raise InputError(Problem("is xacro, not URDF", name, fix=fix))
+    refuse((suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)))
+    text, fix = read_text(name), "convert it first: xacro robot.xacro > robot.urdf"
+    refuse((suffix == ".xacro", Problem("is xacro, not URDF", name, fix=fix)))
     if suffix in _XML_SUFFIXES or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf
 
         return parse_urdf(text, name, base_link, tip_link, joint_columns)
-    if base_link is not None or tip_link is not None:
-        raise UsageError(
-            f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
-        )
-    if suffix in _TABLES:
-        raise InputError(Problem("is a table, not a robot description", name, fix=_EXPECTED))
+    one_chain = f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
+    refuse(
+        (base_link is not None or tip_link is not None, one_chain),
+        (suffix in _TABLES, Problem("is a table, not a robot description", name, fix=_EXPECTED)),
+    )
     robot = parse_robot(text, name)
     _check_effects(robot, text, name)
     return robot

@@ -1,19 +1,168 @@
-"""Poses outside the validity ranges of a model's effects."""
+"""What of a model holds for other poses: facts of its measuring campaign, and validity ranges of its effects.
+
+Facts of a campaign are effects of time and of the instrument, and the registered frames. They are no property of the
+robot. On the poses of the campaign they are part of the fitted prediction; other poses do not inherit them.
+"""
 
 from __future__ import annotations
 
 import dataclasses
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any, Literal
 
 import numpy as np
 
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
-from robacc.errors import InputError, Problem
+from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.geometry import Array, nearest_rotation, rms_length
 from robacc.measurements import Measurements, even_rows
-from robacc.modelling.model import Model
+from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.description import Campaign, Robot
+
+_PLACE = ("from_line", "from_time_s", "file")
+"""Settings of a step that say when it happened."""
+_EQUAL = 1e-6
+"""Share by which registered errors differ that are equal but for rounding: a step of the base moves all poses."""
+
+
+def resolve_campaign(
+    robot: Robot, data: Measurements | None, digests: Collection[str], use: Literal["auto", "keep", "drop"]
+) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot with the effects of its campaign if they apply, and a sentence about what was decided.
+
+    ``drop`` also restores the frames before the campaign. ``auto`` keeps the frames, and keeps the effects if a digest
+    is that of the campaign's poses, or if measured ``data`` agree better with them than without, base registered. Where
+    they do not, a step stays unless the data contradict it: other poses are measured after the campaign more often than
+    before its step, and their clock may start anew.
+    """
+    campaign = robot.campaign
+    if campaign is None:
+        return robot, ()
+    if use == "drop":
+        return _before(robot, campaign), ()
+    if not campaign.effects:
+        return robot, ()
+    with_effects = dataclasses.replace(
+        robot,
+        effects=(*robot.effects, *campaign.effects),
+        campaign=dataclasses.replace(campaign, effects=(), kept=True),
+    )
+    names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
+    if use == "keep" or set(digests) & set(campaign.poses):
+        return with_effects, ()
+    start = f"the model's campaign effects ({names}) were fitted to other poses"
+    if data is None or data.q is None:
+        return robot, (f"{start} and are left out; `campaign` keep applies them",)
+    stepped = _after_steps(robot, campaign)
+    arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
+    try:
+        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
+    except UsageError as error:
+        return robot, (f"{start} and are left out: {error}",)
+    if stepped is not None and errors[2] <= (1.0 + _EQUAL) * min(errors[:2]):
+        return stepped, (
+            f"{start}; these poses are taken as measured after the step, whatever their time; `campaign` keep applies "
+            "the effects by time",
+        )
+    change = f"(base registered) from {errors[0] * 1e3:.3g} to {errors[1] * 1e3:.3g} mm"
+    if errors[1] < errors[0]:
+        return with_effects, (
+            f"{start}; they are applied because they change the position error {change}; `campaign` drop leaves them "
+            "out",
+        )
+    return robot, (f"{start} and are left out: they would change the position error {change}",)
+
+
+def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tuple[Robot, tuple[str, ...]]:
+    """Return the robot as it stands after its campaign, for commands to it, and a sentence on unused effects.
+
+    ``auto`` applies effects that stay after the campaign (a step); ``keep`` all of them; ``drop`` none, and restores
+    the frames before the campaign.
+
+    Raises:
+        UsageError: ``use`` is none of the three.
+    """
+    refuse((use not in ("auto", "keep", "drop"), f"`campaign`: expected auto, keep or drop, found {use!r}"))
+    campaign = robot.campaign
+    if campaign is None or use == "drop":
+        return robot if campaign is None else _before(robot, campaign), ()
+    known = known_effects(dataclasses.replace(robot, effects=campaign.effects))
+    applied, names = [], []
+    for entry, item in zip(campaign.effects, known, strict=True):
+        if use == "keep" or item.effect.traits.extrapolates is not None:
+            applied.append(entry)
+        elif not item.effect.traits.is_of_measurement:
+            names.append(str(item.effect))
+    robot = dataclasses.replace(robot, effects=(*robot.effects, *applied))
+    if not names:
+        return robot, ()
+    return robot, (f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them",)
+
+
+def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
+    """Return a fitted robot with the facts of its campaign in the campaign's part.
+
+    Effects of time or of the instrument that the robot's own list did not have before the fit are facts of the
+    campaign, and so are frames that the fit moved.
+
+    Args:
+        robot: The fitted robot.
+        before: The robot before the fit.
+        digests: SHA-256 of the pose files of the campaign.
+    """
+    earlier = before.campaign if before.campaign is not None else Campaign(())
+    own_effects = {known.effect.key() for known in known_effects(before)} if not earlier.kept else set()
+    effects: list[Mapping[str, Any]] = []
+    facts: list[Mapping[str, Any]] = []
+    arm = Arm.of(robot)
+    for entry, known in zip(robot.effects, known_effects(robot), strict=True):
+        is_fact = known.effect.of_campaign(arm) and known.effect.key() not in own_effects
+        (facts if is_fact else effects).append(entry)
+    return dataclasses.replace(
+        robot,
+        effects=tuple(effects),
+        campaign=Campaign(
+            poses=tuple(dict.fromkeys((*(earlier.poses if earlier.kept else ()), *digests))),
+            base=earlier.base or (before.base if robot.base != before.base else None),
+            tool=earlier.tool or (before.tool if robot.tool != before.tool else None),
+            targets=earlier.targets or (before.targets if robot.targets != before.targets else {}),
+            effects=tuple(facts),
+        ),
+    )
+
+
+def _after_steps(robot: Robot, campaign: Campaign) -> Robot | None:
+    """Return the robot as the steps of its campaign left it, without other effects of it; None without a step."""
+    entries = [
+        {key: value for key, value in effect.items() if key not in _PLACE} | {"from_line": 1}
+        for effect in campaign.effects
+        if effect.get("effect") == "step"
+    ]
+    return dataclasses.replace(robot, effects=(*robot.effects, *entries)) if entries else None
+
+
+def _before(robot: Robot, campaign: Campaign) -> Robot:
+    """Return the robot without the facts of its campaign."""
+    return dataclasses.replace(
+        robot,
+        base=campaign.base or robot.base,
+        tool=campaign.tool or robot.tool,
+        targets=campaign.targets or robot.targets,
+        campaign=None,
+    )
+
+
+def _registered_rms(predicted: Array, measured: Array) -> float:
+    """Return the rms distance (m) of measured from predicted positions ``(3, N)`` after the best rigid motion."""
+    a = predicted - predicted.mean(axis=1, keepdims=True)
+    b = measured - measured.mean(axis=1, keepdims=True)
+    return rms_length(b - nearest_rotation(b @ a.T) @ a)
+
+
+# Poses outside the validity ranges of the effects.
 
 _ROUNDING = 1e-9
 """Excess (SI) that rounding explains."""
@@ -72,15 +221,9 @@ class OutsideValidity:
             InputError: With the first pose and the ranges.
         """
         if self.n_poses:
-            first = min(item.first_row for item in self.ranges)
-            raise InputError(
-                Problem(
-                    self.warnings()[0],
-                    data.source,
-                    data.line(first),
-                    fix="leave these poses out, fit the model to poses that include them, or drop `strict_range`",
-                )
-            )
+            fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
+            line = data.line(min(item.first_row for item in self.ranges))
+            raise InputError(Problem(self.warnings()[0], data.source, line, fix=fix))
 
 
 def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity | None:

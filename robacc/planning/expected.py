@@ -16,8 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import REGISTRY, Effect, Term
-from robacc.effects.request import build, parse_requests
-from robacc.effects.specification import every_column
+from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.levels import ACCEPTED, ROUNDS
 from robacc.fitting.normal_equations import joint_columns, whitening

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
+import yaml
 from numpy.typing import NDArray
 
 from robacc.errors import UsageError, install_advice
@@ -86,16 +87,13 @@ def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
     for key in (key for key in _KEYS if several is not None and top.get(key) is not None):
         top.report(key, "stands beside cameras", "write it under the name of each")
     if several is not None:
-        names = top.source.plain(several, "cameras")
-        if not isinstance(names, dict):
+        entries = top.source.entries(several, "cameras") if isinstance(several, yaml.MappingNode) else ()
+        if not isinstance(several, yaml.MappingNode):
             top.report("cameras", "expected names with the keys of each camera")
-            names = {}
-        named = top.source.section(several, "cameras", tuple(names))
-        found = {} if named is None else {key: named.get(key) for key in names}
-        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, node in found.items() if node}
+        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, _, node in entries}
         sections = {key: part for key, part in parts.items() if part is not None}
     cameras = {key: _camera(section) for key, section in sections.items()}
-    top.source.finish()
+    top.source.raise_if_any()
     return cameras
 
 
@@ -173,13 +171,16 @@ def _rows_of_each(photo: NDArray[Any]) -> list[NDArray[np.int64]]:
     return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
 
 
-def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
-    """Return the photos that show the pose of the board.
+def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> tuple[list[Photo], float]:
+    """Return the photos that show the pose of the board, and the RMS of what remains of their rays.
 
     Args:
         rays: ``(2, N)`` directions x/z, y/z without distortion.
         points: ``(3, N)`` points in the frame of the board, those of a photo near a plane, m.
         photo: ``(N,)`` the photo of each.
+
+    Raises:
+        ValueError: No photo shows the pose of the board.
     """
     found = []
     for rows in _rows_of_each(photo):
@@ -190,51 +191,10 @@ def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> list[Photo]:
             each = each if near.size == rows.size else _fitted(rays, points, near)
         if each is not None:
             found.append(each)
-    return found
-
-
-class View(NamedTuple):
-    """One photo as three points of its board, whose six numbers are its pose."""
-
-    rows: NDArray[np.int64]
-    """``(3,)`` rows of the photo that stand for it."""
-    points: Array
-    """``(3, 3)`` the points, in the board, m."""
-    rays: Array
-    """``(2, 3)`` the rays at which they are seen."""
-    std: float
-    """Standard deviation of each ray."""
-    depth: float
-    """Depth of the board's origin before the camera, m."""
-    pose: Poses
-    """The board in the camera, or a camera on the hand in the board."""
-    pose_std: Array
-    """``(6,)`` m and rad."""
-
-
-def views_of(
-    camera: Camera, rays: Array, points: Array, photo: NDArray[Any], noise: Array | None
-) -> tuple[list[View], int, float]:
-    """Return the photos of a camera, the number of points in use, and by how much they are off the board, px.
-
-    ``noise`` ``(N,)`` are stated standard deviations, px; by default what remains shows them.
-
-    Raises:
-        ValueError: No photo shows the pose of the board.
-    """
-    photos, focal = photos_of(rays, points, photo), float(np.mean(camera.focal))
-    spare = sum(2 * each.rows.size - 6 for each in photos)
-    rest = math.sqrt(sum(each.squares for each in photos) / max(spare, 1))
-    views = []
-    for each in photos:
-        std = rest if noise is None else math.sqrt(np.mean(np.square(noise[each.rows]))) / focal
-        three, shown = three_points(points[:, each.rows]), each.of_camera() if camera.is_on_hand else each
-        own, pose_std = std * math.sqrt(3.0 / each.rows.size), std * np.sqrt(np.diag(shown.covariance))
-        depth = float(each.pose.translation[2])
-        views.append(View(each.rows[:3], three, rays_of(each.pose, three), own, depth, shown.pose, pose_std))
-    if not views:
+    if not found:
         raise ValueError(f"no photo shows {FEWEST_POINTS} points of a board that are not in a line")
-    return views, sum(each.rows.size for each in photos), rest * focal
+    spare = sum(2 * each.rows.size - 6 for each in found)
+    return found, math.sqrt(sum(each.squares for each in found) / max(spare, 1))
 
 
 def three_points(points: Array) -> Array:

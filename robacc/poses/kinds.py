@@ -15,6 +15,7 @@ A row has the joints of its pose, a column ``kind`` where the file has several k
 
 from __future__ import annotations
 
+import math
 import statistics
 from bisect import bisect_left
 from collections.abc import Mapping
@@ -29,10 +30,10 @@ from robacc.io.dialect import number_of
 from robacc.io.files import clip
 from robacc.io.table import Table, TableBody
 from robacc.measurements import IMAGES, Measurements
-from robacc.poses.cameras import calibrated, read_cameras, views_of
+from robacc.poses.cameras import calibrated, photos_of, rays_of, read_cameras, three_points
 from robacc.poses.columns import AXES, UNITS, Heading, heading_of, labelled, source_of
 from robacc.poses.layout import listing
-from robacc.poses.motion import numbered, rank_among_equals
+from robacc.poses.motion import numbered, numbered_visits
 from robacc.poses.reading import Reading
 from robacc.poses.reshaped_tables import ReshapedTable, Rows
 from robacc.poses.row_checks import SMALLEST_SIGMA
@@ -200,9 +201,8 @@ class KindTable(ReshapedTable):
         stay, rows = ~rows, rows & first
         photo = data.visit
         if photo is None:
-            poses, place = numbered(data.groups(), np.zeros(data.n) if data.cycle is None else data.cycle), points.T
-            which = np.unique(place, axis=0, return_inverse=True)[1].ravel()
-            photo = numbered(poses, rank_among_equals(numbered(poses, names, which))).astype(str)
+            poses = data.groups() if data.cycle is None else numbered(data.groups(), data.cycle)
+            photo = numbered_visits(poses, None, None, numbered(names, *points), ordered=False).astype(str)
         seen, place, spread = (np.zeros((count, data.n)) for count in (4, 3, 6))
         turn, position = np.zeros((3, 3, data.n)), data.position.copy()
         sigma = np.zeros((3, data.n)) if data.sigma_position is None else data.sigma_position.copy()
@@ -221,30 +221,36 @@ class KindTable(ReshapedTable):
                 for row in mine[np.isnan(rays).any(axis=0)].tolist():
                     self._add("the lens of the camera cannot show anything at this pixel", data, row, "u_px")
                 self.log.raise_if_any()
-                views, used, rest = views_of(camera, rays, *of_board, None if noise is None else noise[mine])
+                photos, rest = photos_of(rays, *of_board)
             except ValueError as error:
                 self._add(str(error), data, int(mine[0]), fix="check u_px, v_px, board_x, board_y and the camera")
                 continue
-            depth = statistics.median(view.depth for view in views)
-            for view in views:
-                three = mine[view.rows]
-                stay[three], seen[3, three], position[:2, three] = True, depth, depth * view.rays
-                seen[:3, three], sigma[:, three] = view.points, depth * view.std
-                place[:, three], turn[..., three] = view.pose.translation[:, None], view.pose.rotation[..., None]
-                spread[:, three] = view.pose_std[:, None]
+            depth = statistics.median(float(each.pose.translation[2]) for each in photos)
+            focal, used = float(np.mean(camera.focal)), sum(each.rows.size for each in photos)
+            for each in photos:
+                # Three points stand for the photo: their six numbers are its pose.
+                of_photo = mine[each.rows]
+                three, corners = of_photo[:3], three_points(points[:, of_photo])
+                std = rest if noise is None else math.sqrt(np.mean(np.square(noise[of_photo]))) / focal
+                shown = each.of_camera() if camera.is_on_hand else each
+                stay[three], seen[:3, three], seen[3, three] = True, corners, depth
+                position[:2, three] = depth * rays_of(each.pose, corners)
+                sigma[:, three] = depth * std * math.sqrt(3.0 / of_photo.size)
+                place[:, three], turn[..., three] = shown.pose.translation[:, None], shown.pose.rotation[..., None]
+                spread[:, three] = std * np.sqrt(np.diag(shown.covariance))[:, None]
             kind[mine], fixture[mine] = IMAGES[camera.is_on_hand], "board" if camera.is_on_hand else name or "camera"
-            taken, shown = np.unique(photo[mine]), {photo[mine[view.rows[0]]] for view in views}
-            lost = [data.place(int(mine[photo[mine] == each][0])) for each in taken if each not in shown]
+            taken, lost = np.unique(photo[mine]), {*photo[mine]} - {photo[mine[each.rows[0]]] for each in photos}
+            begins = [data.place(int(mine[photo[mine] == name][0])) for name in sorted(lost)]
             lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
             text = (
-                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(views)} of {taken.size} "
+                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(photos)} of {taken.size} "
                 "photos are "
-                f"{rest:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
-                f"{'; photos that do not show the board begin at ' * bool(lost)}{listing(lost)}"
+                f"{rest * focal:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
+                f"{'; photos that do not show the board begin at ' * bool(lost)}{listing(begins)}"
             )
-            if rest > _FAR_OFF:
+            if rest * focal > _FAR_OFF:
                 text += "; usual is a third of a pixel or less: check the lens, its size, and the sizes of the board"
-            self.log.warn(Note(text) if used == mine.size and rest <= _FAR_OFF else text, of_file=True)
+            self.log.warn(Note(text) if used == mine.size and rest * focal <= _FAR_OFF else text, of_file=True)
         if data.direction is not None and data.speed is not None:  # The points of a photo were reached by one motion.
             _, begin, which = np.unique(photo, return_index=True, return_inverse=True)
             begin = np.where(rows, begin[which], np.arange(data.n))

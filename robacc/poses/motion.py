@@ -155,28 +155,28 @@ def rank_among_equals(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     return rank
 
 
-def visits_in_order(groups: NDArray[np.int64], visit: Texts, cycle: Texts, target: Texts) -> NDArray[np.int64]:
-    """Return the visit ``(N,)`` of each row where rows are in the order measured.
+def numbered_visits(
+    groups: NDArray[np.int64], visit: Texts, cycle: Texts, target: Texts, *, ordered: bool = True
+) -> NDArray[np.int64]:
+    """Return the visit ``(N,)`` of each row.
 
-    A column ``visit`` decides. Without it, consecutive rows of one commanded pose and cycle are one visit. Without
-    cycles, a target that is measured again belongs to the next visit, and so does each row of a file without targets.
+    A column ``visit`` decides. Without it, rows with the same commanded pose and cycle are a visit. Without cycles, a
+    target that is measured again belongs to the next visit, and so does each row of a file without targets.
 
     Args:
         groups: ``(N,)`` commanded pose of each row.
         visit: ``(N,)`` ids, or None; likewise ``cycle`` and ``target``.
         cycle: See ``visit``.
         target: See ``visit``.
+        ordered: Rows are in the order measured: only consecutive rows share a visit.
     """
     if visit is not None:
         return numbered(visit)
-    if cycle is None and target is None:
-        return np.arange(groups.size)
-    starts = np.ones(groups.size, dtype=bool)
-    starts[1:] = groups[1:] != groups[:-1]
+    runs = groups if cycle is None else numbered(groups, cycle)
+    runs = np.cumsum(np.diff(runs, prepend=-1) != 0) if ordered else runs
     if cycle is not None:
-        starts[1:] |= cycle[1:] != cycle[:-1]
-    run = np.cumsum(starts)
-    return run if cycle is not None or target is None else numbered(run, rank_among_equals(numbered(run, target)))
+        return runs
+    return np.arange(groups.size) if target is None else numbered(runs, rank_among_equals(numbered(runs, target)))
 
 
 def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -236,7 +236,7 @@ def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None
         visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
         grouping = None if cycle is None and target is None else commanded_groups(pose, q)
         groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
-        derived = motion_between_visits(q, visits_in_order(groups, visit, cycle, target))
+        derived = motion_between_visits(q, numbered_visits(groups, visit, cycle, target))
     if time is not None and np.any(np.diff(time) < 0):
         line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
         cause = "the clock was set back, or the rows are not in the order measured"

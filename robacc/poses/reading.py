@@ -7,21 +7,18 @@ import os
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from functools import partial
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, Protocol
+from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
+from robacc.io.table import TableOptions
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
 from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
-
-if TYPE_CHECKING:
-    from robacc.io.table import TableOptions
-
 
 # Conventions of three angles that form an orientation, and the trial of the data against each.
 #
@@ -146,7 +143,7 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
         if result.get("units") == OPEN:
             source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-    source.finish()
+    source.raise_if_any()
     return result
 
 
@@ -257,10 +254,16 @@ class Reading:
         Raises:
             UsageError: A convention or unit is unknown, or a coverage factor is not positive.
         """
-        if self.angles is not None and self.angles not in CONVENTIONS:
-            raise UsageError(f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}")
-        if self.coverage is not None and not 0 < self.coverage < 10:
-            raise UsageError(f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}")
+        refuse(
+            (
+                self.angles is not None and self.angles not in CONVENTIONS,
+                f"`angles`: expected one of {', '.join(CONVENTIONS)}, found {self.angles!r}",
+            ),
+            (
+                self.coverage is not None and not 0 < self.coverage < 10,
+                f"`coverage`: expected a coverage factor such as 1 or 2, found {self.coverage!r}",
+            ),
+        )
         self.unit_of  # noqa: B018 (the property checks)
 
     @property
@@ -274,11 +277,13 @@ class Reading:
         for part in (self.units or "").split(",") if self.units else ():
             unit = _UNIT_WORDS.get(part.strip(), part.strip())
             quantity = UNITS.get(unit, ("", 0.0))[0]
-            if quantity not in ("length", "angle") or quantity in result:
-                raise UsageError(
+            refuse(
+                (
+                    quantity not in ("length", "angle") or quantity in result,
                     f"`units`: expected a unit of length (m, mm, um, in) and one of angle (rad, mrad, deg), such as "
-                    f"mm,deg, found {self.units!r}"
+                    f"mm,deg, found {self.units!r}",
                 )
+            )
             result[quantity] = unit
         return result
 
@@ -352,11 +357,13 @@ class PoseFile(str):
             InputError: The column map cannot be read.
         """
         is_path = isinstance(path, str | os.PathLike)
-        if not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES):
-            raise UsageError(
+        refuse(
+            (
+                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES),
                 f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
-                "frame of records, or Measurements(position=…, q=…) of arrays"
+                "frame of records, or Measurements(position=…, q=…) of arrays",
             )
+        )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
         result.frame = getattr(path, "frame", None) if is_path else path
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
@@ -375,8 +382,6 @@ def reading_of(path: str | os.PathLike[str]) -> Reading:
 
 def table_options(path: str | os.PathLike[str]) -> TableOptions:
     """Return how the table at a path is to be read, with the statements that the path carries."""
-    from robacc.io.table import TableOptions
-
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
     return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, reading.board, frame)

@@ -11,8 +11,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.errors import Note, Problem, refuse
+from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
@@ -82,16 +82,18 @@ def with_known_names(
         return (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
     is_tried = required or texts.any()
     names = _of_numbers(table, rows, texts, robot, attained, commands) if is_tried else None
-    if names is None and required:
-        raise InputError(
+    refuse(
+        (
+            names is None and required,
             Problem(
                 "found numbers, expected a header row",
                 table.file,
                 table.line,
                 fix="begin the file with the columns' names, or name them with `columns`: a file with entries such as "
                 "'column 1: x_mm', which the command init writes",
-            )
+            ),
         )
+    )
     return names or table.names
 
 
@@ -216,10 +218,9 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     off = np.abs(np.einsum("ijn,kjn->ikn", matrix, matrix) - identity).max(axis=(0, 1), initial=0.0)
     wrong = (off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
     log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
-    matrix = np.where(wrong, identity, matrix)
-    # The nearest rotation: entries are rounded.
-    left, _, right = np.linalg.svd(np.moveaxis(matrix, 2, 0))
-    quaternion = quaternion_from_rotation(np.moveaxis(left @ right, 0, 2))
+    # Entries are rounded.
+    rotation = nearest_rotation(np.moveaxis(np.where(wrong, identity, matrix), 2, 0))
+    quaternion = quaternion_from_rotation(np.moveaxis(rotation, 0, 2))
     return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
 
 

@@ -124,7 +124,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     if top.get("coverage") is not None and distribution != "limits":
         top.report("coverage", "applies only to limits", "write distribution: limits")
     if units is None:
-        source.finish()  # Nothing else can be checked without units.
+        source.raise_if_any()  # Nothing else can be checked without units.
     limits = f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²"
     divisor, meaning = {
         "normal": (1.0, NORMAL),
@@ -158,7 +158,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         source.report(top.get("all"), "all.offset", message, "give it under joints, for each joint by name")
     if not any(given.values()) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
-    source.finish()
+    source.raise_if_any()
 
     def replaced(own: Mapping[str, float], *files: Mapping[str, float]) -> dict[str, float]:
         return {**own, **{name: value / divisor for file in files for name, value in file.items()}}

@@ -676,7 +676,7 @@ def with_frames(program: Program, path: str) -> Program:
     """
     top = top_section(read_text(path), path, ("units", "tools", "bases"))
     table = read_fields(top, {"tools": FRAMES, "bases": FRAMES}) if read_units(top) else {}
-    top.source.finish()
+    top.source.raise_if_any()
     tools, bases = ({name.lower(): at for name, at in table.get(key, {}).items()} for key in ("tools", "bases"))
 
     def known(frame: ProgramFrame | None, names: Mapping[str, Frame]) -> ProgramFrame | None:

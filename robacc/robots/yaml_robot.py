@@ -507,7 +507,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
     convention = read_fields(top, {"convention": _choice(*_KEYS)}, ["convention"]).get("convention")
     if units is None or convention is None:
         # Without them the other keys cannot be checked; any problem reported would be false.
-        source.finish()
+        source.raise_if_any()
     units, convention = cast(Units, units), cast(Convention, convention)
     joints = _read_joints(top, convention)
     branches = _read_branches(top, joints)
@@ -529,7 +529,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
     )
     if not source.problems:
         _check_likely_units(robot, units, top)
-    source.finish()
+    source.raise_if_any()
     return robot
 
 

@@ -17,7 +17,7 @@ from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import Rounding, evident_rounding, read_back_warning
 from robacc.effects.base import Effect, effect_class
-from robacc.effects.request import CONSTANTS, Request, build
+from robacc.effects.specification import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Identifiability, Options

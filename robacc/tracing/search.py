@@ -18,8 +18,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.campaign import is_step, place_of, same_form
-from robacc.effects.correction import PoseCorrection
-from robacc.effects.periodic import are_separable, of_order, orders_of, profile, searched_order
+from robacc.effects.periodic import PoseCorrection, are_separable, of_order, orders_of, profile, searched_order
 from robacc.error_model.covariance import (
     TERMS,
     CovarianceParameters,

@@ -18,7 +18,7 @@ from robacc.diagnostics.recorded import Rounding, memory_of_play, unlogged_loads
 from robacc.effects.base import Effect, effect_class
 from robacc.effects.campaign import place_of, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
-from robacc.effects.request import CONSTANTS
+from robacc.effects.specification import CONSTANTS
 from robacc.error_model.covariance import ErrorPart
 from robacc.error_model.structure import (
     ErrorStructure,

@@ -21,7 +21,7 @@ from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
 
 import robacc
-from robacc.effects.request import parse_requests
+from robacc.effects.specification import parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot

@@ -11,7 +11,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames

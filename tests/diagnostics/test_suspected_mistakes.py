@@ -12,7 +12,7 @@ from results import run
 from test_mistake_sets import made
 
 import robacc
-from robacc.effects.request import parse_requests
+from robacc.effects.specification import parse_requests
 from robacc.fitting.warnings import reach
 from robacc.geometry import exp_so3
 from robacc.measurements import Measurements

@@ -31,8 +31,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.elastic import Elastic, JointCompliance, JointHardening
-from robacc.effects.request import build, catalogue, parse_requests
-from robacc.effects.specification import Known, entry_of, known_effects
+from robacc.effects.specification import Known, build, catalogue, entry_of, known_effects, parse_requests
 from robacc.errors import InputError, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
@@ -583,9 +582,7 @@ def test_it_is_listed_read_simulated_fitted_traced_and_drawn(toy: type[Effect]) 
 def test_nothing_outside_the_effects_names_one() -> None:
     """Modules that judge effects ask them; only what registers frames or geometry knows those by name."""
     folder = Path(robacc.__file__).parent
-    classes = re.compile(
-        r"from robacc\.effects\.(?!base|campaign|correction|driver|elastic|periodic|request|specification)"
-    )
+    classes = re.compile(r"from robacc\.effects\.(?!base|campaign|driver|elastic|periodic|specification)")
     offenders = [
         str(path.relative_to(folder))
         for package in ("tracing", "accuracy", "api", "calibration", "comparison", "documents", "gates", "render")

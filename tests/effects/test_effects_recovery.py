@@ -15,8 +15,7 @@ from robacc import calibrate
 from robacc.effects import REGISTRY, effect_class
 from robacc.effects.base import Effect
 from robacc.effects.elastic import Elastic
-from robacc.effects.request import CONSTANTS, FRAMES, build, default_baseline, parse_requests
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import CONSTANTS, FRAMES, build, default_baseline, entry_of, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places

@@ -30,8 +30,7 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.campaign import Step
 from robacc.effects.elastic import JointCompliance, PayloadCompliance
-from robacc.effects.request import build, parse_requests
-from robacc.effects.specification import known_effects
+from robacc.effects.specification import build, known_effects, parse_requests
 from robacc.errors import InputError, UsageError
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load
 from robacc.geometry import rotation_about

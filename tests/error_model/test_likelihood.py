@@ -10,7 +10,7 @@ import pytest
 from arms import arm
 from scipy.stats import multivariate_normal
 
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.error_model.covariance import (
     GROSS_FACTORS,
     TERMS,

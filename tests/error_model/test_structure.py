@@ -8,7 +8,7 @@ import independent_arm as arm
 import numpy as np
 import pytest
 
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import robacc
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements

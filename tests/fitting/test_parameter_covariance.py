@@ -10,7 +10,7 @@ import pytest
 from arms import arm
 
 from robacc.documents.keys import COVARIANCE
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.parameters import ParameterCovariance, apply_fit, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit
 from robacc.geometry import exp_so3

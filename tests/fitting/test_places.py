@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from arms import arm
 
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Options
 from robacc.fitting.held_out import HoldOut

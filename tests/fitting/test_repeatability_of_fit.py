@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 import robacc
-from robacc.effects.request import parse_requests
+from robacc.effects.specification import parse_requests
 from robacc.errors import InputError
 from robacc.fitting import solver
 from robacc.measurements import Measurements

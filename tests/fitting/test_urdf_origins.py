@@ -14,8 +14,7 @@ from slow_parameters import some_fast
 
 from robacc import trace
 from robacc.effects.frames import BaseFrame, LinkGeometry
-from robacc.effects.request import parse_requests
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import entry_of, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.parameters import absorb_constants, apply_fit, parameters
 from robacc.fitting.solver import fit

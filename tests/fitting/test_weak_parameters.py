@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 import robacc.fitting.solver
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.priors import weak_kinds

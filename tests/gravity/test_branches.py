@@ -10,7 +10,7 @@ import pytest
 
 from robacc.api.correct import correct
 from robacc.api.inputs import read_poses
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit

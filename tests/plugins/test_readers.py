@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from importlib import metadata
 from pathlib import Path
 from types import SimpleNamespace
@@ -36,9 +35,14 @@ def offer(monkeypatch: pytest.MonkeyPatch, *readers: Any) -> list[str]:
     """Offer readers as entry points, and return the list of the groups that are asked for."""
     asked: list[str] = []
 
-    def entry_points(group: str) -> Sequence[Any]:
+    entries = {
+        f"counter{i or ''}": SimpleNamespace(value="site:reader", load=lambda r=reader: r())
+        for i, reader in enumerate(readers)
+    }
+
+    def entry_points(group: str, name: str | None = None) -> Any:
         asked.append(group)
-        return [SimpleNamespace(name="counter", value="site:reader", load=lambda r=reader: r()) for reader in readers]
+        return SimpleNamespace(names=entries.keys()) if name is None else [entries[name]]
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
     return asked
@@ -53,7 +57,7 @@ def test_a_reader_is_asked_by_name_and_first_bytes(
     data = robacc.read_poses(tmp_path / name, units="mm")
     np.testing.assert_allclose(data.position[1], 0.1 * np.arange(8))
     assert any("8 poses counted" in text for text in data.warnings)
-    assert asked == ["robacc.readers"]
+    assert {*asked} == {"robacc.readers"}
 
 
 def test_plug_ins_are_not_looked_up_for_files_that_the_package_reads(
@@ -79,5 +83,5 @@ def test_a_reader_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: py
 
     offer(monkeypatch, missing)
     (tmp_path / "a.count").write_text("8")
-    with pytest.raises(UsageError, match=r"the reader counter \(site:reader\) cannot be loaded: No module named"):
+    with pytest.raises(UsageError, match=r"the plug-in counter \(site:reader\) cannot be loaded: No module named"):
         robacc.read_poses(tmp_path / "a.count")

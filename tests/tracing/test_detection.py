@@ -15,8 +15,7 @@ from test_trace import DECLARED, NOISE, entry, measured
 
 import robacc
 from robacc.effects.base import effect_class
-from robacc.effects.request import build, parse_requests
-from robacc.effects.specification import entry_of
+from robacc.effects.specification import build, entry_of, parse_requests
 from robacc.error_model.covariance import Whitened
 from robacc.fitting.levels import ACCEPTED
 from robacc.measurements import Measurements

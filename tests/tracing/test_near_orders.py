@@ -9,7 +9,7 @@ import numpy as np
 from arms import arm
 
 from robacc.effects.periodic import are_separable, orders_of
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.modelling.model import Model, predict
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search

@@ -11,7 +11,7 @@ import pytest
 from slow_parameters import some_fast
 
 from robacc.effects.base import effect_class
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.measurements import Measurements
 from robacc.modelling.model import Known, Model
 from robacc.robots.arm import Arm

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 import yaml
 
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.registration import align
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

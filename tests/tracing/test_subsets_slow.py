@@ -13,8 +13,8 @@ import pytest
 
 import robacc
 from robacc.measurements import Measurements
-from robacc.modelling.campaign import standing_campaign
 from robacc.modelling.model import predict
+from robacc.modelling.validity import standing_campaign
 from robacc.robots.description import Robot
 
 DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"

@@ -13,7 +13,7 @@ from arms import arm
 from draws import FRAMES, erring
 
 from robacc.documents.fit import FINDING, TRACE, fit_document
-from robacc.effects.request import build, parse_requests
+from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.registration import ALIGNABLE

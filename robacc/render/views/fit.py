@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import replace
 
 from robacc.effects import REGISTRY
-from robacc.effects.request import FRAMES
+from robacc.effects.specification import FRAMES
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,

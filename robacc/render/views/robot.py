@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from robacc.effects.request import CatalogueEntry
+from robacc.effects.specification import CatalogueEntry
 from robacc.iso_9283.cube import Proposal
 from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot

@@ -671,8 +671,6 @@ def paired_gain(before: Array, after: Array, groups: NDArray[np.int64], confiden
 # Effective degrees of freedom of a sum of variances.
 
 _METHOD = "chi-square, effective degrees of freedom (Satterthwaite)"
-_DISTINCT = 2.5
-"""Standard errors by which the logarithms of two neighbouring principal variances must differ to count as distinct."""
 
 
 def satterthwaite(covariance: Array, n: float, confidence: float) -> Interval:

@@ -341,7 +341,6 @@ _NAMES: dict[Statistic, str] = {
     "max": "largest error",
 }
 _FACTORS: dict[Unit, float] = {"m": 1e3, "rad": math.degrees(1.0)}
-_MOST_DIGITS = 6
 
 
 def _amount(value: float, unit: Unit, digits: int = 3) -> str:

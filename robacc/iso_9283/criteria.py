@@ -572,7 +572,7 @@ def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-_SAME_COMMAND = 1e-6
+SAME_COMMAND = 1e-6
 """m: commanded positions closer than this are the same."""
 
 
@@ -652,7 +652,7 @@ def exchangeability(
         for pose in shared[1:]:
             is_known = first.commanded is not None and pose.commanded is not None
             offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
-            if offset > _SAME_COMMAND:
+            if offset > SAME_COMMAND:
                 reason = (
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
                     "exchangeability needs the same commanded poses"

@@ -1,7 +1,4 @@
-"""``robacc estimate`` on several files: each in a process of its own, one result for each, and one table of all.
-
-The command imports this module for several files only, so it may import NumPy and its users.
-"""
+"""``robacc estimate`` on several files: each in a process of its own, one result for each, and one table of all."""
 
 from __future__ import annotations
 
@@ -20,24 +17,18 @@ from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from threading import Thread
-from typing import Any, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
 
 import typer
 
-from robacc.accuracy.estimation import check_confidence
-from robacc.api.accuracy import estimate
-from robacc.api.inputs import Inputs
 from robacc.cli import output
 from robacc.cli.output import Outlets
-from robacc.documents.accuracy import SUMMARY, many_pieces
-from robacc.documents.envelope import InputFile
 from robacc.errors import InputError, Problem, RobaccError, refuse
-from robacc.fitting.registration import check_frames
-from robacc.io.files import make_folder, sha256_of
-from robacc.io.json_text import json_pieces
 from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
-from robacc.render.views.accuracy import many_annotations, many_view
+
+if TYPE_CHECKING:
+    from robacc.api.inputs import Inputs
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
@@ -72,6 +63,10 @@ class FileTask(NamedTuple):
 
 def estimate_file(task: FileTask) -> FileOutcome:
     """Estimate a file and write its results, as the command does for a single file; an error becomes its outcome."""
+    from robacc.api.accuracy import estimate
+    from robacc.documents.accuracy import SUMMARY
+    from robacc.io.json_text import json_pieces
+
     started = time.perf_counter()
     try:
         result = estimate(task.path, **task.options)
@@ -148,6 +143,10 @@ def estimate_each(
 
 def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> Inputs:
     """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
+    from robacc.accuracy.estimation import check_confidence
+    from robacc.api.inputs import Inputs
+    from robacc.fitting.registration import check_frames
+
     places = [os.path.realpath(path) for path in paths]
     refuse(
         ("-" in paths, "- (standard input) has no name for the table of several files; give it alone"),
@@ -170,6 +169,8 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
 
 def _folder(path: str) -> str | None:
     """Return the folder that an option names, or None for a file; a folder with / at its end is made."""
+    from robacc.io.files import make_folder
+
     if path.endswith(("/", os.sep)):
         make_folder(path)
     return path if os.path.isdir(path) else None
@@ -318,6 +319,10 @@ def _write(
     warnings: tuple[str, ...],
 ) -> None:
     """Write the table of all files and the requested files."""
+    from robacc.render.views.accuracy import many_annotations, many_view
+
+    options = tasks[0].options
+
     output.write_junit(outlets.junit, "estimate", outcomes)
     documents = {
         task.name: task.document
@@ -335,7 +340,6 @@ def _write(
     elif outlets.form == "github":
         output.write(place, many_annotations(outcomes))
     else:
-        options = tasks[0].options
         view = partial(many_view, outcomes, options["robot"], options["align"])
         output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, view, None, warnings)
 
@@ -358,6 +362,10 @@ def _document(
     outcomes: Sequence[FileOutcome], inputs: Inputs, gate: str | None, documents: Mapping[str, str]
 ) -> Iterator[str]:
     """Yield the JSON document of all files, with the full results in ``documents``, by the names of the files."""
+    from robacc.documents.accuracy import many_pieces
+    from robacc.documents.envelope import InputFile
+    from robacc.io.files import sha256_of
+
     if gate is not None:
         inputs.records.append(InputFile.at(gate, sha256_of(gate), "gate"))
     payload = {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}

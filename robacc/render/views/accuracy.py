@@ -241,7 +241,19 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
                 for mean, ends in [measured_cells(value, factor, own)]
             ],
         ),
-        Grid((f"covariance, {sign}²", "x", "y", "z"), _covariances(part, unit, factor)),
+        Grid(
+            (f"covariance, {sign}²", "x", "y", "z"),
+            [
+                (
+                    f"{label}, {axis}",
+                    *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
+                )
+                for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean"))
+                for own in [part["intervals"][f"{key}_{unit}2"]]
+                for ends in [[[[None] * 3] * 3 if own[side] is None else own[side] for side in ("lower", "upper")]]
+                for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True)
+            ],
+        ),
         Grid(
             ("principal axis, standard deviation", "", head, "x", "y", "z"),
             [
@@ -279,20 +291,6 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
                 for pose in worst
             ],
         ),
-    ]
-
-
-def _covariances(part: Document, unit: str, factor: float) -> list[Sequence[Cell]]:
-    unknown = [[None] * 3] * 3
-    return [
-        (
-            f"{label}, {axis}",
-            *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
-        )
-        for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean"))
-        for bounds in [part["intervals"][f"{key}_{unit}2"]]
-        for ends in [[unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper")]]
-        for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True)
     ]
 
 

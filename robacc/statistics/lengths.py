@@ -31,7 +31,7 @@ Distribution = Callable[[Array], tuple[Array, Array]]
 
 def principal_variances(covariance: Array) -> Array:
     """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
-    return np.maximum(np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T, 0.0)
+    return np.asarray(np.maximum(np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T, 0.0))
 
 
 def _solved(

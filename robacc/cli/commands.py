@@ -202,7 +202,6 @@ def correct(
     Example: robacc correct targets.csv --model model.yaml --nominal robot.yaml --output corrected.csv
     """
     from robacc.api.correct import correct_program
-    from robacc.io.files import write_pieces
     from robacc.poses.reading import AS_NAMED, reading_of
     from robacc.programs.program import is_program
     from robacc.render.views.expected import correction_text
@@ -227,7 +226,7 @@ def correct(
         options = {name: given[name] for name in given if name not in ("targets", "frame", "base_link", "tip_link")}
         program = correct_program(targets, frames=frames or [], **options)
         with warnings_below(program.warnings):
-            write_pieces(output, (program.data,))
+            write(output, program.data)
             parts = [part.payload() for part in program.corrections]
             draw(correction_text(parts, len(program.program.targets), names, output))
         return
@@ -514,7 +513,6 @@ def report(
 def _write_chart(results: list[str], kind: str, number: int, output: str) -> None:
     """Write a chart of the one result; without a kind the main chart, and a note of others."""
     from robacc.documents.envelope import read_result, understood
-    from robacc.io.files import write_pieces
     from robacc.render.plots.canvas import as_file, need
     from robacc.render.plots.results import chart_of, charts_of, kinds_of
 
@@ -528,7 +526,7 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
     with understood(stored.name, stored.command):
         chart = chart_of(stored.document, kind, number)
         image = as_file(chart, form.removeprefix("."))
-    write_pieces(output, (image,))
+    write(output, image)
     if not kind:
         others = ", ".join(kinds_of(charts_of(stored.document))[1:]) or "none"
         say_warnings([Note(f"drew the main chart, {chart.kind}; other charts by `chart`: {others}")])
@@ -847,7 +845,7 @@ def init(
 
 def _write_board(squares: str, folder: str, force: bool) -> None:
     """Write a board to print, its file and one of the camera, and print the next steps."""
-    from robacc.io.files import make_folder, write_pieces
+    from robacc.io.files import make_folder
     from robacc.plug_ins import plug_in
 
     files = {name: os.path.normpath(os.path.join(folder, name)) for name in ("board.pdf", "board.yaml", "camera.yaml")}
@@ -855,7 +853,7 @@ def _write_board(squares: str, folder: str, force: bool) -> None:
     made = plug_in("robacc.boards", "photos")(squares)
     make_folder(folder)
     for name, content in made.items():
-        write_pieces(files[name], (content,))
+        write(files[name], content)
     print(
         f"wrote {', '.join(files.values())}",
         "next:",

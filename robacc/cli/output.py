@@ -201,24 +201,18 @@ def _page(sections: Iterable[Section]) -> str:
     return page.getvalue()
 
 
-def write(output: str | None, text: str | Iterable[str] | Callable[[], str | Iterable[str]]) -> None:
+def write(output: str | None, text: str | bytes | Iterable[str] | Callable[[], str | Iterable[str]]) -> None:
     """Write text to a file, or to standard output if ``output`` is ``-``; a failure leaves no partial file.
 
     Args:
         output: The file; None, of an option that was not given, writes nothing.
-        text: The text, its pieces, or a function that makes them if there is a file.
+        text: The text, its pieces, or a function that makes them if there is a file; bytes of a file only.
 
     Raises:
         InputError: the file cannot be written.
     """
-    if output is None:
-        return
-    made = text() if callable(text) else text
-    pieces = [made] if isinstance(made, str) else made
-    if output == "-":
-        sys.stdout.writelines(pieces)
-        sys.stdout.flush()
-    else:
-        from robacc.io.files import write_pieces
+    from robacc.io.files import write_pieces
 
-        write_pieces(output, pieces)
+    if output is not None:
+        made = text() if callable(text) else text
+        write_pieces(output, [made] if isinstance(made, str | bytes) else made)

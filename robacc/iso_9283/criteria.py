@@ -175,16 +175,14 @@ def visits_of(
     if data.n == 0:
         raise InputError(Problem("has no measured poses", source))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
-    groups = data.groups() if data.pose is None else np.unique(data.pose, return_inverse=True)[1]
-    several_targets = data.target is not None and np.unique(data.target).size > 1
-    if data.target is not None:
-        targets = np.unique(data.target, return_inverse=True)[1]
-        groups = np.unique(groups * data.n + targets, return_inverse=True)[1]
-    _, first = np.unique(groups, return_index=True)
-    members = np.split(np.argsort(groups, kind="stable"), np.cumsum(np.bincount(groups))[:-1])
-    poses = []
-    for index, i in enumerate(np.argsort(first)):
-        rows = members[i]
+    ids = data.groups() if data.pose is None else data.pose
+    targets = np.zeros(data.n) if data.target is None else data.target
+    members: dict[tuple[object, object], list[int]] = {}
+    for row, key in enumerate(zip(ids.tolist(), targets.tolist(), strict=True)):
+        members.setdefault(key, []).append(row)
+    several_targets, poses = len({target for _, target in members}) > 1, []
+    for index, ((own, target), visits) in enumerate(members.items()):
+        rows = np.array(visits)
         if data.time is not None:
             rows = rows[np.argsort(data.time[rows], kind="stable")]
         optional = data.cycle, data.time, data.direction, data.rotation, *command
@@ -193,16 +191,16 @@ def visits_of(
         )
         attained, reference, turn, at_pole = data.position[:, rows], None, None, False
         if rotation is not None:
-            target = rotation[..., :1] if orientation is None else orientation
-            angles = rpy_from_rotation(target)
+            wanted = rotation[..., :1] if orientation is None else orientation
+            angles = rpy_from_rotation(wanted)
             reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
             turn = wrapped(rpy_from_rotation(rotation) - angles)
             if at_pole:
-                turn = log_so3(compose(rotation, transpose(np.broadcast_to(target, rotation.shape))))
-        label = f"pose {index + 1}" if data.pose is None else str(data.pose[rows[0]])
+                turn = log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+        label = f"pose {index + 1}" if data.pose is None else str(own)
         poses.append(
             CommandedPose(
-                label=f"{label} {data.target[rows[0]]}" if several_targets and data.target is not None else label,
+                label=f"{label} {target}" if several_targets else label,
                 source=source,
                 number=number,
                 attained=attained,
@@ -572,7 +570,7 @@ def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-_SAME_COMMAND = 1e-6
+SAME_COMMAND = 1e-6
 """m: commanded positions closer than this are the same."""
 
 
@@ -652,7 +650,7 @@ def exchangeability(
         for pose in shared[1:]:
             is_known = first.commanded is not None and pose.commanded is not None
             offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
-            if offset > _SAME_COMMAND:
+            if offset > SAME_COMMAND:
                 reason = (
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
                     "exchangeability needs the same commanded poses"

@@ -166,7 +166,7 @@ def _centres(arm: Arm, edge: float) -> Array:
 
 Orientation = Literal["down", "forward", "own", "free"]
 ORIENTATIONS: tuple[Orientation, ...] = ("down", "forward", "own", "free")
-_ORIENTATION_TEXT: dict[Orientation, str] = {
+ORIENTATION_TEXT: dict[Orientation, str] = {
     "down": "the tool's z axis pointing straight down",
     "forward": "the tool's z axis pointing level, away from the base",
     "own": "the tool's orientation constant, as the arm reaches the cube's centre",
@@ -197,11 +197,6 @@ class Proposal:
     notes: tuple[str, ...]
     target: str | None = None
     """Name of the target at these poses, if the robot has several."""
-
-    @property
-    def orientation_text(self) -> str:
-        """The orientation as text."""
-        return _ORIENTATION_TEXT[self.orientation]
 
 
 def propose(
@@ -264,7 +259,7 @@ def propose(
             return dataclasses.replace(proposal, poses=base @ proposal.poses, notes=texts, target=name)
     cube = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
     required = [f"the plane {plane}"] if plane else []
-    required += [_ORIENTATION_TEXT[orientation]] if orientation else []
+    required += [ORIENTATION_TEXT[orientation]] if orientation else []
     cube += f" with {' and '.join(required)}" if required else ""
     fix = "give a smaller `edge`" + (", or leave out `plane` and `orientation`" if required else "")
     message = f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches"

@@ -18,8 +18,9 @@ from robacc.accuracy.estimation import (
 )
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array
 from robacc.iso_9283.criteria import (
+    SAME_COMMAND,
     Characteristic,
     CommandedPose,
     Iso9283Result,
@@ -171,7 +172,7 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
         return (("unknown", "the commanded positions are not known"),) * 2
     if len(points) != _POSE_COUNT:
         return (("not_met", "needs five commanded poses"),) * 2
-    base = _base_pose(Frame() if robot is None else robot.base)
+    base = Frame().pose if robot is None else robot.base.pose
     fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
         return (("not_met", fit),) * 2
@@ -194,8 +195,6 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
     return "not_met", f"{names} approached from several directions: AP and RP include vAP"
 
 
-_SAME_COMMAND = 1e-6
-"""m: commands of a pose that differ by less are equal."""
 _MAX_POSES = 300
 """Largest number of commanded poses in a file: sixty times the standard's five."""
 
@@ -269,8 +268,8 @@ def iso9283(
         poses_by_file = [
             visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
-        nominal = _base_pose(robot.base if robot is not None else Frame())
-        to_nominal = [nominal @ _base_pose(alignment.robot.base).inverse() for alignment in alignments]
+        nominal = Frame().pose if robot is None else robot.base.pose
+        to_nominal = [nominal @ alignment.robot.base.pose.inverse() for alignment in alignments]
         attained = [
             [move.rotation @ positions + move.translation[:, None] for positions in file_positions]
             for move, file_positions in zip(to_nominal, attained, strict=True)
@@ -308,10 +307,6 @@ def iso9283(
 def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
     """Return the largest AP_p, m."""
     return max(float(np.linalg.norm(pose.deviation.mean(axis=1))) for pose in poses if pose.deviation is not None)
-
-
-def _base_pose(base: Frame) -> Poses:
-    return Poses.from_xyz_rpy(np.array(base.xyz), np.array(base.rpy))
 
 
 def _notes(
@@ -389,7 +384,7 @@ def _warnings(
         if pose.deviation is not None and pose.commanded is not None
     ]
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
-    if move > _SAME_COMMAND:
+    if move > SAME_COMMAND:
         warnings.append(
             f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
             "commanded pose; put commanded joint values into the q columns, not encoder readings"

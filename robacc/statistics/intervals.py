@@ -374,14 +374,7 @@ def interpolated(values: Array, positions: Sequence[float]) -> list[float]:
 
     ``np.quantile`` gives the same, but its first call imports numpy.ma, a tenth of the allowed start-up time.
     """
-    last = values.size - 1
-    inside = [min(max(position, 0.0), float(last)) for position in positions]
-    low = [min(int(position), max(last - 1, 0)) for position in inside]
-    ordered = np.partition(values, sorted({k for rank in low for k in (rank, min(rank + 1, last))}))
-    return [
-        float(ordered[rank] + (position - rank) * (ordered[min(rank + 1, last)] - ordered[rank]))
-        for rank, position in zip(low, inside, strict=True)
-    ]
+    return np.interp(positions, np.arange(values.size), np.sort(values)).tolist()
 
 
 def quantiles(values: Array, levels: Sequence[float]) -> list[float]:

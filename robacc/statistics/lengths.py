@@ -30,22 +30,8 @@ Distribution = Callable[[Array], tuple[Array, Array]]
 
 
 def principal_variances(covariance: Array) -> Array:
-    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero.
-
-    In closed form, which is many times faster: O. K. Smith, "Eigenvalues of a symmetric 3 x 3 matrix", Communications
-    of the ACM 4 (1961) 168. It loses digits where two are nearly equal; these are by LAPACK.
-    """
-    mean = np.einsum("iin->n", covariance) / 3.0
-    rest = covariance - mean * np.eye(3)[:, :, None]
-    size = np.sqrt(np.einsum("ijn,ijn->n", rest, rest) / 6.0)
-    (a, b, c), (_, d, e), (_, _, f) = rest / np.where(size > 0.0, size, 1.0)
-    cosine = 0.5 * (a * (d * f - e * e) - b * (b * f - c * e) + c * (b * e - c * d))
-    angles = np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + math.pi * np.array([[2.0], [4.0], [0.0]]) / 3.0
-    values = mean + 2.0 * size * np.cos(angles)
-    # Distance of the cosine from one below which two eigenvalues are nearly equal; from it on, 12 digits are right.
-    nearly_equal = np.abs(cosine) > 1.0 - 1e-6
-    values[:, nearly_equal] = np.linalg.eigvalsh(np.moveaxis(covariance[..., nearly_equal], -1, 0)).T
-    return np.asarray(np.maximum(values, 0.0))
+    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
+    return np.asarray(np.maximum(np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T, 0.0))
 
 
 def _solved(
@@ -154,30 +140,14 @@ def mixture_quantile(probability: float, variances: Array) -> float:
     return math.sqrt(_started(probability, mixture, np.array([second_moment - 1.0]))[0] * mean_power)
 
 
-# The mean is E|Z| = (8 / pi)^(1/2) R_G(v_1, v_2, v_3), as R_G is the mean of the length of diag(v)^(1/2) u over all
-# unit vectors u (DLMF 19.16.3 and 19.21.10). R_F and R_D, of which R_G is composed, are by duplication: B. C. Carlson,
-# "Numerical computation of real or complex elliptic integrals", Numerical Algorithms 10 (1995) 13-26.
-
-
 def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``, ascending."""
-    power = variances.sum(axis=0)
-    # With z between the others, no part of R_G cancels another.
-    x, z, y = variances / np.where(power > 0.0, power, 1.0)
-    z = np.maximum(z, 1e-30)
-    middle, product, square_root = z, (x - z) * (z - y) / 3.0, np.sqrt(x * y / z)
-    total, weight = np.zeros(x.shape), 1.0
-    # Steps of Carlson's integrals. Each quarters the differences of the numbers, whose mean then stands for them: its
-    # error is of second order, below rounding.
-    for _ in range(13):
-        a, b, c = np.sqrt(x), np.sqrt(y), np.sqrt(z)
-        added = a * b + (a + b) * c
-        total += weight / (c * (z + added))
-        weight *= 0.25
-        x, y, z = 0.25 * (x + added), 0.25 * (y + added), 0.25 * (z + added)
-    first = np.sqrt(3.0 / (x + y + z))
-    second = 3.0 * total + weight * (5.0 / (x + y + 3.0 * z)) ** 1.5
-    return np.asarray(np.sqrt(2.0 / math.pi * power) * (middle * first + product * second + square_root))
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``: (8 / pi)^(1/2) R_G(v_1, v_2, v_3).
+
+    R_G is the mean of the length of diag(v)^(1/2) u over all unit vectors u (DLMF 19.16.3 and 19.21.10).
+    """
+    from scipy.special import elliprg
+
+    return np.asarray(math.sqrt(8.0 / math.pi) * elliprg(*variances))
 
 
 # One vector, to full precision.

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
-from typing import Any
 
 from robacc.outcomes import FileOutcome
 from robacc.render.text import (
@@ -116,8 +115,28 @@ def estimate_view(
         [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
     )
     if form == "short":
+        heads = [h for part, name, _, sign, _ in quantities for h in (f"{name}, {sign}", percent(part["confidence"]))]
+        rows = [
+            (
+                label,
+                *(cell for own, _, unit, _, scale in quantities for cell in _measured(own, f"{key}_{unit}", scale)),
+            )
+            for label, key in STATISTICS
+        ]
+        worst = ", ".join(
+            f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
+            for pose in document["worst_poses"]["by_position"][:3]
+            for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+        )
+        more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
         ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}{stated}"
-        return [opening, _grade(document["grade"], True), *_short_view(document, quantities, ahead)]
+        return [
+            opening,
+            _grade(document["grade"], True),
+            Section("", [Grid(("error", *heads), rows)]),
+            _targets(document),
+            Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]),
+        ]
     methods = {name: _methods(part, unit) for part, name, unit, *_ in quantities}
     is_one = len({*methods.values()}) == 1
     return [
@@ -137,26 +156,6 @@ def estimate_view(
             "Limitations",
             [Listing([document["position"]["pose_structure"]["text"], *(document["notes"] if form == "full" else ())])],
         ),
-    ]
-
-
-def _short_view(document: Document, quantities: Sequence[Any], ahead: str) -> list[Section]:
-    """Return the size of the errors, those of each target, the worst poses, and what to do next."""
-    heads = [head for part, name, _, sign, _ in quantities for head in (f"{name}, {sign}", percent(part["confidence"]))]
-    rows = [
-        (label, *(cell for part, _, unit, _, factor in quantities for cell in _measured(part, f"{key}_{unit}", factor)))
-        for label, key in STATISTICS
-    ]
-    worst = ", ".join(
-        f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
-        for pose in document["worst_poses"]["by_position"][:3]
-        for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
-    )
-    more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
-    return [
-        Section("", [Grid(("error", *heads), rows)]),
-        _targets(document),
-        Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]),
     ]
 
 
@@ -241,7 +240,19 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
                 for mean, ends in [measured_cells(value, factor, own)]
             ],
         ),
-        Grid((f"covariance, {sign}²", "x", "y", "z"), _covariances(part, unit, factor)),
+        Grid(
+            (f"covariance, {sign}²", "x", "y", "z"),
+            [
+                (
+                    f"{label}, {axis}",
+                    *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
+                )
+                for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean"))
+                for own in [part["intervals"][f"{key}_{unit}2"]]
+                for ends in [[[[None] * 3] * 3 if own[side] is None else own[side] for side in ("lower", "upper")]]
+                for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True)
+            ],
+        ),
         Grid(
             ("principal axis, standard deviation", "", head, "x", "y", "z"),
             [
@@ -279,20 +290,6 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
                 for pose in worst
             ],
         ),
-    ]
-
-
-def _covariances(part: Document, unit: str, factor: float) -> list[Sequence[Cell]]:
-    unknown = [[None] * 3] * 3
-    return [
-        (
-            f"{label}, {axis}",
-            *(number(v, factor**2, {"lower": low, "upper": high}) for v, low, high in zip(*rows, strict=True)),
-        )
-        for key, label in (("covariance", "about zero"), ("centred_covariance", "about the mean"))
-        for bounds in [part["intervals"][f"{key}_{unit}2"]]
-        for ends in [[unknown if bounds[side] is None else bounds[side] for side in ("lower", "upper")]]
-        for axis, *rows in zip("xyz", part[f"{key}_{unit}2"], *ends, strict=True)
     ]
 
 
@@ -482,12 +479,18 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
     criteria = {part["symbol"]: part for part in parts}
     start = Section("Pose criteria of ISO 9283:1998", [Text(fact, wraps=False) for fact in _facts(document, robot)])
     if form == "short":
-        known = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
+        listed = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
         counts = Counter(_STATUS[condition["status"]] for condition in protocol)
         statuses = ", ".join(f"{n} {status}" for status, n in counts.items())
         more = Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True)
         told = Text(f"conditions of the standard's protocol: {statuses}")
-        return [start, Section("", [*_summary(known, confidence), told, more])]
+        return [start, Section("", [*_summary(listed, confidence), told, more])]
+    known = [(part["symbol"], part["intervals"]["max_m"]) for part in parts if part["max_m"] is not None]
+    methods = named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known)
+    corrected = (
+        "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the number "
+        "of poses"
+    )
     return [
         *([start] if form == "full" else []),
         *(Section(title, _summary([criteria[symbol] for symbol in symbols], confidence)) for title, symbols in _GROUPS),
@@ -505,7 +508,19 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
                 )
             ],
         ),
-        Section("Confidence intervals", [Listing(_interval_methods(parts))]),
+        Section(
+            "Confidence intervals",
+            [
+                Listing(
+                    [
+                        *methods,
+                        corrected * any("; largest" in part["intervals"]["max_m"]["method"] for part in parts),
+                        "visits are taken as independent Gaussian draws; no interval includes the instrument's "
+                        "systematic error",
+                    ]
+                )
+            ],
+        ),
         Section("Limitations", [Listing(document["notes"] if form == "full" else ())]),
     ]
 
@@ -589,18 +604,4 @@ def _beside(place: Document, key: str) -> list[Cell]:
     return [
         number(value, IN_MM if key == "xyz_m" else IN_DEGREES, own)
         for value, own in zip(place[key] or (), bounds[key] or (), strict=True)
-    ]
-
-
-def _interval_methods(criteria: Sequence[Document]) -> list[str]:
-    """Return the method of each criterion's interval."""
-    known = [(part["symbol"], part["intervals"]["max_m"]) for part in criteria if part["max_m"] is not None]
-    corrected = (
-        "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the number "
-        "of poses"
-    )
-    return [
-        *named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known),
-        corrected * any("; largest" in part["intervals"]["max_m"]["method"] for part in criteria),
-        "visits are taken as independent Gaussian draws; no interval includes the instrument's systematic error",
     ]

@@ -214,9 +214,18 @@ def fit_view(
     if is_trace:
         is_known, option, verb = document["verdict"] == "clean" and _is_worth_it(document), "declared", "declared"
         said = "declared effects explain it; nothing else found" if is_known else _VERDICTS[document["verdict"]][2]
-        title, parts = f"Trace of {start}: {said}", [*shown(_trace_sections(document))]
+        title = f"Trace of {start}: {said}"
+        parts = [
+            Section("Residual", [Text(_residual(document)), Text(document["assumption"] or "")]),
+            Section("Candidates", _candidates(document)),
+            Section("Findings", _findings(document)),
+            Section("Before and after", _stage_blocks(document)),
+            Section("Remaining error", [Listing(_remaining_error(document))]),
+            Section("Detection limits of these poses", [] if document["findings"] else _detection(document)),
+            Section("Poses to measure next", _next_poses(document)),
+        ]
         if form != "page":
-            parts = [replace(part, title=f"{place}. {part.title}") for place, part in enumerate(parts, 1)]
+            parts = [replace(part, title=f"{place}. {part.title}") for place, part in enumerate(shown(parts), 1)]
     else:
         option, verb, count = "fit", "fitted", document["identifiability"]["n_identifiable"]
         title = f"Calibration from {start}: {count} coefficients fitted"
@@ -248,19 +257,6 @@ def fit_view(
     if not document["parameters"]:
         tables = [Text("No coefficient was fitted.")]
     return [Section("Causes", _causes(document, None)), *parts, Section("Coefficients", tables)]
-
-
-def _trace_sections(document: Document) -> list[Section]:
-    """Return residual, candidates, findings, stages, remaining error, and what to measure next."""
-    return [
-        Section("Residual", [Text(_residual(document)), Text(document["assumption"] or "")]),
-        Section("Candidates", _candidates(document)),
-        Section("Findings", _findings(document)),
-        Section("Before and after", _stage_blocks(document)),
-        Section("Remaining error", [Listing(_remaining_error(document))]),
-        Section("Detection limits of these poses", [] if document["findings"] else _detection(document)),
-        Section("Poses to measure next", _next_poses(document)),
-    ]
 
 
 def _doubts(document: Document) -> list[str]:

@@ -6,7 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 
 from robacc.effects.specification import CatalogueEntry
-from robacc.iso_9283.cube import Proposal
+from robacc.iso_9283.cube import ORIENTATION_TEXT, Proposal
 from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Reach, Summary
@@ -263,6 +263,6 @@ def _cube_facts(proposal: Proposal) -> list[str]:
         f"cube with an edge of {proposal.edge * IN_MM:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in "
         "the base frame",
         f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
-        f"{proposal.orientation_text}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its range to "
-        "each limit",
+        f"{ORIENTATION_TEXT[proposal.orientation]}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its "
+        "range to each limit",
     ]

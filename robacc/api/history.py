@@ -67,15 +67,15 @@ def _time(text: str | None) -> float | None:
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
 
 
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class HistoryResult(Result):
-    """Result from a database, which has no warnings."""
+    """Result from a database or over many arms."""
 
-    __slots__ = ()
+    warnings: tuple[str, ...] = ()
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """No warnings: what limits a result stands in its notes."""
-        return ()
+    def view(self) -> list[Section]:
+        """Return what the command shows."""
+        return views.VIEWS[self.command](self.payload())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -88,10 +88,6 @@ class HistoryAdded(HistoryResult):
     known: int
     n_results: int
     arms: tuple[str, ...]
-
-    def view(self) -> list[Section]:
-        """Return how many results were added."""
-        return views.added_view(self.payload())
 
 
 @call
@@ -146,10 +142,6 @@ class HistoryShown(HistoryResult):
     results: Sequence[Mapping[str, Any]]
     db: str
     arm: str | None
-
-    def view(self) -> list[Section]:
-        """Return a line for each result."""
-        return views.history_view(self.payload())
 
     def table(self, path: StrPath) -> None:
         """Write every figure and coefficient, one a line, as a CSV or, by the ending of the name, as Parquet.
@@ -212,10 +204,6 @@ class HistoryTrend(HistoryResult):
     key: str
     unit: str
     trends: Sequence[Mapping[str, Any]]
-
-    def view(self) -> list[Section]:
-        """Return the values of each arm and their slope."""
-        return views.trend_view(self.payload())
 
 
 @call
@@ -310,10 +298,6 @@ class HistoryChanges(HistoryResult):
         """Detection limits of all arms."""
         return tuple(limit for arm in self.arms for limit in arm.detection_limits)
 
-    def view(self) -> list[Section]:
-        """Return the changes of each arm."""
-        return views.changes_view(self.payload())
-
 
 @call
 def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
@@ -347,7 +331,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Health(Result):
+class Health(HistoryResult):
     """Quick test of an arm."""
 
     command: ClassVar[str] = "health"
@@ -359,11 +343,6 @@ class Health(Result):
     changes: tuple[ArmChange, ...]
     detection_limits: tuple[Limit, ...]
     hidden: tuple[str, ...]
-    warnings: tuple[str, ...]
-
-    def view(self) -> list[Section]:
-        """Return what moved, and the least change that would have been seen."""
-        return views.health_view(self.payload())
 
 
 @call
@@ -416,24 +395,14 @@ def health(
         own = tests(base, own_name)
         series = [one for one in series_of(base, own) if not one.is_of_setup]
     level = level_of(np.array([test.at for test in own]))
-    found = quick_test(model, record, data, level, Spread.of(series).factor)
-    path, last = path_of(poses), own[-1].at
+    path = path_of(poses)
     when = _time(at) or (os.path.getmtime(path) if path and os.path.isfile(path) else time.time())
-    changes = tuple(
-        ArmChange(
-            one.key, "step", when, last, when, one.size, one.low, one.high, one.unit, one.p_value, False, one.rivals
-        )
-        for one in found.shifts
-    )
-    limits = tuple(Limit(key, *limit) for key, limit in found.limits.items())
+    found = quick_test(model, record, data, level, Spread.of(series).factor, (own[-1].at, when))
     return Health(
         arm=own_name,
         n_poses=data.n,
-        rms=found.rms,
         level=level,
-        changes=changes,
-        detection_limits=limits,
-        hidden=found.hidden,
+        **found._asdict(),
         warnings=(*data.warnings, *inputs.warnings),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
@@ -451,10 +420,6 @@ class Fleet(HistoryResult):
     covariance: Mapping[str, Any]
     notes: tuple[str, ...]
     robot: Robot | None
-
-    def view(self) -> list[Section]:
-        """Return mean and standard deviation of each coefficient, and the arms out of family."""
-        return views.fleet_view(self.payload())
 
     def tolerances_yaml(self) -> str:
         """Return the standard deviations between arms as a tolerance file of ``predict``."""

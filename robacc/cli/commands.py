@@ -536,7 +536,7 @@ def _write_chart(results: list[str], kind: str, number: int, output: str) -> Non
 
 
 def history() -> None:
-    """Keep results in a database, and say what changed, when and by how much.
+    """Keep results in a database, and say what changed, when and by how much: add, show, trend, changes.
 
     robacc history add RESULT … --db FILE adds results, show lists them, trend KEY shows one figure or coefficient over
     time, changes says what changed; each has a --help of its own.
@@ -598,12 +598,12 @@ def fleet(
     ] = None,
     outlets: Outlets,
 ) -> None:
-    """Compute mean and standard deviation of each coefficient over many arms, and name the arms unlike the others.
+    """Compute the tolerances of a model of arm from the fits of many, and name the arms unlike the others.
 
-    The standard deviations are tolerances as built: predict takes them, and calibrate --prior takes the robot file of
+    The tolerances are mean and standard deviation of each coefficient over the arms. The standard deviations are tolerances as built: predict takes them, and calibrate --prior takes the robot file of
     --write-robot, with which the next arm needs fewer poses.
 
-    Example: robacc fleet results/*.json --write-tolerances tolerances.yaml
+    Example: robacc fleet fit1.json fit2.json --write-tolerances as_built.yaml
     """
     result = call(*(results or ()))
     write(write_tolerances, result.tolerances_yaml)
@@ -612,9 +612,9 @@ def fleet(
 
 
 def health(call: Call, *, outlets: Outlets) -> None:
-    """Say from a few poses whether a coefficient of an arm moved since its last full test, and which.
+    """Say from a few poses whether a coefficient of an arm moved since its last full test.
 
-    Example: robacc health poses.csv --robot model.yaml --db arm.db
+    Example: robacc health poses.csv --robot calibrated.yaml --db arm.db
     """
     result = call()
     deliver(outlets, result, result.view)

@@ -13,10 +13,11 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
-from robacc.history.changes import POWER, RIVAL, SETUP
+from robacc.history.changes import POWER, RIVAL, SETUP, ArmChange, Limit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
@@ -26,36 +27,27 @@ from robacc.tracing.calibrating import default_frames
 
 _HIDDEN = 1e-6
 """Share of a coefficient's information, frames fixed, below which free frames hide it."""
+_MOST_POSES = 1000
+"""The errors of all poses are correlated: one matrix of all of them is made."""
 _FINEST = 1e-9
 """m or rad: no instrument measures finer, and exact data have no noise."""
-
-
-class Shift(NamedTuple):
-    """Change of a coefficient, in its unit."""
-
-    key: str
-    unit: str
-    size: float
-    low: float
-    high: float
-    p_value: float
-    rivals: tuple[str, ...]
-    """Other coefficients whose change explains the poses as well."""
 
 
 class QuickTest(NamedTuple):
     """Outcome of a quick test."""
 
-    shifts: tuple[Shift, ...]
-    limits: dict[str, tuple[float, str]]
-    """Change of each coefficient that such poses show with a probability of 95 %, and its unit."""
+    changes: tuple[ArmChange, ...]
+    detection_limits: tuple[Limit, ...]
+    """Change of each coefficient that such poses show with a probability of 95 %."""
     hidden: tuple[str, ...]
     """Coefficients that the poses cannot distinguish from the set-up."""
     rms: float
     """Rms position error of the model with base and target registered, m."""
 
 
-def quick_test(robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float) -> QuickTest:
+def quick_test(
+    robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float, dates: tuple[float, float]
+) -> QuickTest:
     """Return which coefficients of the model ``robot`` moved since its fit.
 
     Args:
@@ -64,10 +56,13 @@ def quick_test(robot: Robot, record: ModelFit, data: Measurements, level: float,
         data: Poses measured now.
         level: Probability of a false alarm.
         factor: How much more the variance of a coefficient is from test to test than within one.
+        dates: Of the last test before, and of this one, s since 1970.
 
     Raises:
-        InputError: Fewer measured components than the frames have parameters.
+        InputError: Fewer measured components than the frames have parameters, or more than :data:`_MOST_POSES` poses.
     """
+    many = Problem(f"a quick test takes at most {_MOST_POSES} poses, found {data.n}", data.source, fix="use calibrate")
+    refuse((data.n > _MOST_POSES, many))
     frames = default_frames(robot, data)
     robot = apply_fit(fit(Model.of(robot, frames), data))
     model = Model.of(robot, record.effects)
@@ -114,28 +109,30 @@ def quick_test(robot: Robot, record: ModelFit, data: Measurements, level: float,
         found.append(best)
     variance = max(1.0, float(left @ left) / max(dof + 1, 1))
     critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))
-    limits = {
-        name: ((critical + normal_quantile(POWER)) * math.sqrt(variance / sizes[name]), terms[name].unit)
-        for name in known
-    }
     values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
-    spread = variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1)
-    half = student_quantile(0.975, max(dof + 1, 1)) * np.sqrt(spread)
-    shifts = [
-        Shift(
-            name,
-            terms[name].unit,
-            float(values[i]),
-            float(values[i] - half[i]),
-            float(values[i] + half[i]),
-            min(1.0, len(columns) * f_sf(float(values[i] ** 2 / spread[i]), 1.0, max(dof + 1, 1))),
-            _rivals(name, found, columns, setup, rest[:, 0], variance),
+    stds = np.sqrt(variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1))
+    half = student_quantile(0.975, max(dof + 1, 1)) * stds
+    changes = tuple(
+        ArmChange(
+            key=name,
+            kind="step",
+            at=dates[1],
+            earliest=dates[0],
+            latest=dates[1],
+            size=float(values[i]),
+            low=float(values[i] - half[i]),
+            high=float(values[i] + half[i]),
+            unit=terms[name].unit,
+            p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, max(dof + 1, 1))),
+            confirmed=False,
+            alternatives=_rivals(name, found, columns, setup, rest[:, 0], variance),
         )
         for i, name in enumerate(found, setup.shape[1])
-    ]
+    )
+    least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
+    limits = tuple(Limit(name, least / math.sqrt(sizes[name]), terms[name].unit) for name in known)
     hidden = tuple(name for name in columns if name not in known and name not in found)
-    places = np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))
-    return QuickTest(tuple(shifts), limits, hidden, float(places))
+    return QuickTest(changes, limits, hidden, float(np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))))
 
 
 def _rivals(

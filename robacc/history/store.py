@@ -93,7 +93,7 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
         InputError: The file does not exist, is no such database, is of a later version, or cannot be written.
     """
     exists = os.path.exists(path) and os.path.getsize(path) > 0
-    missing = Problem("no such database", path, fix="robacc history add RESULT --db FILE makes it")
+    missing = Problem("no such database", path, fix="robacc history add makes it")
     refuse((not exists and not writes, missing), (os.path.isdir(path), Problem("is a folder, not a database", path)))
     try:
         uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}"

@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import hashlib
-import io
-import itertools
 import json
 import os
 import re
@@ -19,23 +17,15 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array
-from robacc.io.dialect import GAPS, number_of
+from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
 from robacc.plug_ins import plug_in, plug_in_names
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
-_MOST_ROWS = 50_000_000
-"""A small file can repeat a value a billion times; nobody measures that many poses."""
-_MOST_NUMBERS = 2_000_000_000
-"""Numbers of all columns in use: 16 GB."""
-_PIPE_LIMIT = 2 << 30
-"""Largest pipe, bytes: Parquet is read from its end, so a pipe is read completely."""
-_INDEX = re.compile(r"__index_level_\d+__")
-"""Columns in which pandas stores its row numbers."""
 
 
 class ColumnTable(Table):
@@ -246,117 +236,12 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         yield "_".join(sorted("_".join(path).split("_"), key=_UNITS.__contains__)), value
 
 
-class ParquetTable(ColumnTable):
-    """Table of one Parquet file, without pandas' index, of which Arrow reads one column at a time."""
-
-    def __init__(self, stream: BinaryIO, file: str, skip_gaps: bool) -> None:
-        """Read the names of the columns of ``stream``, called ``file`` in messages.
-
-        Raises:
-            UsageError: The extra ``parquet`` is not installed.
-            InputError: The file is damaged, or too large.
-        """
-        try:
-            from pyarrow.parquet import ParquetFile
-        except ImportError as error:
-            raise UsageError(
-                f"{file} is Parquet, which needs an optional package; run {install_advice('parquet')}"
-            ) from error
-        self.file = file
-        if not stream.seekable():
-            data = stream.read(_PIPE_LIMIT + 1)
-            pipe = f"the pipe holds more than {_PIPE_LIMIT >> 30} GiB"
-            refuse((len(data) > _PIPE_LIMIT, Problem(pipe, file, fix="name a file instead")))
-            stream = io.BytesIO(data)
-        digest = hashlib.file_digest(stream, "sha256").hexdigest()  # type: ignore[arg-type]
-        stream.seek(0)
-        with self._arrow_errors():
-            self._opened = ParquetFile(stream, pre_buffer=False, page_checksum_verification=True)
-            fields = [field for field in self._opened.schema_arrow if not _INDEX.fullmatch(field.name)]
-            self._parts = [(field, part) for field in fields for part in self._places(field)]
-        self._kinds = [field.type if part is None else field.type.value_type for field, part in self._parts]
-        names = [field.name if part is None else f"{field.name}_{part + 1}" for field, part in self._parts]
-        super().__init__([(name, np.empty(0)) for name in names], file, skip_gaps, digest)
-        self.n = self._opened.metadata.num_rows
-        many = Problem(f"found {self.n} rows", file, fix=f"expected at most {_MOST_ROWS}")
-        refuse((not 0 <= self.n <= _MOST_ROWS, many))
-
-    def _places(self, field: Any) -> Sequence[int | None]:
-        """Return the places in the lists of a column, as long as its first one; None for a column without lists."""
-        from pyarrow import types
-
-        if not (types.is_list(field.type) or types.is_fixed_size_list(field.type)):
-            return [None]
-        first = next(self._opened.iter_batches(1, columns=[field.name]), None)
-        length = len(first.column(0)[0] or ()) if first is not None else 0
-        return range(length) if length > 1 else [None]
-
-    def body(self, numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
-        """Return every row, with the columns of the given indices only; :attr:`log` collects problems of values.
-
-        Raises:
-            InputError: The file is damaged, or the type of a column does not fit its name.
-        """
-        from pyarrow import types
-
-        of_numbers = (types.is_integer, types.is_floating, types.is_decimal, types.is_null)
-        of_texts = (types.is_string, types.is_large_string, types.is_integer)
-        for i in (*numbers, *({*texts} - self.times - {*self.sparse})):
-            kind = self._kinds[i]
-            inner = kind.value_type if types.is_dictionary(kind) and i not in numbers else kind
-            if not any(is_kind(inner) for is_kind in (of_numbers if i in numbers else of_texts)):
-                expected, stored = ("numbers", "double") if i in numbers else ("text", "string")
-                self.log.add(
-                    f"the column holds {kind}, expected {expected}", None, self.labels[i], f"store it as {stored}"
-                )
-        # Arrow cannot select one of two columns with the same name; the log has that problem already.
-        self.log.raise_if_any()
-        many = Problem(f"found {self.n} rows of {len(numbers)} columns", self.file, fix="split the file")
-        refuse((self.n * len(numbers) > _MOST_NUMBERS, many))
-        return super().body(numbers, texts)
-
-    def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
-        """Return a column, and where its values are missing."""
-        from pyarrow import compute, float64, string, types
-
-        (field, part), kind = self._parts[index], self._kinds[index]
-        inner = kind.value_type if types.is_dictionary(kind) else kind
-        is_text = types.is_string(inner) or types.is_large_string(inner) or types.is_timestamp(inner)
-        with self._arrow_errors():
-            stored = self._opened.read([field.name], use_threads=False).column(0)
-            if part is not None:
-                stored = compute.list_element(stored, part)
-            missing = np.asarray(stored.is_null())
-            if is_text or not types.is_integer(inner) or stored.null_count:
-                stored = stored.cast(string() if is_text else float64(), safe=False)
-            values = stored.to_numpy()
-        refuse(
-            (values.size != self.n, self._damaged(f"its header announces {self.n} rows, the data has another number"))
-        )
-        return values, missing
-
-    @contextmanager
-    def _arrow_errors(self) -> Iterator[None]:
-        """Raise errors of Arrow as problems of the file."""
-        from pyarrow import ArrowException
-
-        try:
-            yield
-        except (ArrowException, OSError, UnicodeDecodeError) as error:
-            raise InputError(self._damaged(str(error).strip().partition("\n")[0][:200])) from error
-
-    def _damaged(self, why: str) -> Problem:
-        return Problem(f"cannot be read as Parquet ({why})", self.file, fix="it is damaged or cut short")
-
-
-# Open a table: a Parquet file or a workbook, known by its first bytes, a data frame, or else text.
+# Open a table: a data frame, records, what a plug-in reads, or else text.
 #
 # Other packages add readers of further kinds of files, see :class:`Reader`.
 
 _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""
-_WORKBOOKS = (b"PK\x03\x04", b"\xd0\xcf\x11\xe0")
-"""First bytes of zipped and of old workbooks."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
@@ -380,6 +265,9 @@ _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc"
 class Reader(Protocol):
     """Reader of a further kind of files: an entry point of the group ``robacc.readers`` names an object or a module.
 
+    A reader that has ``read_stream(stream, file, options)`` gets the open file in place of its path, so that it reads
+    pipes too; ``file`` is the name for messages.
+
     Readers are asked about a folder, and about a file that no reader of this package takes by its first bytes and whose
     name or bytes are not those of a text file.
     """
@@ -396,10 +284,14 @@ class Reader(Protocol):
         """
 
 
-def _by_plug_in(path: str, first: bytes, options: TableOptions) -> Table | None:
+def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO | None = None) -> Table | None:
     """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
     readers: Iterator[Reader] = (plug_in("robacc.readers", name) for name in sorted(plug_in_names("robacc.readers")))
-    return next((reader.read(path, options) for reader in readers if reader.takes(path, first)), None)
+    reader = next((reader for reader in readers if reader.takes(path, first)), None)
+    if reader is not None and stream is not None and hasattr(reader, "read_stream"):
+        table: Table = reader.read_stream(stream, "<stdin>" if path == STANDARD_STREAM else path, options)
+        return table
+    return None if reader is None else reader.read(path, options)
 
 
 @contextmanager
@@ -434,10 +326,6 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         first = stream.read(_LONGEST)
         stream.seek(0)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if first.startswith(_PARQUET):
-        return ParquetTable(stream, file, options.skip_gaps)
-    if first.startswith(_WORKBOOKS):
-        return _workbook_table(stream, file, options)
     if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
         return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)
     suffix = PurePath(file).suffix.lower()
@@ -446,9 +334,9 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         ("", ""),
     )
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
-    if kind or not is_text or suffix not in _OF_TEXT:
+    if kind or not is_text or first.startswith(_PARQUET) or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
-        if (table := _by_plug_in(path, first, options)) is not None:
+        if (table := _by_plug_in(path, first, options, stream)) is not None:
             return table
     again = "export it again, or rename it to .csv if it is text"
     refuse(
@@ -456,63 +344,3 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         (suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
     )
     return TextTable(stream, file, options)
-
-
-# Sheets of workbooks (xlsx, xls, ods): their cells become lines of text, counted as rows.
-
-_WORKBOOK_LIMIT = 1 << 28
-"""Largest workbook, bytes."""
-_MOST_CELLS = 50_000_000
-_EXAMINED_ROWS = 100
-"""Rows of a sheet in which a table is looked for."""
-_FEWEST_NUMBERS = 3
-
-
-def _workbook_table(stream: BinaryIO, file: str, options: TableOptions) -> TextTable:
-    """Return the table in the chosen sheet of a workbook, or in its only one with numbers."""
-    data = stream.read(_WORKBOOK_LIMIT + 1)
-    refuse((len(data) > _WORKBOOK_LIMIT, Problem("the workbook is too large", file, fix="export the sheet as CSV")))
-    try:
-        from python_calamine import CalamineError, CalamineWorkbook
-    except ImportError as error:
-        raise UsageError(
-            f"{file} is a workbook, which needs an optional package; run {install_advice('excel')}"
-        ) from error
-    try:
-        book = CalamineWorkbook.from_filelike(io.BytesIO(data))
-        names = book.sheet_names
-        unknown = f"`sheet`: {file} has no sheet {options.sheet!r}; it has {', '.join(names)}"
-        refuse((options.sheet is not None and options.sheet not in names, unknown))
-        if options.sheet is None and len(names) > 1:
-            names = [name for name in names if book.get_sheet_by_name(name).height > 1]
-            names = [name for name in names if _has_numbers(book.get_sheet_by_name(name))] or names
-            refuse((len(names) > 1, f"{file} has several sheets; choose one with `sheet`: {', '.join(names)}"))
-        refuse((not names, Problem("the workbook has no sheet with rows", file)))
-        sheet = book.get_sheet_by_name(options.sheet or names[0])
-        large = Problem("the sheet is too large", file, fix="export it as CSV")
-        refuse((sheet.height * max(sheet.width, 1) > _MOST_CELLS, large))
-        rows = sheet.to_python(skip_empty_area=False)
-    except (CalamineError, OSError, ValueError) as error:
-        reason = str(error).strip().partition("\n")[0][:200]
-        raise InputError(Problem(f"cannot be read as a workbook ({reason})", file, fix="export it as CSV")) from error
-    text = "".join("\t".join(map(_cell_text, row)) + "\n" for row in rows)
-    table = TextTable(io.BytesIO(text.encode(errors="replace")), file, options, "row")
-    table.log.remarks = [text.replace("separated by tabs", f"sheet {sheet.name!r}") for text in table.log.remarks]
-    table.sha256 = hashlib.sha256(data).hexdigest()
-    return table
-
-
-def _has_numbers(sheet: Any) -> bool:
-    """Return whether a sheet has a row with three numbers among its first ones, as poses have."""
-    rows = itertools.islice(sheet.iter_rows(), _EXAMINED_ROWS)
-    texts = ([_cell_text(cell) for cell in row if not isinstance(cell, bool)] for row in rows)
-    counts = (sum(number_of(text, decimal_comma="," in text) is not None for text in row) for row in texts)
-    return any(count >= _FEWEST_NUMBERS for count in counts)
-
-
-def _cell_text(value: Any) -> str:
-    if isinstance(value, float | dt.timedelta):
-        return repr(value if isinstance(value, float) else value.total_seconds())
-    if isinstance(value, dt.datetime):
-        return value.isoformat(" ")
-    return " ".join(str(value).replace('"', "''").split())

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from itertools import groupby
 
 from robacc.history.changes import SETUP
@@ -189,3 +189,14 @@ def fleet_view(document: Document) -> list[Section]:
         Section("Arms out of family", [Listing(strangers or ["none"])]),
         Section("", [Listing(document["notes"])]),
     ]
+
+
+VIEWS: dict[str, Callable[[Document], list[Section]]] = {
+    "history-add": added_view,
+    "history-show": history_view,
+    "history-trend": trend_view,
+    "history-changes": changes_view,
+    "health": health_view,
+    "fleet": fleet_view,
+}
+"""View of the document of each command."""

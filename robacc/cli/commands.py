@@ -600,8 +600,8 @@ def fleet(
 ) -> None:
     """Compute the tolerances of a model of arm from the fits of many, and name the arms unlike the others.
 
-    The tolerances are mean and standard deviation of each coefficient over the arms. The standard deviations are tolerances as built: predict takes them, and calibrate --prior takes the robot file of
-    --write-robot, with which the next arm needs fewer poses.
+    The tolerances are mean and standard deviation of each coefficient over the arms, as built: predict takes them, and
+    calibrate --prior takes the robot file of --write-robot, with which the next arm needs fewer poses.
 
     Example: robacc fleet fit1.json fit2.json --write-tolerances as_built.yaml
     """

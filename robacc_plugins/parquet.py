@@ -1,11 +1,12 @@
-"""Reader of Parquet files, one column at a time; needs the extra ``parquet``."""
+"""Parquet files, read one column at a time, and written; needs the extra ``parquet``."""
 
 from __future__ import annotations
 
 import hashlib
 import io
+import os
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from typing import Any, BinaryIO
 
@@ -14,6 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.io.column_table import ColumnTable
+from robacc.io.files import write_pieces
 from robacc.io.table import TableBody, TableOptions
 
 _MOST_ROWS = 50_000_000
@@ -34,6 +36,22 @@ def takes(path: str, first: bytes) -> bool:
 def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTable:
     """Return a file as a table."""
     return ParquetTable(stream, file, options.skip_gaps)
+
+
+def write(path: str | os.PathLike[str], columns: Mapping[str, Sequence[Any]]) -> None:
+    """Write columns as a Parquet file, completely or not at all.
+
+    Raises:
+        InputError: The file cannot be written.
+        UsageError: pyarrow is not installed.
+    """
+    try:
+        from pyarrow import BufferOutputStream, parquet, table
+    except ImportError as error:
+        raise UsageError(f"Parquet needs an optional package; run {install_advice('parquet')}") from error
+    stream = BufferOutputStream()
+    parquet.write_table(table(dict(columns)), stream)
+    write_pieces(path, (stream.getvalue().to_pybytes(),))
 
 
 class ParquetTable(ColumnTable):

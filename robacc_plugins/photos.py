@@ -11,6 +11,7 @@ import hashlib
 import io
 import math
 import re
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -235,3 +236,32 @@ def page_of(columns: int, rows: int, square: int, page: tuple[float, float]) -> 
     )
     axes.text(left + _RULER + 5.0, _EDGE, text, fontsize=7)
     return figure
+
+
+def lens(
+    boards: Sequence[Array], images: Sequence[Array], size: Sequence[int]
+) -> tuple[tuple[float, float], tuple[float, float], tuple[float, ...]]:
+    """Return focal lengths, centre and distortion of the lens with which photos show a flat board best (Z. Zhang 2000).
+
+    Args:
+        boards: Points of the board ``(K, 3)`` of each photo.
+        images: Their images ``(K, 2)``, px.
+        size: Width and height, px.
+
+    Raises:
+        UsageError: The extra ``camera`` is not installed.
+        ValueError: The photos do not show the lens.
+    """
+    try:
+        import cv2
+    except ImportError:
+        message = f"the lens of a camera without fx needs opencv: {install_advice('camera')}"
+        raise UsageError(message) from None
+    flat, seen = ([np.ascontiguousarray(points, dtype=np.float32) for points in each] for each in (boards, images))
+    shape: Any = tuple(map(int, size))
+    try:
+        _, matrix, distortion, *_ = cv2.calibrateCamera(flat, seen, shape, None, None)
+    except cv2.error as error:
+        raise ValueError("the photos do not show the lens of the camera") from error
+    (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
+    return (fx, fy), (cx, cy), tuple(distortion.ravel()[:5].tolist())

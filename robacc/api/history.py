@@ -8,7 +8,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
 from itertools import groupby
-from typing import Annotated, Any, ClassVar, NamedTuple
+from operator import itemgetter
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import yaml
@@ -42,12 +43,13 @@ from robacc.documents.history import (
     TEST,
     date_text,
 )
-from robacc.errors import UsageError, refuse
+from robacc.errors import UsageError, given, refuse
 from robacc.history import store
-from robacc.history.changes import ArmChange, ArmSeries, Limit, Spread, find_changes, level_of, slope_of
-from robacc.history.fleet import FleetCoefficient, Stranger, arm_fit, fleet_of, joint_tolerances, typical_robot
+from robacc.history.changes import ArmChange, Limit, Spread, find_changes, level_of, slope_of
+from robacc.history.fleet import Entry, arm_fit, fleet_of, joint_tolerances, typical_robot
 from robacc.history.quick_test import quick_test
-from robacc.history.store import Test, add, arm_of, document_of, opened, series_of, tests
+from robacc.history.store import add, arm_of, document_of, opened, series_of, tests
+from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.render.text import Section
 from robacc.render.views import history as views
@@ -128,9 +130,13 @@ def history_add(
             added += add(base, stored, own if when is None else when, arm)
             inputs.records.append(stored.record)
         found = tests(base, None)
-    arms = tuple(dict.fromkeys(test.arm for test in found))
-    known = len(results) - added
-    return HistoryAdded(added=added, known=known, n_results=len(found), arms=arms, made=inputs.made())
+    return HistoryAdded(
+        added=added,
+        known=len(results) - added,
+        n_results=len(found),
+        arms=tuple(dict.fromkeys(test.arm for test in found)),
+        made=inputs.made(),
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -150,20 +156,13 @@ class HistoryShown(HistoryResult):
             InputError: The file cannot be written.
             UsageError: The name ends in .parquet, and pyarrow is not installed.
         """
-        from robacc.io.files import write_parquet, write_text
+        from robacc.io.files import write_text
 
         with opened(self.db) as base:
-            by_id = {test.id: test for test in tests(base, self.arm)}
-            found = [*store.figures(base, self.arm), *store.coefficients(base, self.arm)]
-        at = [by_id[row.test] for row in found]
-        columns = {
-            "arm": [test.arm for test in at],
-            "at": [date_text(test.at) for test in at],
-            "result": [test.name for test in at],
-            **{name: [getattr(row, name) for row in found] for name in ("key", "value", "std", "unit")},
-        }
+            columns = dict(zip(store.COLUMNS, zip(*store.rows(base, self.arm), strict=True), strict=False))
+        columns["at"] = tuple(map(date_text, columns["at"]))
         if os.fspath(path).endswith(".parquet"):
-            write_parquet(path, columns)
+            plug_in("robacc.readers", "parquet").write(path, columns)
             return
         texts = {name: ["" if cell is None else cell for cell in column] for name, column in columns.items()}
         write_text(path, csv_text(texts))
@@ -189,10 +188,9 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
         estimate
     """
     with opened(os.fspath(db)) as base:
-        found = tests(base, arm)
-        errors = {row.test: row.value for row in store.figures(base, arm, "position.rms")}
-    shown = [TEST.write(test, rms_m=errors.get(test.id)) for test in found]
-    return HistoryShown(results=shown, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
+        errors = {row[-1]: row[4] for row in store.rows(base, arm, "position.rms")}
+        results = [TEST.write(test, rms_m=errors.get(test.id)) for test in tests(base, arm)]
+    return HistoryShown(results=results, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -231,53 +229,22 @@ def history_trend(
         m
     """
     with opened(os.fspath(db)) as base:
-        found = {test.id: test for test in tests(base, arm)}
-        own = [*store.figures(base, arm, key), *store.coefficients(base, arm, key)]
+        tests(base, arm)
+        rows = [row for row in store.rows(base, arm, key) if row[4] is not None]
         keys = ", ".join(store.keys(base, arm))
-    own = [row for row in own if row.value is not None]
-    refuse((not own, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
+    refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
-    for name, group in groupby(sorted(own, key=lambda row: found[row.test].arm), key=lambda row: found[row.test].arm):
-        rows = [(found[row.test].at, row.value, row.std) for row in group]
-        known = np.array([row for row in rows if row[2]], dtype=float).reshape(-1, 3)
+    for name, group in groupby(rows, key=itemgetter(0)):
+        own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
+        known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
         slope: tuple[float | None, ...] = (None, None, None)
         if len(known) > 2 and np.ptp(known[:, 0]) > 0.0:
             slope = slope_of(*known.T)
-        values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in rows]
+        values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
         trends.append(
             {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
         )
-    return HistoryTrend(key=key, unit=own[0].unit, trends=trends, made=Inputs({"key": key, "arm": arm}).made())
-
-
-class ArmHistory(NamedTuple):
-    """Tests of one arm, and what changed."""
-
-    arm: str
-    n_tests: int
-    level: float
-    changes: tuple[ArmChange, ...]
-    detection_limits: tuple[Limit, ...]
-    notes: tuple[str, ...]
-
-
-def arm_history(arm: str, own: list[Test], series: list[ArmSeries]) -> ArmHistory:
-    """Return what changed in the tests of an arm."""
-    level = level_of(np.array([test.at for test in own]))
-    changes, limits = find_changes(series, level)
-    notes = (
-        (len(own) < 3, "fewer than three tests: how much tests differ without a change is not known yet"),
-        (
-            all(test.temperature is None for test in own),
-            "no test recorded a temperature (column temperature_c): its changes may look like ramps",
-        ),
-        (
-            len({test.robot_sha256 for test in own if test.robot_sha256}) > 1,
-            "the robot file changed: coefficients count from its last change on",
-        ),
-    )
-    texts = tuple(text for holds, text in notes if holds)
-    return ArmHistory(arm, len(own), level, tuple(changes), tuple(limits), texts)
+    return HistoryTrend(key=key, unit=rows[0][6], trends=trends, made=Inputs({"key": key, "arm": arm}).made())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -286,17 +253,9 @@ class HistoryChanges(HistoryResult):
 
     command: ClassVar[str] = "history-changes"
     keys = HISTORY_CHANGES
-    arms: tuple[ArmHistory, ...]
-
-    @property
-    def changes(self) -> tuple[ArmChange, ...]:
-        """Changes of all arms."""
-        return tuple(change for arm in self.arms for change in arm.changes)
-
-    @property
-    def detection_limits(self) -> tuple[Limit, ...]:
-        """Detection limits of all arms."""
-        return tuple(limit for arm in self.arms for limit in arm.detection_limits)
+    arms: Sequence[Mapping[str, Any]]
+    changes: Mapping[str, Sequence[ArmChange]]
+    """Changes of each arm."""
 
 
 @call
@@ -307,7 +266,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
     base_frame or tool_frame tells that the set-up changed, not the arm. A false alarm is expected once in a year.
 
     Returns:
-        ``changes``, the most certain first, each with its date, size and 95 % interval; ``arms`` with the detection
+        ``changes`` of each arm, the most certain first, with date, size and 95 % interval; ``arms`` with the detection
         limits of each.
 
     Raises:
@@ -320,14 +279,24 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
         >>> with tempfile.TemporaryDirectory() as folder:
         ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
         ...     print(robacc.history_changes(db=f"{folder}/arm.db").changes)
-        ()
+        {'sample arm': []}
     """
     with opened(os.fspath(db)) as base:
-        arms = []
+        arms, changed = [], {}
         for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
             own = [*group]
-            arms.append(arm_history(name, own, series_of(base, own)))
-    return HistoryChanges(arms=tuple(arms), made=Inputs({"arm": arm}).made())
+            level = level_of(np.array([test.at for test in own]))
+            changed[name], limits = find_changes(series_of(base, own), level)
+            notes = [
+                "fewer than three tests: how much tests differ without a change is not known yet" * (len(own) < 3),
+                "no test recorded a temperature (column temperature_c): its changes may look like ramps"
+                * all(test.temperature is None for test in own),
+                "the robot file changed: coefficients count from its last change on"
+                * (len({test.robot_sha256 for test in own if test.robot_sha256}) > 1),
+            ]
+            entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
+            arms.append({**entry, "notes": [*filter(None, notes)]})
+    return HistoryChanges(arms=arms, changes=changed, made=Inputs({"arm": arm}).made())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -384,12 +353,12 @@ def health(
     """
     inputs = Inputs(locals(), "poses")
     model = inputs.robot(robot, poses)
-    record = model_fit(model)
-    name = path_of(robot) or model.name
-    refuse((record is None, f"{name} has no fit; give the model that calibrate or trace wrote with `write_model`"))
-    assert record is not None
+    unfitted = (
+        f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`"
+    )
+    record = given(model_fit(model), unfitted)
     data = inputs.poses(poses, model)
-    refuse((data.q is None, "the poses have no joint columns"))
+    refuse((data.q is None, "the poses have no joint columns, which the model needs"))
     own_name = arm or model.identity.get("serial_number") or model.name
     with opened(os.fspath(db)) as base:
         own = tests(base, own_name)
@@ -415,15 +384,15 @@ class Fleet(HistoryResult):
     command: ClassVar[str] = "fleet"
     keys = FLEET
     n_arms: int
-    coefficients: tuple[FleetCoefficient, ...]
-    strangers: tuple[Stranger, ...]
-    covariance: Mapping[str, Any]
+    coefficients: Sequence[Entry]
+    strangers: Sequence[Entry]
+    covariance: Entry
     notes: tuple[str, ...]
     robot: Robot | None
 
     def tolerances_yaml(self) -> str:
         """Return the standard deviations between arms as a tolerance file of ``predict``."""
-        is_urdf = any(one.key.rpartition(".")[2] in ("roll", "pitch", "yaw") for one in self.coefficients)
+        is_urdf = any(one["key"].rpartition(".")[2] in ("roll", "pitch", "yaw") for one in self.coefficients)
         head = f"# Standard deviations between {self.n_arms} arms, written by robacc {__version__} fleet.\n"
         content = {"units": {"length": "m", "angle": "rad"}, "joints": joint_tolerances(self.coefficients, is_urdf)}
         return head + yaml.safe_dump(content, sort_keys=False)
@@ -468,7 +437,7 @@ def fleet(
         >>> import robacc
         >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
         >>> fits = [robacc.calibrate(poses, robot=robot, fit="joint_offset", folds=folds) for folds in (2, 3)]
-        >>> robacc.fleet(*fits).coefficients[0].key
+        >>> robacc.fleet(*fits).coefficients[0]["key"]
         'joint_offset.j1'
     """
     refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
@@ -481,8 +450,8 @@ def fleet(
     for number, source in enumerate(results, 1):
         stored = stored_result(source)
         inputs.records.append(stored.record)
-        is_fit = stored.command in FITS
-        refuse((not is_fit, f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"))
+        other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
+        refuse((stored.command not in FITS, other))
         name = arm_of(stored.document)
         documents[name if name not in documents else f"{name} ({number})"] = stored.document
     refuse((len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"))
@@ -490,14 +459,14 @@ def fleet(
     for name, document in documents.items():
         with understood(name, document["command"]):
             arms.append(arm_fit(document, name))
-    coefficients, strangers, (names, matrix) = fleet_of(arms)
+    coefficients, strangers, covariance = fleet_of(arms)
     shrunk = sum(bool(document["options"].get("shrink")) for document in documents.values())
     note = f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
     return Fleet(
         n_arms=len(arms),
-        coefficients=tuple(coefficients),
-        strangers=tuple(strangers),
-        covariance={"names": names, "matrix": matrix},
+        coefficients=coefficients,
+        strangers=strangers,
+        covariance=covariance,
         notes=(note,) if shrunk else (),
         robot=None if robot is None else inputs.robot(robot),
         made=inputs.made(),

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
+from itertools import chain
 from typing import Any
 
 from robacc.documents.keys import (
@@ -121,14 +123,12 @@ LIMITS = Key(
 )
 
 
-def _by_kind(result: Any) -> Document:
+def _by_kind(changes: Sequence[Any], limits: Iterable[Any]) -> Document:
     """Return the most certain change by kind and key, as gates name it; without one 0, up to the detection limit."""
     known = {
-        (kind, limit.key): (limit.unit, 0.0, 0.0, limit.limit)
-        for kind in ("step", "ramp", "setup")
-        for limit in result.detection_limits
+        (kind, limit.key): (limit.unit, 0.0, 0.0, limit.limit) for kind in ("step", "ramp", "setup") for limit in limits
     }
-    for change in reversed(result.changes):
+    for change in reversed(changes):
         low, high = sorted((abs(change.low), abs(change.high)))
         low *= change.low * change.high > 0.0
         known[change.kind, change.key] = (change.unit, abs(change.size), low, high)
@@ -140,20 +140,18 @@ def _by_kind(result: Any) -> Document:
             node = node.setdefault(step, {})
         name = name if unit in ("1", "") else f"{name}_{unit}"
         node[name] = value
-        interval = {"lower": low, "upper": high, "upper_bound": high, "confidence": 0.95}
-        node.setdefault("intervals", {})[name] = interval
+        ends = {"lower": low, "upper": high, "upper_bound": high}
+        node.setdefault("intervals", {})[name] = {**ends, "confidence": 0.95}
     return sizes
 
 
-BY_KIND = Key(
-    table(), "Most certain change by kind and key, for gates; without one 0, up to the detection limit.", _by_kind
-)
+_ABOUT_KINDS = "Most certain change by kind and key, for gates; without one 0, up to the detection limit."
 HISTORY_CHANGES = part(
     {
         "changes": Key(
             array(CHANGE),
             "Changes of all arms.",
-            lambda result: [CHANGE.write(change, arm=arm.arm) for arm in result.arms for change in arm.changes],
+            lambda result: [CHANGE.write(one, arm=arm) for arm, found in result.changes.items() for one in found],
         ),
         "arms": Key(
             array(
@@ -169,7 +167,13 @@ HISTORY_CHANGES = part(
             ),
             "Each arm.",
         ),
-        "history": BY_KIND,
+        "history": Key(
+            table(),
+            _ABOUT_KINDS,
+            lambda result: _by_kind(
+                [*chain(*result.changes.values())], chain(*(arm["detection_limits"] for arm in result.arms))
+            ),
+        ),
     },
     about="What changed, when, by how much, and how.",
 )
@@ -186,7 +190,7 @@ HEALTH = part(
         ),
         "detection_limits": LIMITS,
         "hidden": Key(array(text), "Coefficients whose change these poses cannot distinguish from one of the set-up."),
-        "history": BY_KIND,
+        "history": Key(table(), _ABOUT_KINDS, lambda result: _by_kind(result.changes, result.detection_limits)),
     },
     about="Quick test of an arm against the model of its last full test.",
 )

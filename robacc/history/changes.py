@@ -289,7 +289,17 @@ def _change(
 ) -> ArmChange:
     value, half = float(fit.coefficients[column]), student_quantile(0.975, max(fit.dof, 1.0)) * fit.std(column)
     at, earliest, latest = map(float, tests)
-    unit = f"{series.unit}/K" if kind == "temperature" else series.unit
-    sizes = (length * value, length * (value - half), length * (value + half))
-    p_value = min(1.0, fit.p_value(column) * count)
-    return ArmChange(series.key, kind, at, earliest, latest, *sizes, unit, p_value, confirmed, tuple(alternatives))
+    return ArmChange(
+        key=series.key,
+        kind=kind,
+        at=at,
+        earliest=earliest,
+        latest=latest,
+        size=length * value,
+        low=length * (value - half),
+        high=length * (value + half),
+        unit=f"{series.unit}/K" if kind == "temperature" else series.unit,
+        p_value=min(1.0, fit.p_value(column) * count),
+        confirmed=confirmed,
+        alternatives=tuple(alternatives),
+    )

@@ -33,6 +33,10 @@ _FEWEST = 4
 """Arms from which one can be unlike the others."""
 
 
+Entry = Mapping[str, Any]
+"""Coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
+
+
 class ArmFit(NamedTuple):
     """Coefficients of one arm."""
 
@@ -40,34 +44,6 @@ class ArmFit(NamedTuple):
     values: Mapping[str, tuple[float, float, str]]
     """Value, standard deviation and unit by key."""
     covariance: Mapping[tuple[str, str], float]
-
-
-class FleetCoefficient(NamedTuple):
-    """A coefficient over the arms of a fleet, SI."""
-
-    key: str
-    unit: str
-    n_arms: int
-    mean: float
-    mean_low: float
-    mean_high: float
-    std: float
-    """Standard deviation between arms."""
-    std_low: float
-    std_high: float
-
-
-class Stranger(NamedTuple):
-    """Arm whose coefficient is unlike that of the others."""
-
-    arm: str
-    key: str
-    unit: str
-    value: float
-    expected: float
-    """Mean of the other arms."""
-    p_value: float
-    """Probability of any such arm in the fleet without a stranger."""
 
 
 def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
@@ -100,7 +76,8 @@ def between_variance(values: Array, variances: Array, sum_of_squares: float) -> 
     return root(lambda between: _squares(values, variances, between) - sum_of_squares, 0.0, high * (1.0 + 1e-9), 1e-9)
 
 
-def _coefficient(key: str, unit: str, values: Array, variances: Array) -> FleetCoefficient:
+def _coefficient(key: str, unit: str, values: Array, variances: Array) -> Entry:
+    """Return mean and standard deviation between the arms with their 95 % intervals, by the keys of the result."""
     dof = len(values) - 1
     between, low, high = (
         between_variance(values, variances, size)
@@ -110,12 +87,12 @@ def _coefficient(key: str, unit: str, values: Array, variances: Array) -> FleetC
     mean = float(weights @ values / weights.sum())
     excess = max(1.0, _squares(values, variances, between) / dof)
     half = student_quantile(0.975, dof) * math.sqrt(excess / float(weights.sum()))
-    return FleetCoefficient(
-        key, unit, len(values), mean, mean - half, mean + half, *(math.sqrt(size) for size in (between, low, high))
-    )
+    ends = {"mean": mean, "mean_low": mean - half, "mean_high": mean + half}
+    stds = {"std": math.sqrt(between), "std_low": math.sqrt(low), "std_high": math.sqrt(high)}
+    return {"key": key, "unit": unit, "n_arms": len(values), **ends, **stds}
 
 
-def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[FleetCoefficient], list[Stranger], tuple[list[str], Array]]:
+def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
     """Return the coefficients over the arms, the arms unlike the others, and the covariance of the coefficients.
 
     The figures are of the fleet without its strangers, each left out where it is one. The covariance is that of the
@@ -125,8 +102,8 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[FleetCoefficient], list[Stran
         UsageError: No coefficient is known of two arms.
     """
     keys = [*dict.fromkeys(key for arm in arms for key in arm.values)]
-    coefficients: list[FleetCoefficient] = []
-    strangers: list[Stranger] = []
+    coefficients: list[Entry] = []
+    strangers: list[Entry] = []
     for key in keys:
         own = [arm for arm in arms if key in arm.values and arm.values[key][1] > 0.0]
         if len(own) < 2:
@@ -137,22 +114,29 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[FleetCoefficient], list[Stran
             found = _coefficient(key, unit, values, variances)
             if len(own) < _FEWEST:
                 break
-            far = int(np.argmax(np.abs(values - found.mean) / np.sqrt(variances + found.std**2)))
+            far = int(np.argmax(np.abs(values - found["mean"]) / np.sqrt(variances + found["std"] ** 2)))
             rest = np.arange(len(own)) != far
             others = _coefficient(key, unit, values[rest], variances[rest])
-            weight = float(np.sum(1.0 / (variances[rest] + others.std**2)))
-            square = (values[far] - others.mean) ** 2 / (variances[far] + others.std**2 + 1.0 / weight)
+            spread = others["std"] ** 2
+            square = (values[far] - others["mean"]) ** 2 / (
+                variances[far] + spread + 1.0 / np.sum(1.0 / (variances[rest] + spread))
+            )
             p_value = len(own) * len(keys) * f_sf(float(square), 1.0, len(own) - 2.0)
             if p_value >= _LEVEL:
                 break
-            strangers.append(Stranger(own[far].arm, key, unit, float(values[far]), others.mean, p_value))
+            strangers.append(
+                {
+                    **{"arm": own[far].arm, "key": key, "unit": unit},
+                    **{"value": float(values[far]), "expected": others["mean"], "p_value": p_value},
+                }
+            )
             own = [arm for arm in own if arm is not own[far]]
         coefficients.append(found)
     refuse((not coefficients, "the results have no coefficient that two arms share"))
-    names = [one.key for one in coefficients]
-    apart = {stranger.arm for stranger in strangers}
+    names = [one["key"] for one in coefficients]
+    apart = {stranger["arm"] for stranger in strangers}
     whole = [arm for arm in arms if arm.arm not in apart and set(names) <= set(arm.values)]
-    covariance = np.diag([one.std**2 for one in coefficients])
+    covariance = np.diag([one["std"] ** 2 for one in coefficients])
     if len(whole) > 2:
         values = np.array([[arm.values[name][0] for name in names] for arm in whole])
         pairs = [[(a, b) if i >= j else (b, a) for j, b in enumerate(names)] for i, a in enumerate(names)]
@@ -160,25 +144,27 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[FleetCoefficient], list[Stran
         scale = np.sqrt(np.where(np.diag(covariance) > 0.0, np.diag(covariance), 1.0))
         shares, axes = np.linalg.eigh((np.cov(values.T) - noise) / scale[:, None] / scale)
         covariance = scale[:, None] * (axes * np.maximum(shares, 0.0)) @ axes.T * scale
-    return coefficients, strangers, (names, covariance)
+    return coefficients, strangers, {"names": names, "matrix": covariance}
 
 
-def joint_tolerances(coefficients: Sequence[FleetCoefficient], urdf: bool) -> dict[str, dict[str, float]]:
+def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dict[str, float]]:
     """Return standard deviations between arms by joint and parameter, as robot and tolerance files name them."""
     found: dict[str, dict[str, float]] = {}
     for one in coefficients:
-        effect, joint, *label = one.key.split(".")
+        effect, joint, *label = one["key"].split(".")
         if effect == "joint_offset":
-            found.setdefault(joint, {})["offset" if urdf else "theta" if one.unit == "rad" else "d"] = one.std
+            found.setdefault(joint, {})["offset" if urdf else "theta" if one["unit"] == "rad" else "d"] = one["std"]
         elif effect == "link_geometry" and len(label) == 1:
-            found.setdefault(joint, {})[label[0]] = one.std
+            found.setdefault(joint, {})[label[0]] = one["std"]
     return found
 
 
-def typical_robot(robot: Robot, coefficients: Sequence[FleetCoefficient]) -> Robot:
+def typical_robot(robot: Robot, coefficients: Sequence[Entry]) -> Robot:
     """Return a nominal robot with the means of the fleet in its numbers and its standard deviations as tolerances."""
     names = tuple(joint.name for joint in robot.variables)
     own = joint_tolerances(coefficients, robot.convention == "urdf")
-    robot = absorbed(robot, [JointOffset(names), LinkGeometry(names)], {one.key: one.mean for one in coefficients})
+    robot = absorbed(
+        robot, [JointOffset(names), LinkGeometry(names)], {one["key"]: one["mean"] for one in coefficients}
+    )
     joints = (dataclasses.replace(joint, tolerance=own.get(joint.name, {})) for joint in robot.joints)
     return dataclasses.replace(robot, joints=tuple(joints))

@@ -91,6 +91,7 @@ def quick_test(
     names = [name for name in dict.fromkeys(record.coefficients) if name in terms]
     columns = {name: moved[:, i] for i, name in enumerate(names) if not name.startswith(SETUP)}
     found: list[str] = []
+    rivals: dict[str, tuple[str, ...]] = {}
     while True:
         chosen = np.column_stack([setup, *(columns[name] for name in found)])
         basis, triangle = np.linalg.qr(chosen)
@@ -107,6 +108,8 @@ def quick_test(
         if len(known) * f_sf(gains[best] / variance, 1.0, dof) >= level:
             break
         found.append(best)
+        least = gains[best] - 2.0 * RIVAL * variance
+        rivals[best] = tuple(name for name in known if name != best and gains[name] > least)
     variance = max(1.0, float(left @ left) / max(dof + 1, 1))
     critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))
     values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
@@ -125,7 +128,7 @@ def quick_test(
             unit=terms[name].unit,
             p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, max(dof + 1, 1))),
             confirmed=False,
-            alternatives=_rivals(name, found, columns, setup, rest[:, 0], variance),
+            alternatives=rivals[name],
         )
         for i, name in enumerate(found, setup.shape[1])
     )
@@ -133,17 +136,3 @@ def quick_test(
     limits = tuple(Limit(name, least / math.sqrt(sizes[name]), terms[name].unit) for name in known)
     hidden = tuple(name for name in columns if name not in known and name not in found)
     return QuickTest(changes, limits, hidden, float(np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))))
-
-
-def _rivals(
-    name: str, found: list[str], columns: dict[str, Array], setup: Array, error: Array, variance: float
-) -> tuple[str, ...]:
-    """Return the coefficients whose change in place of one explains the whitened errors within 3 nats."""
-    others = np.column_stack([setup, *(columns[other] for other in found if other != name)])
-
-    def left_with(rival: str) -> float:
-        basis = np.linalg.qr(np.column_stack([others, columns[rival]]))[0]
-        return float(np.sum(np.square(error - basis @ (basis.T @ error)))) / variance
-
-    least = left_with(name)
-    return tuple(other for other in columns if other not in found and left_with(other) < least + 2.0 * RIVAL)

@@ -75,16 +75,6 @@ class Test(NamedTuple):
     """°C"""
 
 
-class Row(NamedTuple):
-    """Figure or coefficient of a test."""
-
-    test: int
-    key: str
-    value: float | None
-    std: float | None
-    unit: str
-
-
 @contextmanager
 def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
     """Yield the database in a file; it is made if it is to be written, and is brought to this version of its tables.
@@ -92,11 +82,15 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
     Raises:
         InputError: The file does not exist, is no such database, is of a later version, or cannot be written.
     """
-    exists = os.path.exists(path) and os.path.getsize(path) > 0
     missing = Problem("no such database", path, fix="robacc history add makes it")
-    refuse((not exists and not writes, missing), (os.path.isdir(path), Problem("is a folder, not a database", path)))
+    refuse(
+        (not writes and not os.path.exists(path), missing),
+        (os.path.isdir(path), Problem("is a folder, not a database", path)),
+    )
     try:
-        uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}"
+        # A folder that cannot be written has no place for the files of the log.
+        is_fixed = not writes and not os.access(os.path.dirname(path) or ".", os.W_OK)
+        uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}{'&immutable=1' * is_fixed}"
         with closing(sqlite3.connect(uri, _PATIENCE, uri=True, isolation_level=None)) as db:
             if writes:
                 db.execute("PRAGMA journal_mode = WAL")
@@ -190,23 +184,20 @@ def document_of(db: sqlite3.Connection, test: Test) -> dict[str, Any]:
     return document
 
 
-def figures(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[Row]:
-    """Return the figures of an arm or of all, by key, arm and date; with ``key`` those of one key.
+COLUMNS = ("arm", "at", "result", "key", "value", "std", "unit")
+"""Columns of :func:`rows`, and the id of the test."""
 
-    The standard deviation is the width of the 95 % interval over twice the normal distribution's quantile.
+
+def rows(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[tuple[Any, ...]]:
+    """Return :data:`COLUMNS` of the figures and coefficients of an arm or of all, by key, arm and date.
+
+    With ``key``, they are those of one key. The standard deviation of a figure is the width of its 95 % interval over
+    twice the normal distribution's quantile.
     """
-    return _rows(db, "figures", _STD, arm, key)
-
-
-def coefficients(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[Row]:
-    """Return the coefficients of an arm or of all, by key, arm and date; with ``key`` those of one key."""
-    return _rows(db, "coefficients", "t.std", arm, key)
-
-
-def _rows(db: sqlite3.Connection, table: str, std: str, arm: str | None, key: str | None) -> list[Row]:
-    query = f"SELECT r.id, t.key, t.value, {std}, t.unit FROM {table} t JOIN results r ON r.id = t.result"
-    where = "WHERE ifnull(r.arm = ?, 1) AND ifnull(t.key = ?, 1) ORDER BY t.key, r.arm, r.at, r.id"
-    return [Row(*row) for row in db.execute(f"{query} {where}", [arm, key])]
+    one = "SELECT r.arm, r.at, r.name, t.key, t.value, {}, t.unit, r.id FROM {} t JOIN results r ON r.id = t.result"
+    where = "WHERE ifnull(r.arm = ?1, 1) AND ifnull(t.key = ?2, 1)"
+    both = f"{one.format(_STD, 'figures')} {where} UNION ALL {one.format('t.std', 'coefficients')} {where}"
+    return db.execute(f"{both} ORDER BY 4, 1, 2, 8", [arm, key]).fetchall()
 
 
 def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
@@ -222,16 +213,18 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     """
     fits = [test for test in own if test.command in FITS]
     first = max((test.at for test in fits if test.robot_sha256 != fits[-1].robot_sha256), default=-math.inf)
-    of_fit = f"r.command IN {FITS}"
     query = "SELECT t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {} t JOIN results r ON r.id = t.result"
-    where = f"WHERE r.arm = ? AND {{}} AND {of_fit} = ? AND r.at > ? ORDER BY t.key, r.at, r.id"
+    where = f"WHERE r.arm = ? AND {{}} AND (r.command IN {FITS}) = ? AND r.at > ? ORDER BY t.key, r.at, r.id"
     found = [
         *db.execute(f"{query.format(_STD, 'figures')} {where.format(_COMPARED)}", [own[0].arm, False, -math.inf]),
         *db.execute(f"{query.format('t.std', 'coefficients')} {where.format('t.std > 0')}", [own[0].arm, True, first]),
     ]
-    reasons = "SELECT DISTINCT t.key, t.why FROM coefficients t JOIN results r ON r.id = t.result"
     rivals: dict[str, set[str]] = {}
-    for key, why in db.execute(f"{reasons} WHERE r.arm = ? AND t.std IS NULL AND r.at > ?", [own[0].arm, first]):
+    for key, why in db.execute(
+        "SELECT DISTINCT t.key, t.why FROM coefficients t JOIN results r ON r.id = t.result "
+        "WHERE r.arm = ? AND t.std IS NULL AND r.at > ?",
+        [own[0].arm, first],
+    ):
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series = []

@@ -6,15 +6,15 @@ import errno
 import hashlib
 import os
 import sys
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, UsageError, refuse
+from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, refuse
 
 # Problems of one file, collected so that one error reports them all.
 
@@ -267,22 +267,6 @@ def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str | bytes]) ->
             _replace(target, data)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
-
-
-def write_parquet(path: str | os.PathLike[str], columns: Mapping[str, Sequence[Any]]) -> None:
-    """Write columns as a Parquet file, completely or not at all.
-
-    Raises:
-        InputError: The file cannot be written.
-        UsageError: pyarrow is not installed.
-    """
-    try:
-        from pyarrow import BufferOutputStream, parquet, table
-    except ImportError as error:
-        raise UsageError("Parquet needs pyarrow; run pip install pyarrow, or write a CSV") from error
-    stream = BufferOutputStream()
-    parquet.write_table(table(dict(columns)), stream)
-    write_pieces(path, (stream.getvalue().to_pybytes(),))
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:

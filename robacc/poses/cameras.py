@@ -16,10 +16,10 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError, install_advice
 from robacc.geometry import Array, Poses, compose, exp_so3, nearest_rotation, skew
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
+from robacc.plug_ins import plug_in
 
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
 _MOST = 1e6
@@ -108,21 +108,11 @@ def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]
     """
     if camera.focal[0] > 0.0:
         return camera
-    try:
-        import cv2
-    except ImportError:
-        message = f"the lens of a camera without fx needs opencv: {install_advice('camera')}"
-        raise UsageError(message) from None
     photos = [rows for rows in _rows_of_each(photo) if rows.size >= FEWEST_POINTS]
     size = camera.size or tuple(np.ceil(pixels.max(axis=1) + pixels.min(axis=1)).tolist())
-    each_board = [np.ascontiguousarray(points[:, rows].T, dtype=np.float32) for rows in photos]
-    each_image = [np.ascontiguousarray(pixels[:, rows].T, dtype=np.float32) for rows in photos]
-    try:
-        _, matrix, distortion, *_ = cv2.calibrateCamera(each_board, each_image, tuple(map(int, size)), None, None)
-    except cv2.error as error:
-        raise ValueError("the photos do not show the lens of the camera") from error
-    (fx, _, cx), (_, fy, cy), _ = matrix.tolist()
-    return replace(camera, focal=(fx, fy), centre=(cx, cy), distortion=tuple(distortion.ravel()[:5].tolist()))
+    boards, images = ([part[:, rows].T for rows in photos] for part in (points, pixels))
+    focal, centre, distortion = plug_in("robacc.boards", "lens")(boards, images, size)
+    return replace(camera, focal=focal, centre=centre, distortion=distortion)
 
 
 def _camera(section: YamlSection) -> Camera:

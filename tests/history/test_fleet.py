@@ -23,8 +23,8 @@ def test_intervals_of_mean_and_spread_hold_the_truth(n, ratio):
         stds = 1e-5 * np.exp(rng.normal(0, 0.5, n))
         values = 1e-3 + rng.normal(0, ratio * 1e-5, n) + rng.normal(0, stds)
         (one,), _, _ = fleet_of(fleet(values, stds))
-        spread += one.std_low <= ratio * 1e-5 <= one.std_high
-        mean += one.mean_low <= 1e-3 <= one.mean_high
+        spread += one["std_low"] <= ratio * 1e-5 <= one["std_high"]
+        mean += one["mean_low"] <= 1e-3 <= one["mean_high"]
     # 95 % with 400 draws: 92 to 98 % are 2.8 standard deviations; strangers that are none narrow a few.
     assert 0.92 <= spread / draws <= 0.98
     assert 0.91 <= mean / draws <= 1.0
@@ -43,7 +43,7 @@ def test_spread_agrees_with_another_solver():
     assert not strangers
     wanted = [n - 1, chi2.ppf(0.975, n - 1), chi2.ppf(0.025, n - 1)]
     found = [brentq(lambda v, q=q: squares(v) - q, 0, 1e3) if squares(0) > q else 0.0 for q in wanted]
-    assert np.square([one.std, one.std_low, one.std_high]) == pytest.approx(found, rel=1e-6)
+    assert np.square([one["std"], one["std_low"], one["std_high"]]) == pytest.approx(found, rel=1e-6)
 
 
 def test_strangers_are_rare_in_fleets_without_one_and_found_in_fleets_with_one():
@@ -52,7 +52,7 @@ def test_strangers_are_rare_in_fleets_without_one_and_found_in_fleets_with_one()
         values, stds = rng.normal(0, 1.0, 20), np.full(20, 0.3)
         false += bool(fleet_of(fleet(values, stds))[1])
         values[3] = 8.0
-        assert fleet_of(fleet(values, stds))[1][0].arm == "a3"
+        assert fleet_of(fleet(values, stds))[1][0]["arm"] == "a3"
     assert false <= 200 * 0.05 + 3 * np.sqrt(200 * 0.05 * 0.95)
 
 
@@ -70,6 +70,6 @@ def test_covariance_over_arms_is_that_of_the_coefficients_without_the_noise_of_t
         )
         for i, row in enumerate(values)
     ]
-    _, _, (names, covariance) = fleet_of(arms)
-    assert names == [*keys]
-    assert covariance == pytest.approx(truth, abs=0.15)
+    _, _, covariance = fleet_of(arms)
+    assert covariance["names"] == [*keys]
+    assert covariance["matrix"] == pytest.approx(truth, abs=0.15)

@@ -19,8 +19,9 @@ from typer.testing import CliRunner
 
 from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
-from robacc.io import column_table, table
+from robacc.io import table
 from robacc.poses.csv_file import read_poses
+from robacc_plugins import parquet
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
@@ -221,9 +222,9 @@ def test_damage_in_the_middle_is_an_error_or_harmless(tmp_path: Path) -> None:
 
 def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     path = written(tmp_path / "p.parquet", PLAIN)
-    monkeypatch.setattr(column_table, "_MOST_NUMBERS", 11)
+    monkeypatch.setattr(parquet, "_MOST_NUMBERS", 11)
     assert problems(path) == [": found 3 rows of 4 columns; split the file"]
-    monkeypatch.setattr(column_table, "_MOST_ROWS", 2)
+    monkeypatch.setattr(parquet, "_MOST_ROWS", 2)
     assert problems(path) == [": found 3 rows; expected at most 2"]
     monkeypatch.setattr(table, "MAX_COLUMNS", 3)
     assert problems(path) == [": found 4 columns; expected at most 3"]
@@ -246,7 +247,7 @@ def test_a_pipe_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None
         monkeypatch.setattr(sys, "stdin", stream)
         piped = read_poses("-")
     assert (piped.n, piped.sha256) == (3, hashlib.sha256(data).hexdigest())
-    monkeypatch.setattr(column_table, "_PIPE_LIMIT", 100)
+    monkeypatch.setattr(parquet, "_PIPE_LIMIT", 100)
     with through_pipe() as stream:
         monkeypatch.setattr(sys, "stdin", stream)
         with pytest.raises(InputError, match="the pipe holds more than 0 GiB; name a file instead"):

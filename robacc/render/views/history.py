@@ -34,11 +34,10 @@ _KINDS = {
 
 def added_view(document: Document) -> list[Section]:
     """Return how many results were added."""
-    results, arms = document["n_results"], len(document["arms"])
+    counts = [(document["added"], "result"), (document["n_results"], "result"), (len(document["arms"]), "arm")]
+    added, results, arms = (f"{number} {name}{'s' * (number != 1)}" for number, name in counts)
     known = f", {document['known']} known already" if document["known"] else ""
-    total = f"the database has {results} result{'s' * (results != 1)} of {arms} arm{'s' * (arms != 1)}"
-    added = f"added {document['added']} result{'s' * (document['added'] != 1)}{known}"
-    return [Section("", [Text(f"{added}; {total}")])]
+    return [Section("", [Text(f"added {added}{known}; the database has {results} of {arms}")])]
 
 
 def history_view(document: Document) -> list[Section]:
@@ -114,18 +113,18 @@ def _limits(part: Document) -> Section:
 
 def health_view(document: Document) -> list[Section]:
     """Return what moved since the last full test, and the least change that is found."""
-    changes = document["changes"]
+    changes, hidden = document["changes"], ", ".join(document["hidden"])
     moved = f"{', '.join(change['key'] for change in changes)} moved" if changes else "no change found"
     rms = unit_of("m", document["rms_m"]).text(document["rms_m"])
-    facts = [f"rms error of the model with base and target registered: {rms} at {document['n_poses']} poses"]
-    facts += [
-        f"{change['key']}: {', '.join(change['alternatives'])} explains the poses as well"
-        for change in changes
-        if change["alternatives"]
+    facts = [
+        f"rms error of the model with base and target registered: {rms} at {document['n_poses']} poses",
+        *(
+            f"{change['key']}: {', '.join(change['alternatives'])} would explain the poses as well"
+            for change in changes
+            if change["alternatives"]
+        ),
+        *([f"a change of {hidden} would look like one of the set-up"] if hidden else []),
     ]
-    facts += (
-        [f"a change of the set-up would look like one of {', '.join(document['hidden'])}"] if document["hidden"] else []
-    )
     return [Section(f"{document['arm']}: {moved}", [change_table(changes), Listing(facts)]), _limits(document)]
 
 

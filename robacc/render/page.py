@@ -47,10 +47,16 @@ from robacc.render.views.expected import (
     prediction_view,
 )
 from robacc.render.views.fit import fit_headline, fit_view
+from robacc.render.views.history import VIEWS
 from robacc.robots.description import IDENTITY
 from robacc.version import __version__
 
 # The view of a result of any command: its headline, and the sections of its page.
+
+
+def _plain_headline(document: Document) -> ReportHeadline:
+    return ReportHeadline(f"Result of robacc {document['command'].replace('-', ' ')}{of_robot(document)}", "", ())
+
 
 _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document], Iterable[Section]]]] = {
     "trace": (fit_headline, fit_view),
@@ -62,13 +68,13 @@ _VIEWS: dict[str, tuple[Callable[[Document], ReportHeadline], Callable[[Document
     "compare": (comparison_headline, comparison_view),
     "correct": (correction_headline, correction_view),
     "plan": (plan_headline, plan_view),
+    **{name: (_plain_headline, view) for name, view in VIEWS.items()},
 }
 
 
 def headline_of(document: Document) -> ReportHeadline:
     """Return the headline of a result of any command, with its robot, data and gate."""
-    other = ReportHeadline(f"Result of robacc {document['command']}{of_robot(document)}", "", ())
-    headline = _VIEWS[document["command"]][0](document) if document["command"] in _VIEWS else other
+    headline = _VIEWS.get(document["command"], (_plain_headline,))[0](document)
     inputs, robot, gate = document["inputs"], document.get("robot"), document.get("gate")
     robots = [record["name"] for record in inputs if record["kind"] == "robot"]
     if robot is not None:
@@ -174,7 +180,11 @@ def command_line(document: Document) -> str:
         *((n, "columns.yaml" if n == "columns" else value) for n, value in reading.items() if n != "commanded_sha256"),
         ("seed", document["seed"] if command in _SEEDED else None),
     ]
-    arguments = ["robacc", command, *(record["name"] for record in inputs if record["kind"] in leading)]
+    arguments = [
+        "robacc",
+        command.replace("history-", "history "),
+        *(record["name"] for record in inputs if record["kind"] in leading),
+    ]
     for name, value in settings:
         flag = {"purpose": "--for", **NEGATIVE_OPTIONS}.get(name, f"--{name.replace('_', '-')}")
         if isinstance(value, bool):

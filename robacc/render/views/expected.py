@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from robacc.planning.campaign import DEFAULT_FIT, CampaignPlan
+from robacc.planning.campaign import CampaignPlan
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -327,7 +327,7 @@ _COMMANDS = {
     "calibrate": ("calibrate", "--fit"),
     "trace": ("trace", "--declared"),
     "acceptance": ("estimate", "--gate"),
-    "health": ("calibrate", "--fit"),
+    "health": ("health", "--db"),
 }
 """What evaluates the measured poses, by purpose, and its option for what was planned for."""
 _VISITS = 200
@@ -459,7 +459,7 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     purpose, file = document["purpose"], output or "PLAN"
     name, option = _COMMANDS[purpose]
     planned_for = document.get("options", {}).get("gate") if purpose == "acceptance" else document["fit"]
-    planned_for = planned_for or DEFAULT_FIT["health"] * (purpose == "health")
+    planned_for = "FILE" if purpose == "health" else planned_for
     start = "measure the poses" if output else "write the poses (`output=PLAN`), measure them"
     start += f" in the order of {file}, add the columns x, y, z as measured"
     if document["sufficiency"] is not None:

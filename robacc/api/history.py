@@ -48,7 +48,7 @@ from robacc.history import store
 from robacc.history.changes import ArmChange, Limit, Spread, find_changes, level_of, slope_of
 from robacc.history.fleet import Entry, arm_fit, fleet_of, joint_tolerances, typical_robot
 from robacc.history.quick_test import quick_test
-from robacc.history.store import add, arm_of, document_of, opened, series_of, tests
+from robacc.history.store import add, arm_of, counted, document_of, opened, series_of, tests
 from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.render.text import Section
@@ -64,6 +64,7 @@ def _time(text: str | None) -> float | None:
         return None
     try:
         date = datetime.fromisoformat(text)
+        refuse((not 1970 < date.year < 3000, ""), error=ValueError)
     except ValueError:
         raise UsageError(f"`at`: expected a date such as 2026-05-31 or 2026-05-31T14:30, found {text!r}") from None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
@@ -237,9 +238,8 @@ def history_trend(
     for name, group in groupby(rows, key=itemgetter(0)):
         own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
         known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
-        slope: tuple[float | None, ...] = (None, None, None)
-        if len(known) > 2 and np.ptp(known[:, 0]) > 0.0:
-            slope = slope_of(*known.T)
+        is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
+        slope = slope_of(*known.T) if is_line else (None, None, None)
         values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
         trends.append(
             {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
@@ -286,13 +286,14 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
         for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
             own = [*group]
             level = level_of(np.array([test.at for test in own]))
-            changed[name], limits = find_changes(series_of(base, own), level)
+            used = counted(own)
+            changed[name], limits = find_changes(series_of(base, used), level)
             notes = [
-                "fewer than three tests: how much tests differ without a change is not known yet" * (len(own) < 3),
-                "no test recorded a temperature (column temperature_c): its changes may look like ramps"
-                * all(test.temperature is None for test in own),
-                "the robot file changed: coefficients count from its last change on"
-                * (len({test.robot_sha256 for test in own if test.robot_sha256}) > 1),
+                f"{len(used)} of them count: the others have another robot file, or other effects were fitted"
+                * (len(used) < len(own)),
+                "fewer than three tests: how much tests differ without a change is not known yet" * (len(used) < 3),
+                "without a temperature in every test (column temperature_c), warmth may look like a change"
+                * any(test.temperature is None for test in used),
             ]
             entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
             arms.append({**entry, "notes": [*filter(None, notes)]})
@@ -353,26 +354,30 @@ def health(
     """
     inputs = Inputs(locals(), "poses")
     model = inputs.robot(robot, poses)
-    unfitted = (
-        f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`"
+    record = given(
+        model_fit(model),
+        f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`",
     )
-    record = given(model_fit(model), unfitted)
     data = inputs.poses(poses, model)
     refuse((data.q is None, "the poses have no joint columns, which the model needs"))
     own_name = arm or model.identity.get("serial_number") or model.name
     with opened(os.fspath(db)) as base:
-        own = tests(base, own_name)
+        own = counted(tests(base, own_name))
         series = [one for one in series_of(base, own) if not one.is_of_setup]
+        last = [test for test in own if test.command in FITS][-1:]
+        digests = {entry["sha256"] for test in last for entry in document_of(base, test)["inputs"]}
+    doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
     level = level_of(np.array([test.at for test in own]))
     path = path_of(poses)
-    when = _time(at) or (os.path.getmtime(path) if path and os.path.isfile(path) else time.time())
+    when = _time(at) or max(os.path.getmtime(path) if path and os.path.isfile(path) else time.time(), own[-1].at)
+    refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
     found = quick_test(model, record, data, level, Spread.of(series).factor, (own[-1].at, when))
     return Health(
         arm=own_name,
         n_poses=data.n,
         level=level,
         **found._asdict(),
-        warnings=(*data.warnings, *inputs.warnings),
+        warnings=(*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
 
@@ -392,7 +397,8 @@ class Fleet(HistoryResult):
 
     def tolerances_yaml(self) -> str:
         """Return the standard deviations between arms as a tolerance file of ``predict``."""
-        is_urdf = any(one["key"].rpartition(".")[2] in ("roll", "pitch", "yaw") for one in self.coefficients)
+        turns = any(one["key"].endswith((".roll", ".pitch", ".yaw")) for one in self.coefficients)
+        is_urdf = turns if self.robot is None else self.robot.convention == "urdf"
         head = f"# Standard deviations between {self.n_arms} arms, written by robacc {__version__} fleet.\n"
         content = {"units": {"length": "m", "angle": "rad"}, "joints": joint_tolerances(self.coefficients, is_urdf)}
         return head + yaml.safe_dump(content, sort_keys=False)
@@ -455,6 +461,9 @@ def fleet(
         name = arm_of(stored.document)
         documents[name if name not in documents else f"{name} ({number})"] = stored.document
     refuse((len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"))
+    is_twice = len({record.sha256 for record in inputs.records}) < len(results)
+    refuse((is_twice, "a result is named twice; name one of each arm"))
+    models = {str((document.get("robot") or {}).get("name")) for document in documents.values()}
     arms = []
     for name, document in documents.items():
         with understood(name, document["command"]):
@@ -467,7 +476,14 @@ def fleet(
         coefficients=coefficients,
         strangers=strangers,
         covariance=covariance,
-        notes=(note,) if shrunk else (),
+        notes=(
+            *((note,) if shrunk else ()),
+            *(
+                (f"the results are of {', '.join(sorted(models))}: are they one model of arm?",)
+                if len(models) > 1
+                else ()
+            ),
+        ),
         robot=None if robot is None else inputs.robot(robot),
         made=inputs.made(),
     )

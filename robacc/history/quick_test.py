@@ -87,6 +87,9 @@ def quick_test(
         np.linalg.solve(whitener, flat(columns))
         for columns in (np.concatenate(free, axis=2), jacobian[:rows], error[:, None, :])
     )
+    setup = setup[:, np.linalg.norm(setup, axis=0) > 0.0]  # without orientations, a target has no turn
+    few = Problem(f"{n} poses say nothing beyond where base and target are; measure more", data.source)
+    refuse((n * rows < setup.shape[1] + 2, few))
     terms = {term.name: term for term in model.bind(data).terms}
     names = [name for name in dict.fromkeys(record.coefficients) if name in terms]
     columns = {name: moved[:, i] for i, name in enumerate(names) if not name.startswith(SETUP)}
@@ -134,5 +137,5 @@ def quick_test(
     )
     least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
     limits = tuple(Limit(name, least / math.sqrt(sizes[name]), terms[name].unit) for name in known)
-    hidden = tuple(name for name in columns if name not in known and name not in found)
+    hidden = tuple(name for name in terms if name not in (*known, *found) and not name.startswith(SETUP))
     return QuickTest(changes, limits, hidden, float(np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))))

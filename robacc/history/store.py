@@ -3,7 +3,8 @@
 Tables, for other programs that read the file:
 
 - ``results``: ``id``, ``sha256`` of the result file, ``at`` (s since 1970, of the test), ``name`` of the file, ``arm``
-  (serial number, else the robot's name), ``robot_sha256`` (of the robot file), ``command``, ``version`` of robacc,
+  (serial number, else the robot's name), ``model`` (command, robot file and effects, which must be the
+  same in results that are compared), ``command``, ``version`` of robacc,
   ``n_poses``, ``grade``, ``temperature_c`` (mean), ``document`` (JSON without its lists of poses, compressed by zlib).
 - ``figures``: ``result``, ``key`` as gates name it (``position.rms``), ``value``, ``low``, ``high`` (95 %), ``unit``.
 - ``coefficients``: ``result``, ``key`` (``joint_offset.j3``), ``value``, ``std``, ``unit``, or ``why`` without std.
@@ -15,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import math
 import operator
 import os
 import re
@@ -37,7 +37,7 @@ from robacc.statistics.distributions import normal_quantile
 _SCHEMAS = (
     """
     CREATE TABLE results (id INTEGER PRIMARY KEY, sha256 TEXT NOT NULL UNIQUE, at REAL NOT NULL, name TEXT NOT NULL,
-        arm TEXT NOT NULL, robot_sha256 TEXT, command TEXT NOT NULL, version TEXT NOT NULL, n_poses INTEGER NOT NULL,
+        arm TEXT NOT NULL, model TEXT NOT NULL, command TEXT NOT NULL, version TEXT NOT NULL, n_poses INTEGER NOT NULL,
         grade TEXT, temperature_c REAL, document BLOB NOT NULL);
     CREATE TABLE figures (result INTEGER NOT NULL REFERENCES results, key TEXT NOT NULL, value REAL NOT NULL,
         low REAL, high REAL, unit TEXT NOT NULL, PRIMARY KEY (result, key)) WITHOUT ROWID;
@@ -52,10 +52,12 @@ _PATIENCE = 30.0
 """s to wait for another program that writes."""
 _WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
 """Lists that the stored document lacks: they are long, and the result file has them."""
+_STATED = ("fit", "declared", "align")
+"""Options that say which effects a result has."""
 _RIVAL = re.compile(r"is not distinguishable from (\S+) on these poses")
 """Reason that names one other coefficient."""
 _STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
-_COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low"
+_COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low AND r.command IN ('estimate', 'iso9283')"
 """Figures that are series of their own: the others say the same of the same poses."""
 
 
@@ -67,7 +69,8 @@ class Test(NamedTuple):
     """s since 1970"""
     name: str
     arm: str
-    robot_sha256: str | None
+    model: str
+    """Command, robot file and effects: results are compared where they are the same."""
     command: str
     n_poses: int
     grade: str | None
@@ -85,7 +88,7 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
     missing = Problem("no such database", path, fix="robacc history add makes it")
     refuse(
         (not writes and not os.path.exists(path), missing),
-        (os.path.isdir(path), Problem("is a folder, not a database", path)),
+        (not path or os.path.isdir(path), Problem(f"expected the name of a database file, found {path!r}")),
     )
     try:
         # A folder that cannot be written has no place for the files of the log.
@@ -140,7 +143,7 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
             "at": at,
             "name": os.path.basename(result.name),
             "arm": arm or arm_of(document),
-            "robot_sha256": robot.get("sha256"),
+            "model": f"{result.command} {robot.get('sha256')} {[*map(document['options'].get, _STATED)]}",
             "command": result.command,
             "version": document["robacc"],
             "n_poses": document["n_poses"],
@@ -158,8 +161,15 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
             row = (number, key, figure.value, *ends, unit_of(key))
             db.execute("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", row)
         for entry in coefficients:
-            row = (number, entry["name"], entry["value"], entry["std"], entry["unit"], entry.get("why"))
-            db.execute("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", row)
+            cells = (
+                number,
+                entry["name"],
+                None if entry["std"] is None else entry["value"],
+                entry["std"],
+                entry["unit"],
+                entry.get("why"),
+            )
+            db.execute("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", cells)
     return True
 
 
@@ -206,25 +216,24 @@ def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
     return [key for (key,) in db.execute(f"{one.format('figures')} UNION {one.format('coefficients')}", [arm])]
 
 
-def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
-    """Return the series of the tests of one arm: its coefficients, and the rms errors of results that have none.
+def counted(own: Sequence[Test]) -> list[Test]:
+    """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
+    latest = {test.command in FITS or test.command: test.model for test in own}
+    return [test for test in own if test.model == latest[test.command in FITS or test.command]]
 
-    A coefficient counts from the last change of the robot file on: it is relative to the file's own numbers.
-    """
-    fits = [test for test in own if test.command in FITS]
-    first = max((test.at for test in fits if test.robot_sha256 != fits[-1].robot_sha256), default=-math.inf)
-    query = "SELECT t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {} t JOIN results r ON r.id = t.result"
-    where = f"WHERE r.arm = ? AND {{}} AND (r.command IN {FITS}) = ? AND r.at > ? ORDER BY t.key, r.at, r.id"
+
+def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
+    """Return the series of tests of one arm: coefficients, and errors that estimates and ISO 9283 tests measured."""
+    ids = json.dumps([test.id for test in own])
+    of_tests = "t JOIN results r ON r.id = t.result WHERE r.id IN (SELECT value FROM json_each(?)) AND"
+    columns = "t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {}"
+    query = f"SELECT {columns} {of_tests} {{}} ORDER BY t.key, r.at, r.id"
     found = [
-        *db.execute(f"{query.format(_STD, 'figures')} {where.format(_COMPARED)}", [own[0].arm, False, -math.inf]),
-        *db.execute(f"{query.format('t.std', 'coefficients')} {where.format('t.std > 0')}", [own[0].arm, True, first]),
+        *db.execute(query.format(_STD, "figures", _COMPARED), [ids]),
+        *db.execute(query.format("t.std", "coefficients", "t.std > 0"), [ids]),
     ]
     rivals: dict[str, set[str]] = {}
-    for key, why in db.execute(
-        "SELECT DISTINCT t.key, t.why FROM coefficients t JOIN results r ON r.id = t.result "
-        "WHERE r.arm = ? AND t.std IS NULL AND r.at > ?",
-        [own[0].arm, first],
-    ):
+    for key, why in db.execute(f"SELECT DISTINCT t.key, t.why FROM coefficients {of_tests} t.std IS NULL", [ids]):
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series = []

@@ -213,6 +213,36 @@ def test_a_quick_test_names_the_joint_that_moved(tests, database, tmp_path):
     assert "has no fit" in refused("health", moved, "--robot", NOMINAL, "--db", database)
 
 
+def test_a_quick_test_of_positions_sees_what_they_show(tests, database, tmp_path):
+    words = ("--robot", tests[0].parent / "model.yaml", "--db", database)
+    path = tmp_path / "positions.csv"
+    truth = arm_with(tmp_path, j3=2 * STEP)
+    robacc.simulate(truth, poses=16, seed=3, noise="0.03mm", position_only=True).write(path)
+    found = document("health", path, *words)
+    assert [change["key"] for change in found["changes"]] == ["joint_offset.j3"]
+    assert {"joint_offset.j1", "joint_offset.j6"} <= {*found["hidden"]}
+    few = measured(tmp_path, "few.csv", 4, poses=2)
+    assert "2 poses say nothing" in refused("health", few, *words, status=3)
+    assert "older than the last test" in refused("health", path, *words, "--at", "2020-01-01")
+    other = robacc.health(path, robot=words[1], db=database).warnings
+    assert not other
+    calibrated = robacc.calibrate(path, robot=NOMINAL, fit="base_frame,joint_offset")
+    calibrated.write_model(tmp_path / "other.yaml")
+    assert "not fitted to the poses of the last test" in run(
+        "health", path, "--robot", tmp_path / "other.yaml", "--db", database
+    ).stderr.replace("\n", " ")
+
+
+def test_fits_of_other_effects_are_not_compared(tests, database, tmp_path):
+    copy = shutil.copy(database, tmp_path / "copy.db")
+    poses = measured(tmp_path, "w.csv", 70, j3=STEP)
+    robacc.calibrate(poses, robot=NOMINAL).save(tmp_path / "w.json")
+    output("history", "add", tmp_path / "w.json", "--db", copy, "--at", _day(10))
+    found = document("history", "changes", "--db", copy)
+    assert found["changes"] == []
+    assert found["arms"][0]["notes"][0].startswith("1 of them count")
+
+
 # Fleets.
 
 
@@ -267,6 +297,7 @@ def test_a_fleet_of_a_database_takes_the_latest_fit_of_each_arm(fleet_results, t
     assert len(document("history", "show", "--db", path, "--arm", "SN00")["results"]) == 2
     assert document("fleet", "--db", path)["n_arms"] == 3
     assert "at least two arms" in refused("fleet", fleet_results[0])
+    assert "named twice" in refused("fleet", fleet_results[0], fleet_results[0])
     assert "name the results" in refused("fleet")
 
 

@@ -8,13 +8,11 @@ from itertools import groupby
 from robacc.history.changes import SETUP
 from robacc.render.text import (
     IN_MM,
-    Block,
     Document,
     Grid,
     Listing,
     Section,
     Text,
-    chance,
     fixed,
     grid,
     p_value,
@@ -46,7 +44,7 @@ def history_view(document: Document) -> list[Section]:
     heat = "°C" if any(result["temperature_c"] is not None for result in results) else None
     return [
         Section(
-            f"{arm}: {len(own)} results",
+            f"{arm}: {len(own)} result{'s' * (len(own) != 1)}",
             [
                 grid(
                     ("date", "command", "poses", "rms mm", "grade", heat, "file"),
@@ -92,23 +90,30 @@ def trend_view(document: Document) -> list[Section]:
 
 def changes_view(document: Document) -> list[Section]:
     """Return the changes of each arm with their intervals, and the least change that is found."""
-    sections = []
-    for arm in document["arms"]:
-        own = [change for change in document["changes"] if change["arm"] == arm["arm"]]
-        title = f"{arm['arm']}: {len(own) or 'no'} change{'s' * (len(own) != 1)} in {arm['n_tests']} tests"
-        sections.append(Section(title, [change_table(own), Listing([*_remarks(own), *arm["notes"]])]))
-        sections.append(_limits(arm))
-    return sections
+    return [
+        section
+        for arm in document["arms"]
+        for own in [[change for change in document["changes"] if change["arm"] == arm["arm"]]]
+        for nothing in [[] if own else ["nothing changed beyond the limits below"]]
+        for section in (
+            Section(
+                f"{arm['arm']}: {len(own) or 'no'} change{'s' * (len(own) != 1)} in {arm['n_tests']} tests",
+                [change_table(own), Listing([*_remarks(own), *nothing, *arm["notes"]])],
+            ),
+            _limits(arm),
+        )
+    ]
 
 
 def _limits(part: Document) -> Section:
     """Return the least change of each coefficient that is found, those of the set-up last."""
     limits = sorted(part["detection_limits"], key=lambda limit: (limit["key"].startswith(SETUP), limit["key"]))
     rows = [(limit["key"], unit_of(limit["unit"]).text(limit["limit"])) for limit in limits[:_LISTED]]
-    note = f"a false alarm in a test has a probability of at most {chance(part['level'])}"
-    more = f"; and {len(limits) - _LISTED} more in the JSON result" if len(limits) > _LISTED else ""
-    blocks: list[Block] = [Grid(("", "least change found with 95 %"), rows), Text(note + more, is_note=True)]
-    return Section("Detection limits", blocks[: 2 * bool(rows)])
+    more = f"; and {len(limits) - _LISTED} more in the JSON result" * (len(limits) > _LISTED)
+    note = Text(
+        f"a false alarm in a test has a probability of at most {100.0 * part['level']:.2g} %{more}", is_note=True
+    )
+    return Section("Detection limits", [Grid(("", "least change found with 95 %"), rows), note] if rows else [])
 
 
 def health_view(document: Document) -> list[Section]:
@@ -123,7 +128,7 @@ def health_view(document: Document) -> list[Section]:
             for change in changes
             if change["alternatives"]
         ),
-        *([f"a change of {hidden} would look like one of the set-up"] if hidden else []),
+        *([f"not seen apart from the set-up or other coefficients: {hidden}"] if hidden else []),
     ]
     return [Section(f"{document['arm']}: {moved}", [change_table(changes), Listing(facts)]), _limits(document)]
 
@@ -137,7 +142,7 @@ def change_table(changes: Sequence[Document]) -> Grid:
             "–" if change["kind"] == "temperature" else _day(change["at"]),
             unit_of(change["unit"]).text(change["size"]),
             " to ".join(_number(change[end], unit_of(change["unit"]).factor) for end in ("low", "high")),
-            p_value(change["p_value"]).removeprefix("p "),
+            p_value(change["p_value"]).removeprefix("p ").removeprefix("= "),
         )
         for change in changes
     ]
@@ -146,13 +151,11 @@ def change_table(changes: Sequence[Document]) -> Grid:
 
 def _remarks(changes: Sequence[Document]) -> list[str]:
     """Return what else could explain each change, and which only one test shows."""
-    remarks = []
-    for change in changes:
-        if change["alternatives"]:
-            remarks.append(f"{change['key']}: {', '.join(change['alternatives'])} would explain the tests as well")
-        if not change["confirmed"]:
-            remarks.append(f"{change['key']}: only the last test shows it; repeat the test")
-    return remarks
+    others = ((one["key"], ", ".join(one["alternatives"])) for one in changes if one["alternatives"])
+    return [
+        *(f"{key}: {names} would explain the tests as well" for key, names in others),
+        *(f"{one['key']}: only the last test shows it; repeat the test" for one in changes if not one["confirmed"]),
+    ]
 
 
 def _day(date: str) -> str:

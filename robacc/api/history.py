@@ -14,7 +14,7 @@ from typing import Annotated, Any, ClassVar
 import numpy as np
 import yaml
 
-from robacc.api.inputs import STDIN, Inputs, path_of
+from robacc.api.inputs import Inputs, path_of
 from robacc.api.parameters import (
     ArmName,
     BaseLink,
@@ -68,6 +68,11 @@ def _time(text: str | None) -> float | None:
     except ValueError:
         raise UsageError(f"`at`: expected a date such as 2026-05-31 or 2026-05-31T14:30, found {text!r}") from None
     return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _own_date(path: str | None) -> float:
+    """Return when a file was last changed, s since 1970; the present for a pipe and for what was no file."""
+    return os.path.getmtime(path) if path and os.path.isfile(path) else time.time()
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -126,9 +131,8 @@ def history_add(
     inputs, when, added = Inputs({"at": at, "arm": arm}), _time(at), 0
     with opened(os.fspath(db), writes=True) as base:
         for source in results:
-            stored, path = stored_result(source), path_of(source)
-            own = os.path.getmtime(path) if path not in (None, STDIN) and os.path.isfile(str(path)) else time.time()
-            added += add(base, stored, own if when is None else when, arm)
+            stored = stored_result(source)
+            added += add(base, stored, _own_date(path_of(source)) if when is None else when, arm)
             inputs.records.append(stored.record)
         found = tests(base, None)
     return HistoryAdded(
@@ -232,7 +236,7 @@ def history_trend(
     with opened(os.fspath(db)) as base:
         tests(base, arm)
         rows = [row for row in store.rows(base, arm, key) if row[4] is not None]
-        keys = ", ".join(store.keys(base, arm))
+        keys = "" if rows else ", ".join(store.keys(base, arm))
     refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
     for name, group in groupby(rows, key=itemgetter(0)):
@@ -369,7 +373,7 @@ def health(
     doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
     level = level_of(np.array([test.at for test in own]))
     path = path_of(poses)
-    when = _time(at) or max(os.path.getmtime(path) if path and os.path.isfile(path) else time.time(), own[-1].at)
+    when = _time(at) or max(_own_date(path), own[-1].at)
     refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
     found = quick_test(model, record, data, level, Spread.of(series).factor, (own[-1].at, when))
     return Health(
@@ -460,9 +464,11 @@ def fleet(
         refuse((stored.command not in FITS, other))
         name = arm_of(stored.document)
         documents[name if name not in documents else f"{name} ({number})"] = stored.document
-    refuse((len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"))
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)
-    refuse((is_twice, "a result is named twice; name one of each arm"))
+    refuse(
+        (len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"),
+        (is_twice, "a result is named twice; name one of each arm"),
+    )
     models = {str((document.get("robot") or {}).get("name")) for document in documents.values()}
     arms = []
     for name, document in documents.items():
@@ -470,20 +476,17 @@ def fleet(
             arms.append(arm_fit(document, name))
     coefficients, strangers, covariance = fleet_of(arms)
     shrunk = sum(bool(document["options"].get("shrink")) for document in documents.values())
-    note = f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
+    notes = (
+        f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
+        * bool(shrunk),
+        f"the results are of {', '.join(sorted(models))}: are they one model of arm?" * (len(models) > 1),
+    )
     return Fleet(
         n_arms=len(arms),
         coefficients=coefficients,
         strangers=strangers,
         covariance=covariance,
-        notes=(
-            *((note,) if shrunk else ()),
-            *(
-                (f"the results are of {', '.join(sorted(models))}: are they one model of arm?",)
-                if len(models) > 1
-                else ()
-            ),
-        ),
+        notes=tuple(filter(None, notes)),
         robot=None if robot is None else inputs.robot(robot),
         made=inputs.made(),
     )

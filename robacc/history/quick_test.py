@@ -113,11 +113,11 @@ def quick_test(
         found.append(best)
         least = gains[best] - 2.0 * RIVAL * variance
         rivals[best] = tuple(name for name in known if name != best and gains[name] > least)
-    variance = max(1.0, float(left @ left) / max(dof + 1, 1))
+    variance = max(1.0, float(left @ left) / (dof + 1))
     critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))
     values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
     stds = np.sqrt(variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1))
-    half = student_quantile(0.975, max(dof + 1, 1)) * stds
+    half = student_quantile(0.975, dof + 1) * stds
     changes = tuple(
         ArmChange(
             key=name,
@@ -129,7 +129,7 @@ def quick_test(
             low=float(values[i] - half[i]),
             high=float(values[i] + half[i]),
             unit=terms[name].unit,
-            p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, max(dof + 1, 1))),
+            p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, dof + 1)),
             confirmed=False,
             alternatives=rivals[name],
         )

@@ -118,11 +118,11 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
         raise InputError(Problem(text, path)) from None
 
 
-def arm_of(document: Mapping[str, Any], otherwise: str = "unnamed") -> str:
+def arm_of(document: Mapping[str, Any]) -> str:
     """Return the serial number of the arm of a result, else the robot's name."""
     identities = (entry.get("identity") or {} for entry in document["inputs"] if entry["kind"] == "robot")
     serial = next((identity["serial_number"] for identity in identities if "serial_number" in identity), None)
-    return str(serial or (document.get("robot") or {}).get("name") or otherwise)
+    return str(serial or (document.get("robot") or {}).get("name") or "unnamed")
 
 
 def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None = None) -> bool:

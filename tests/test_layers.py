@@ -15,7 +15,7 @@ PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 
 LAYERS = (
     ("robacc.errors", "robacc.threads", "robacc.version"),
-    ("robacc.geometry", "robacc.plug_ins", "robacc.quantities"),
+    ("robacc.geometry", "robacc.plug_ins", "robacc.quantities", "robacc.workers"),
     ("robacc.io",),
     ("robacc.measurements", "robacc.statistics"),
     ("robacc.poses",),

@@ -17,6 +17,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
 from robacc.errors import InputError
 from robacc.geometry import Array
 from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf, student_quantile
@@ -88,12 +89,39 @@ def principal_axes(matrix: Array) -> tuple[Array, Array]:
 def assumption_tests(errors: Array) -> AssumptionTests:
     """Apply Hotelling's and Mardia's tests to independent errors ``(3, N)``."""
     mean = np.mean(errors, axis=1)
-    about_zero, _ = principal_axes(second_moment(errors))
-    values, axes = principal_axes(second_moment(errors - mean[:, None]))
+    z = features(errors - mean[:, None], np.zeros(errors.shape[1]))
+    return tests_of_sums(z @ z.T, mean, mean)
+
+
+def tests_of_sums(products: Array, origin: Array, mean: Array) -> AssumptionTests:
+    """Return the tests of :func:`assumption_tests` from the sum of z z^T; see :mod:`robacc.accuracy.error_sums`."""
+    n = round(float(products[0, 0]))
+    moments = products / n
+    centred = _second(moments[0], origin - mean)
+    about_zero, _ = principal_axes(centred + np.outer(mean, mean))
+    values, axes = principal_axes(centred)
     scatter = int(np.count_nonzero(values > NIL * about_zero[0]))
     values, axes = values[:scatter], axes[:, :scatter]
-    hotelling = _hotelling(mean, values, axes, int(np.count_nonzero(about_zero)), errors.shape[1])
-    return AssumptionTests(hotelling, *_mardia(errors, mean, values, axes))
+    hotelling = _hotelling(mean, values, axes, int(np.count_nonzero(about_zero)), n)
+    # Mean of the products of two linear combinations of z.
+    scaled = (axes / np.sqrt(values)).T
+    first = np.array([weights(origin, mean, linear=row) for row in scaled]).reshape(scatter, 11)
+    pairs = [weights(origin, mean, quadratic=0.5 * (np.outer(a, b) + np.outer(b, a))) for a in scaled for b in scaled]
+    # b1, the mean of (y_i . y_j)^3 over all pairs of scaled errors, is the squared norm of the mean of y (x) y (x) y.
+    third = first @ moments @ np.array(pairs).reshape(scatter * scatter, 11).T
+    square = weights(origin, mean, quadratic=scaled.T @ scaled)
+    return AssumptionTests(
+        hotelling, *_mardia(n, scatter, float(np.sum(np.square(third))), float(square @ moments @ square))
+    )
+
+
+def _second(means: Array, shift: Array) -> Array:
+    """Return the mean of f f^T ``(3, 3)``, f = e + ``shift``, from the means of z."""
+    square = np.empty((3, 3))
+    for (i, j), value in zip(PAIRS, means[4:10], strict=True):
+        square[i, j] = square[j, i] = value
+    across = np.outer(means[1:4], shift)
+    return np.asarray(square + across + across.T + np.outer(shift, shift))
 
 
 def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
@@ -115,32 +143,23 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
     return AssumptionTest("Hotelling's T-squared: the mean is zero", statistic, p_value, p, why)
 
 
-def _mardia(errors: Array, mean: Array, values: Array, axes: Array) -> tuple[AssumptionTest, AssumptionTest]:
+def _mardia(n: int, p: int, b1: float, b2: float) -> tuple[AssumptionTest, AssumptionTest]:
     """Test by Mardia's b1 and b2, with his small-sample corrections.
 
     Sources: K. V. Mardia, "Measures of multivariate skewness and kurtosis with applications", Biometrika 57 (1970);
     "Applications of some measures of multivariate skewness and kurtosis in testing normality and robustness studies",
     Sankhya B 36 (1974): exact mean of b1 and exact mean and variance of b2 for Gaussian data.
     """
-    n, p = errors.shape[1], values.size
     too_few = f"{_poses(n)}: too few to test the shape of the distribution"
     reasons: list[str | None] = ["the errors do not scatter" if p == 0 and n > 1 else too_few] * 2
     skewness = p_skewness = kurtosis = p_kurtosis = None
     if p > 0 and n >= p + 2:
-        reasons = [None, too_few]
-        # b1, the mean of (z_i . z_j)^3 over all pairs, is the squared norm of the mean of z (x) z (x) z: a pass over
-        # the poses replaces a pass over their pairs.
-        third, fourth = np.zeros((p, p * p)), 0.0
-        for start in range(0, n, BLOCK):
-            z = (axes / np.sqrt(values)).T @ (errors[:, start : start + BLOCK] - mean[:, None])
-            third += z @ (z[:, None] * z[None]).reshape(p * p, -1).T
-            fourth += float(np.sum(np.square(np.einsum("in,in->n", z, z))))
-        skewness = float(np.sum(np.square(third / n)))
+        reasons, skewness = [None, too_few], b1
         correction = (p + 1) * (n + 1) * (n + 3) / (n * ((n + 1) * (p + 1) - 6))
         p_skewness = chi2_sf(n * correction * skewness / 6.0, p * (p + 1) * (p + 2) / 6)
         variance = 8 * p * (p + 2) * (n - 3) / (n + 1) ** 2 * (n - p - 1) / (n + 3) * (n - p + 1) / (n + 5)
         if variance > 0.0:
-            expected, kurtosis, reasons = p * (p + 2) * (n - 1) / (n + 1), fourth / n, [None, None]
+            expected, kurtosis, reasons = p * (p + 2) * (n - 1) / (n + 1), b2, [None, None]
             p_kurtosis = 2.0 * normal_cdf(-abs(kurtosis - expected) / math.sqrt(variance))
     return (
         AssumptionTest("Mardia's skewness: the errors are Gaussian", skewness, p_skewness, p, reasons[0]),
@@ -157,6 +176,7 @@ def _poses(n: int) -> str:
 # Wu and Lee's equation (13) sums over errors as if they were independent draws. Errors of one robot come from one set
 # of parameter errors, so they vary with the pose and not at random; only repetitions of a pose show the random part.
 
+IN_PARTS = "commanded poses were repeated in a file that is read in parts"
 SHARED = (
     "all poses share the parameter errors of one robot, so they are not independent draws: the intervals hold for "
     "other poses of this robot, chosen in the same manner, not for other robots"
@@ -189,15 +209,10 @@ def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStruc
     number by L. Kish, Survey Sampling (1965), 5.4.
     """
     n = errors.shape[1]
-    sizes = np.ones(n) if groups is None else np.bincount(groups).astype(float)
-    number = sizes.size
+    number = n if groups is None else np.bincount(groups).size
     if groups is None or number in (1, n):
-        why = "no commanded pose was repeated"
-        text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
-        if number == 1 and n > 1:
-            why = "all rows are of one commanded pose"
-            text = f"{why}: the scatter is repeatability and does not describe other poses"
-        return PoseStructure(n, number, None, None, None, None, text, why)
+        return _one_each(n, number)
+    sizes = np.bincount(groups).astype(float)
     centred = errors - np.mean(errors, axis=1)[:, None]
     sums = np.stack([np.bincount(groups, weights=component) for component in centred])
     explained = float(np.sum(np.sum(np.square(sums), axis=0) / sizes))
@@ -215,6 +230,16 @@ def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStruc
         f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
     )
     return PoseStructure(n, number, between, within, correlation, effective, text)
+
+
+def _one_each(n: int, number: int) -> PoseStructure:
+    """Return the structure of errors with one row a pose, or of one pose."""
+    why = "no commanded pose was repeated"
+    text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
+    if number == 1 and n > 1:
+        why = "all rows are of one commanded pose"
+        text = f"{why}: the scatter is repeatability and does not describe other poses"
+    return PoseStructure(n, number, None, None, None, None, text, why)
 
 
 # Statistics of errors, and their intervals.
@@ -314,8 +339,17 @@ PROBABILITY = 0.95
 class _ErrorSample(PoseSampling):
     """Errors, the resampling of their poses, their moments, and the assumptions that their intervals rely on."""
 
-    errors: Array = field(kw_only=True)
-    """``(3, N)``"""
+    origin: Array = field(kw_only=True)
+    mean: Array = field(kw_only=True)
+    """``(3,)``"""
+    of_groups: Array = field(kw_only=True)
+    """``(G, 11)`` sums of z over commanded poses, or over groups of them; see :mod:`robacc.accuracy.error_sums`."""
+    lengths: Array = field(kw_only=True)
+    """``(L,)`` lengths of the errors, or quantiles of them at equal steps of the probability from 0 to 1."""
+    tests: AssumptionTests = field(kw_only=True)
+    """Tests of the mean errors of the commanded poses."""
+    n_commands: int = field(kw_only=True)
+    is_repeated: bool = field(kw_only=True)
 
     @classmethod
     def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> _ErrorSample:
@@ -326,40 +360,93 @@ class _ErrorSample(PoseSampling):
             unique, index = np.unique(groups, return_inverse=True)
             # Without repetitions: the faster and exact case.
             groups = None if unique.size == n else index.astype(np.int64)
-        return cls(n, groups, draws, seed, share, errors=errors)
-
-    @cached_property
-    def mean(self) -> Array:
-        """Mean error ``(3,)``."""
-        return np.asarray(np.mean(self.errors, axis=1))
-
-    @cached_property
-    def centred(self) -> Array:
-        """Errors about their mean; a component that is equal in all errors is exactly zero, without rounding."""
-        centred = self.errors - self.mean[:, None]
-        low, high = np.min(self.errors, axis=1), np.max(self.errors, axis=1)
+        mean, lengths = np.mean(errors, axis=1), np.sqrt(np.einsum("in,in->n", errors, errors))
+        # A component that is equal in all errors is exactly zero about their mean, without rounding.
+        centred, low, high = errors - mean[:, None], np.min(errors, axis=1), np.max(errors, axis=1)
         centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0
-        return centred
+        z, means = features(centred, lengths), errors
+        if groups is not None:
+            z = np.stack([np.bincount(groups, weights=row) for row in z])
+            means = np.stack([np.bincount(groups, weights=row) for row in errors]) / z[0]
+        return cls(
+            n,
+            groups,
+            draws,
+            seed,
+            share,
+            origin=mean,
+            mean=mean,
+            of_groups=np.ascontiguousarray(z.T),
+            lengths=lengths,
+            tests=assumption_tests(means),
+            n_commands=z.shape[1],
+            is_repeated=groups is not None,
+        )
+
+    @classmethod
+    def of_sums(cls, sums: ErrorSums, count: int) -> _ErrorSample:
+        """Return the errors of ``count`` commanded poses whose sums are known."""
+        n = sums.n
+        mean = sums.origin + sums.products[0, 1:4] / n
+        tests = tests_of_sums(sums.products, sums.origin, mean)
+        if count < n:
+            tested = (tests.zero_mean, tests.skewness, tests.kurtosis)
+            tests = AssumptionTests(*(AssumptionTest(test.method, None, None, 3, IN_PARTS) for test in tested))
+        return cls(
+            n,
+            None,
+            origin=sums.origin,
+            mean=mean,
+            of_groups=sums.groups[sums.groups[:, 0] > 0.0],
+            lengths=sums.lengths,
+            tests=tests,
+            n_commands=count,
+            is_repeated=count < n,
+        )
+
+    @property
+    def n_groups(self) -> int:
+        """Number of commanded poses."""
+        return self.n_commands
+
+    @cached_property
+    def sizes(self) -> Array:
+        """Number of errors of each group, ``(G,)``."""
+        return self.of_groups[:, 0]
+
+    @cached_property
+    def means(self) -> Array:
+        """Mean of z ``(11,)``."""
+        return np.asarray(self.of_groups.sum(axis=0) / self.n)
 
     @cached_property
     def covariance(self) -> Array:
         """Covariance about zero."""
-        return second_moment(self.errors)
+        return _second(self.means, self.origin)
 
     @cached_property
     def centred_covariance(self) -> Array:
         """Covariance about the mean."""
-        return second_moment(self.centred)
+        return _second(self.means, self.origin - self.mean)
 
-    @cached_property
-    def lengths(self) -> Array:
-        """Lengths of the errors ``(N,)``."""
-        return np.asarray(np.sqrt(np.einsum("in,in->n", self.errors, self.errors)))
+    def of_mean(self, weights: Array, confidence: float, *, positive: bool) -> Interval:
+        """Return the interval of the mean of ``weights`` ``(11,)`` times z; see :meth:`interval`."""
+        mean, of_groups = float(weights @ self.means), self.of_groups @ weights
+        # A sum of terms that cancel is rounding.
+        largest = float(np.max(np.abs(self.of_groups) @ np.abs(weights) / self.sizes))
+        return self.interval(mean, of_groups - mean * self.sizes, largest, confidence, positive=positive)
 
-    @cached_property
-    def tests(self) -> AssumptionTests:
-        """Tests of the mean errors of the commanded poses."""
-        return assumption_tests(np.stack([self.sums(part) for part in self.errors]) / self.sizes)
+    def of_square(self, matrix: Array, confidence: float, about: Array | None = None) -> Interval:
+        """Return the interval of the mean of d^T ``matrix`` d, d the error from zero or ``about`` another point."""
+        own = weights(self.origin, np.zeros(3) if about is None else about, quadratic=matrix)
+        return self.of_mean(own, confidence, positive=True)
+
+    def cautious(self, interval: Interval, matrix: Array, confidence: float, about: Array | None = None) -> Interval:
+        """Return the interval of a Gaussian, if frames were fitted the wider of it and that of :meth:`of_square`.
+
+        Held-out errors grow with the leverage of the pose, so their squares scatter more than those of a Gaussian.
+        """
+        return interval if self.share == 1.0 else interval.wider(self.of_square(matrix, confidence, about))
 
     @property
     def shape(self) -> bool:
@@ -376,7 +463,7 @@ class _ErrorSample(PoseSampling):
     @property
     def gaussian(self) -> bool:
         """The errors of the commanded poses look Gaussian, and no commanded pose was repeated."""
-        return self.shape and self.groups is None
+        return self.shape and not self.is_repeated
 
     @property
     def assumption(self) -> str:
@@ -384,7 +471,7 @@ class _ErrorSample(PoseSampling):
         assumptions = (
             (self.shape, "the errors are not Gaussian (Mardia)"),
             (self.zero_mean, "their mean is not zero (Hotelling)"),
-            (self.groups is None, "commanded poses were repeated, and repetitions are not independent"),
+            (not self.is_repeated, "commanded poses were repeated, and repetitions are not independent"),
         )
         if rejections := [text for holds, text in assumptions if not holds]:
             return f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
@@ -397,14 +484,15 @@ class _ErrorSample(PoseSampling):
         """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
         dof = self.n_independent - 1.0
         if self.too_few or not self.gaussian:
-            return tuple(self.mean_interval(part, confidence, positive=False) for part in self.errors)
+            components = (weights(self.origin, np.zeros(3), linear=axis) for axis in np.eye(3))
+            return tuple(self.of_mean(component, confidence, positive=False) for component in components)
         errors = np.sqrt(np.diag(self.centred_covariance) / dof)
         parts = zip(self.mean.tolist(), errors.tolist(), strict=True)
         return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
 
     def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:
         """Return intervals of the elements of the covariance about zero or about the mean."""
-        errors = self.errors if about_zero else self.centred
+        about = np.zeros(3) if about_zero else self.mean
         if (why := self.too_few) is not None:
             return MatrixInterval(None, None, confidence, "none", why)
         # Gaussian errors have N degrees of freedom about their known mean and N - 1 about the estimated one.
@@ -412,12 +500,14 @@ class _ErrorSample(PoseSampling):
         dof = self.n_independent - (not about_zero)
         unbiased = self.covariance if about_zero else self.centred_covariance * self.n_independent / dof
         limits, method = np.empty((2, 3, 3)), "Wishart (chi-square)"
-        for i, j in ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2)):
+        for i, j in PAIRS:
+            own = 0.5 * (np.outer(*np.eye(3)[[i, j]]) + np.outer(*np.eye(3)[[j, i]]))
             if not is_gaussian:
-                interval = self.mean_interval(errors[i] * errors[j], confidence, positive=i == j)
+                product = weights(self.origin, about, quadratic=own)
+                interval = self.of_mean(product, confidence, positive=i == j)
             elif i == j:
                 interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
-                interval = self.cautious(interval, np.square(errors[i]), confidence)
+                interval = self.cautious(interval, own, confidence, about)
             else:
                 ends = covariance_element(unbiased[i, i], unbiased[j, j], unbiased[i, j], dof, confidence)
                 interval = Interval(*ends, None, confidence, method)
@@ -452,12 +542,12 @@ class _ErrorSample(PoseSampling):
             if [k] in runs and variances[k] > 0.0 and n >= 4:
                 others = np.delete(variances, k)
                 unbias = 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)
-            squares = unbias * np.square(axes[:, k] @ self.errors)
+            along = unbias * np.outer(axes[:, k], axes[:, k])
             if self.gaussian and self.zero_mean:
                 own = chi2_interval(unbias * float(variances[k]), n, confidence, "chi-square along a principal axis")
-                single.append(self.cautious(own, squares, confidence))
+                single.append(self.cautious(own, along, confidence))
             else:
-                single.append(self.mean_interval(squares, confidence, positive=True))
+                single.append(self.of_square(along, confidence))
         intervals: list[Interval] = []
         for run in runs:
             first, last = single[run[0]], single[run[-1]]
@@ -496,13 +586,14 @@ class _ErrorSample(PoseSampling):
             interval = chi2_interval(square, 2.0 * square**2 / variance, confidence, _METHOD)
         if interval is None or self.share != 1.0:
             by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
-            influence = np.empty(self.n)
-            for start in range(0, influence.size, BLOCK):
-                principal = axes.T @ self.errors[:, start : start + BLOCK] - along[:, None]
-                quadratic = np.einsum("in,in->n", principal, by_covariance @ principal)
-                influence[start : start + BLOCK] = quadratic + by_mean @ principal
-            influence += radius**2 - float(np.diag(by_covariance) @ variances)
-            resampled = self.mean_interval(influence, confidence, positive=True)
+            influence = weights(
+                self.origin,
+                np.zeros(3) if about_zero else self.mean,
+                axes @ by_mean,
+                axes @ (0.5 * (by_covariance + by_covariance.T)) @ axes.T,
+            )
+            influence[0] += radius**2 - float(np.diag(by_covariance) @ variances)
+            resampled = self.of_mean(influence, confidence, positive=True)
             interval = resampled if interval is None else interval.wider(resampled)
         return EstimateOrReason(radius, interval.root()), (along, shrunk)
 
@@ -514,13 +605,12 @@ class _ErrorSample(PoseSampling):
         ``radius`` and ``shape`` are those of the Gaussian about zero if its mean is assumed to be zero, else about the
         mean.
         """
-        squares = np.square(self.lengths)
         if self.gaussian and self.zero_mean and self.too_few is None:
             own = satterthwaite(self.covariance, self.n_independent, confidence)
-            rms = self.cautious(own, squares, confidence)
+            rms = self.cautious(own, np.eye(3), confidence)
         else:
-            rms = self.mean_interval(squares, confidence, positive=True)
-        mean = self.mean_interval(self.lengths, confidence, positive=True)
+            rms = self.of_square(np.eye(3), confidence)
+        mean = self.of_mean(LENGTH, confidence, positive=True)
         return rms.root(), mean, self._p95_interval(radius, shape, confidence)
 
     def _p95_interval(self, radius: EstimateOrReason, shape: Shape, confidence: float) -> Interval:
@@ -550,11 +640,13 @@ class _ErrorSample(PoseSampling):
             )
             return dataclasses.replace(model.interval(confidence, method), curve=curve)
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
-        limits = iter(interpolated(lengths, [level * (self.n + 1) - 1.0 for level in levels if level is not None]))
+        step = (lengths.size - 1) / (self.n - 1)
+        positions = [(level * (self.n + 1) - 1.0) * step for level in levels if level is not None]
+        limits = iter(interpolated(lengths, positions))
         lower, upper, bound = (None if level is None else next(limits) for level in levels)
         too_few = f"{self.described}: too few for an upper limit without assuming a distribution"
         method = f"order statistics of {self.described}"
-        if self.groups is not None:
+        if self.is_repeated:
             method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
         return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
 
@@ -585,6 +677,20 @@ def error_statistics(
         InputError: There are no errors.
     """
     sample = _ErrorSample.of(errors, groups, share, bootstrap, seed)
+    return _statistics(sample, pose_structure(errors, sample.groups), unit, confidence)
+
+
+def statistics_of_sums(sums: ErrorSums, n_commands: int, unit: Unit, confidence: float) -> ErrorStatistics:
+    """Return the statistics of errors of different commands whose sums are known; see :func:`error_statistics`."""
+    sample = _ErrorSample.of_sums(sums, n_commands)
+    structure = _one_each(sample.n, sample.n)
+    if sample.is_repeated:
+        text = f"{IN_PARTS}; {SHARED}"
+        structure = PoseStructure(sample.n, sample.n_groups, None, None, None, None, text, IN_PARTS)
+    return _statistics(sample, structure, unit, confidence)
+
+
+def _statistics(sample: _ErrorSample, structure: PoseStructure, unit: Unit, confidence: float) -> ErrorStatistics:
     about_zero, about_mean = (sample.radius95(zero, confidence) for zero in (True, False))
     return ErrorStatistics(
         unit=unit,
@@ -596,7 +702,7 @@ def error_statistics(
         covariance=sample.covariance,
         centred_covariance=sample.centred_covariance,
         rms=float(np.sqrt(np.trace(sample.covariance))),
-        mean_error=float(np.mean(sample.lengths)),
+        mean_error=float(sample.means @ LENGTH),
         p95=quantiles(sample.lengths, [PROBABILITY])[0],
         max=float(np.max(sample.lengths)),
         share_below_max=(1.0 - confidence) ** (1.0 / sample.n_independent),  # Wilks, as for a gate's largest error
@@ -610,7 +716,7 @@ def error_statistics(
         radius95_zero_mean=about_zero[0],
         radius95_fitted_mean=about_mean[0],
         tests=sample.tests,
-        structure=pose_structure(sample.errors, sample.groups),
+        structure=structure,
         assumption=sample.assumption,
     )
 

@@ -13,7 +13,7 @@ commanded target, "base" in those of the measuring frame.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
@@ -21,13 +21,15 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
+from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
+from robacc.accuracy.error_sums import Commands, ErrorSums
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
-from robacc.fitting.outliers import inlier_mask
+from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
+from robacc.statistics.intervals import quantiles
 
 if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
@@ -271,6 +273,8 @@ def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
 _NOT_USED = "errors are against the model at the commanded joints; the cmd_ columns count only without `robot`"
 N_WORST = 5
 """Number of the worst poses that are listed."""
+_MOST_WARNINGS = 20
+"""Warnings of rows in a file that is read in parts; a file with more has a common fault."""
 
 _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
@@ -326,6 +330,85 @@ class EstimateResult:
     """Signs of mistakes in the data or the call."""
 
 
+@dataclass(frozen=True, slots=True)
+class FarPoses:
+    """Poses whose position errors are far beyond the others."""
+
+    usual: float
+    """Rms error of the others, m."""
+    largest: tuple[tuple[str, float], ...]
+    """Place in the file and error, m, of the :data:`N_WORST` largest."""
+    n: int
+
+    @classmethod
+    def of(cls, data: Measurements, errors: PoseErrors) -> FarPoses:
+        """Return those among the errors of ``data``."""
+        near, size = _near(errors.position), lengths(errors.position)
+        beyond = np.flatnonzero(~near)
+        largest = beyond[np.argsort(-size[beyond])][:N_WORST].tolist()
+        named = tuple((data.place(i), float(size[i])) for i in largest)
+        return cls(rms_length(errors.position[:, near]), named, beyond.size)
+
+
+@dataclass(frozen=True)
+class Totals:
+    """What is counted over many poses."""
+
+    position: ErrorSums
+    orientation: ErrorSums | None
+    commands: Commands
+    of_targets: dict[str, ErrorSums]
+    """Position errors of each target, where targets are named."""
+    worst: tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]
+    """Largest errors of position and of orientation."""
+    warnings: tuple[str, ...]
+    """The first warnings of rows and of how the file was read."""
+
+    def __add__(self, other: Totals) -> Totals:
+        """Return what is counted over the poses of both; those of the other come later in the file."""
+        targets = {**self.of_targets, **other.of_targets}
+        for name in self.of_targets.keys() & other.of_targets.keys():
+            targets[name] = self.of_targets[name] + other.of_targets[name]
+        by_position, by_orientation = ((*a, *b) for a, b in zip(self.worst, other.worst, strict=True))
+        worst_position = sorted(by_position, key=lambda pose: -pose.position)[:N_WORST]
+        worst_orientation = sorted(by_orientation, key=lambda pose: -(pose.orientation or 0.0))[:N_WORST]
+        return Totals(
+            self.position + other.position,
+            self.orientation and other.orientation and self.orientation + other.orientation,
+            self.commands + other.commands,
+            targets,
+            (tuple(worst_position), tuple(worst_orientation)),
+            tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:_MOST_WARNINGS],
+        )
+
+    def statistics(self, confidence: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
+        """Return the statistics of position and, where it was measured, of orientation."""
+        count, turned = self.commands.count(self.position.n), self.orientation
+        return (
+            statistics_of_sums(self.position, count, "m", confidence),
+            None if turned is None else statistics_of_sums(turned, count, "rad", confidence),
+        )
+
+    @property
+    def targets(self) -> tuple[TargetErrors, ...]:
+        """Metrics of each target."""
+        found = []
+        for name, sums in sorted(self.of_targets.items()):
+            lengths, square = sums.lengths, float(np.mean(np.square(sums.lengths)))
+            mean, p95 = float(sums.products[0, -1]) / sums.n, quantiles(lengths, [0.95])[0]
+            found.append(TargetErrors(name, sums.n, ErrorMetrics(square**0.5, mean, p95, sums.largest)))
+        return tuple(found)
+
+    @property
+    def far(self) -> FarPoses:
+        """Poses far beyond the others, as :meth:`FarPoses.of` finds them."""
+        lengths = self.position.lengths
+        limit = float(np.sqrt(3.0 * inlier_limit(np.square(lengths) / 3.0, np.array(3), self.position.n)))
+        near = lengths[lengths <= limit] if limit > 0.0 else lengths
+        found = [(pose.place, pose.position) for pose in self.worst[0] if pose.position > limit > 0.0]
+        return FarPoses(rms_length(near[None]), tuple(found), self.position.above(limit) if found else 0)
+
+
 def estimate(
     data: Measurements,
     robot: Robot | None = None,
@@ -335,6 +418,7 @@ def estimate(
     scale: Scale | None = None,
     confidence: float = 0.95,
     seed: int = 0,
+    totals: Callable[[Alignment | None, PoseErrors], Totals] | None = None,
 ) -> EstimateResult:
     """Compute the errors of measured poses against their commands, their statistics and the grade.
 
@@ -348,6 +432,8 @@ def estimate(
         scale: Grade scale; None is the built-in scale.
         confidence: Confidence of every interval.
         seed: Seed of the bootstrap.
+        totals: Returns what is counted over all poses, where ``data`` are a sample of them. Frames are then fitted to
+            the sample.
 
     Raises:
         UsageError: The arguments do not fit the data or each other.
@@ -365,22 +451,26 @@ def estimate(
         alignment, unaligned = register(data, robot, frames, held_out=True), pose_metrics(turned)
         commanded = commanded_poses(data, robot, alignment)
         errors = pose_errors(data, *commanded, chosen)
-    repetitions, share = data.repetitions(), 1.0 if alignment is None else alignment.share
+    share, everything = 1.0 if alignment is None else alignment.share, totals and totals(alignment, errors)
+    repetitions = None if everything else data.repetitions()
     groups = None if repetitions is None else repetitions.repeated
 
     @cache
     def statistics(level: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
+        if everything:
+            return everything.statistics(level)
         of = partial(error_statistics, groups=groups, share=share, confidence=level, seed=seed)
         return of(errors.position, "m"), None if errors.rotation is None else of(errors.rotation, "rad")
 
     scale = scale or default_scale()
     # The scale has its own confidence; the reported statistics keep the requested confidence.
     (position, orientation), graded = statistics(confidence), statistics(scale.confidence)
-    names = () if data.target is None else np.unique(data.target)
+    names = () if data.target is None or everything else np.unique(data.target)
     rows_of = {str(name): errors.position[:, data.target == name] for name in names}
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
+    worst, targets = (everything.worst, everything.targets) if everything else (worst_poses(data, errors), targets)
     return EstimateResult(
-        n_poses=data.n,
+        n_poses=position.n,
         commanded="file" if robot is None else "robot",
         errors=errors,
         position=position,
@@ -388,14 +478,14 @@ def estimate(
         grade=grade(*graded, scale),
         alignment=alignment,
         unaligned=unaligned,
-        worst_position=_worst_poses(data, errors, errors.position),
-        worst_orientation=() if errors.rotation is None else _worst_poses(data, errors, errors.rotation),
+        worst_position=worst[0],
+        worst_orientation=worst[1],
         targets=targets if len(targets) > 1 else (),
         notes=_notes(data, robot, frame, chosen, oriented, alignment),
         warnings=(
-            *data.warnings,
+            *(everything.warnings if everything else data.warnings),
             *data.contradicted_ids(),
-            *_warnings(data, errors, alignment),
+            *_warnings(data, errors, alignment, everything.far if everything else FarPoses.of(data, errors)),
             *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),
     )
@@ -406,23 +496,21 @@ def check_confidence(confidence: float) -> None:
     refuse((not 0.5 <= confidence < 1.0, f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"))
 
 
-def _worst_poses(data: Measurements, errors: PoseErrors, vectors: Array) -> tuple[WorstPose, ...]:
-    """Return the poses with the longest ``vectors`` ``(3, N)``, descending; equal lengths in the order of rows."""
+def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]:
+    """Return the poses with the largest errors of position and of orientation, descending.
+
+    Equal lengths are in the order of rows.
+    """
+    sizes = [lengths(vectors) for vectors in (errors.position, errors.rotation) if vectors is not None]
+
+    def pose(i: int) -> WorstPose:
+        pose, target = (None if column is None else str(column[i]) for column in (data.pose, data.target))
+        position, orientation = (*(float(size[i]) for size in sizes), None)[:2]
+        return WorstPose(data.line(i), data.place(i), pose, target, position or 0.0, orientation)
+
     # A stable sort, so that the choice among ties does not depend on it.
-    order = np.argsort(-lengths(vectors), kind="stable")[:N_WORST]
-    position = lengths(errors.position[:, order])
-    orientation = [None] * order.size if errors.rotation is None else lengths(errors.rotation[:, order]).tolist()
-    return tuple(
-        WorstPose(
-            data.line(int(i)),
-            data.place(int(i)),
-            None if data.pose is None else str(data.pose[i]),
-            None if data.target is None else str(data.target[i]),
-            float(position[rank]),
-            orientation[rank],
-        )
-        for rank, i in enumerate(order)
-    )
+    first = [np.argsort(-size, kind="stable")[:N_WORST].tolist() for size in sizes]
+    return tuple(map(pose, first[0])), tuple(map(pose, first[1])) if len(first) > 1 else ()
 
 
 def _notes(
@@ -465,13 +553,11 @@ def _moves(data: Measurements) -> bool:
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
-def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None) -> tuple[str, ...]:
+def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None, beyond: FarPoses) -> tuple[str, ...]:
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
-    near, size = _near(errors.position), lengths(errors.position)
-    usual, beyond = rms_length(errors.position[:, near]), np.flatnonzero(~near)
-    largest = beyond[np.argsort(-size[beyond])][:N_WORST]
-    named = ", ".join(f"{data.place(int(i))} ({1e3 * size[i]:.3g} mm)" for i in largest)
-    more = f" and {beyond.size - N_WORST} more" if beyond.size > N_WORST else ""
+    usual = beyond.usual
+    named = ", ".join(f"{place} ({1e3 * size:.3g} mm)" for place, size in beyond.largest)
+    more = f" and {beyond.n - N_WORST} more" if beyond.n > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
     # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
     turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
@@ -479,7 +565,7 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     trace = "" if data.q is None else "; a trace names the probable mistake"
     causes = (
         (
-            beyond.size > 0,
+            beyond.n > 0,
             f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
             "them: check these readings and their commands",
         ),

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
@@ -15,6 +16,7 @@ from robacc.accuracy.estimation import (
     moved_warning,
     position_errors,
 )
+from robacc.accuracy.in_parts import totals as errors_in_parts
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
 from robacc.api.parameters import (
     Angles,
@@ -23,16 +25,19 @@ from robacc.api.parameters import (
     BoardFile,
     CameraFile,
     Campaign,
+    Cluster,
     Columns,
     Commanded,
     Confidence,
     Coverage,
     Help,
     IgnoreLimits,
+    Jobs,
     OptionalRobot,
     Ordered,
     Poses,
     PosesSource,
+    Progress,
     RobotArgument,
     Scale,
     Seed,
@@ -46,6 +51,7 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
+from robacc.diagnostics.robot_poses import read_rows
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
@@ -61,6 +67,7 @@ from robacc.render.text import Section
 from robacc.render.views.accuracy import estimate_view
 from robacc.render.views.robot import proposal_comments, proposal_view
 from robacc.robots.description import Robot
+from robacc.workers import Workers
 
 _MOST_ROWS = 5000
 """Rows that show a step and a rounding well enough."""
@@ -144,6 +151,9 @@ def estimate(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
     seed: Seed = 0,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
+    progress: Progress = None,
 ) -> Estimate:
     """Compute the Cartesian error at each measured pose, its covariances, and an accuracy grade.
 
@@ -175,7 +185,9 @@ def estimate(
         aligned = ("base_frame", "tool_frame")  # Nobody knows where the camera and the board are.
     # Only a fit of the tool finds the place of a target that the robot file lacks.
     any_target = arm is not None and "tool_frame" in (aligned or ())
-    data = inputs.poses(poses, arm, any_target=any_target)
+    sample, *parts = inputs.parts(poses) or (poses,)
+    data = inputs.poses(sample, arm, any_target=any_target)
+    described = arm
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
     if arm is not None and data.q is None and data.commanded_position is not None:
@@ -185,8 +197,20 @@ def estimate(
         arm = inputs.campaign(arm, data)
     fitted = fitted_pose_warnings(arm, inputs.records)
     grades = inputs.scale()
-    body = estimate_errors(data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed)
+    totals = None
+    if parts:
+        read = partial(read_rows, robot=described, any_target=any_target, ignore_limits=ignore_limits)
+        workers, shown = Workers(jobs, cluster), progress or (lambda label, done, total: None)
+        totals = partial(errors_in_parts, [partial(read, part) for part in parts], arm, workers, shown)
+    body = estimate_errors(
+        data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed, totals=totals
+    )
     notes = (*body.notes, *(["the robot file was fitted to these same poses"] if fitted else []))
+    if parts:
+        notes += (
+            f"the file was read in {len(parts)} parts: statistics, grade and worst poses are of all rows; frames were "
+            f"fitted to {data.n} rows, evenly spread, and the errors that are listed pose by pose are theirs",
+        )
     warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings)
     body = replace(body, notes=notes, warnings=warnings)
     effects = list(body.alignment.effects if body.alignment else ())

@@ -34,7 +34,7 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Provenance
-from robacc.diagnostics.robot_poses import check_size, read_robot_poses
+from robacc.diagnostics.robot_poses import check_size, read_robot_poses, read_rows
 from robacc.documents import envelope
 from robacc.documents.envelope import InputFile, StoredResult
 from robacc.effects.specification import with_effect_units
@@ -55,6 +55,7 @@ from robacc.poses.reading import (
     Reading,
     RowKeys,
     SupportsColumns,
+    parts_of,
     reading_of,
     table_options,
 )
@@ -69,10 +70,10 @@ STDIN = "-"
 READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "camera", "board", "bag")
 """Parameters that state how a file of poses is read."""
 RECORDED_APART = frozenset(
-    ("poses", "robot", "scale", "tolerances", "against", "results", "seed", "progress", *READING)
+    ("poses", "robot", "scale", "tolerances", "against", "results", "seed", "jobs", "cluster", "progress", *READING)
 )
 """Parameters that are not among the options: files and how they are read stand among the inputs, the seed has a key of
-its own."""
+its own, and who did the work changes nothing."""
 
 
 def path_of(source: object) -> str | None:
@@ -207,11 +208,9 @@ class Inputs:
                     data, reading = _with_commands(path, commands, robot, ordered, **limits)
                 elif visited_by is not None:
                     data = csv_file.read_poses(path, robot=visited_by, attained=False, **limits)
-                elif robot is None:
-                    data = csv_file.read_poses(path, ordered=ordered)
                 else:
                     options: dict[str, Any] = {**limits, "attained": attained, "any_target": any_target}
-                    data = read_robot_poses(path, robot, ordered=ordered, **options)
+                    data = read_rows(path, robot, ordered=ordered, **options)
             except InputError:
                 from robacc.programs.program import mistaken_for_poses
 
@@ -236,6 +235,17 @@ class Inputs:
         refuse((kinds and not any_kind, Problem(message, data.source, fix=fix)), (not data.n, none))
         self.records.append(record)
         return data
+
+    def parts(self, source: PosesSource) -> tuple[PoseFile, ...]:
+        """Return a sample of a large pose file, and its parts; nothing if it is to be read as a whole.
+
+        A rule that looks at all rows at once, such as the order of visits, needs the whole file.
+
+        Raises:
+            InputError: The file cannot be read.
+        """
+        whole = self.arguments["ordered"] or self.arguments["strict_range"]
+        return () if whole or not isinstance(source, str | os.PathLike) else parts_of(pose_path(source))
 
     def campaign(
         self,

@@ -265,6 +265,17 @@ Folds = Annotated[
 Samples = Annotated[
     int | None, Help(f"Number of configurations over the joint ranges; default: {DEFAULT_SAMPLES}.", "N")
 ]
+Jobs = Annotated[
+    int | None,
+    Help(
+        "Number of processes, for several files or a large one; default: the cores for several files, 1 for one.",
+        "N",
+        least=1,
+    ),
+]
+Cluster = Annotated[
+    str | None, Help("Scheduler of a Dask cluster that does the work, such as tcp://HOST:8786.", "ADDRESS")
+]
 Progress = Annotated[
     Callable[[str, int, int], None] | None,
     Help("", python="Called with a label of the work, the number of steps done, and the number of all steps."),

@@ -32,6 +32,7 @@ from robacc.cli.output import (
 )
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
+from robacc.workers import Workers
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
@@ -51,9 +52,6 @@ def estimate(
     ],
     *,
     per_pose: Annotated[str | None, Help("CSV to write with the error of each pose.", "FILE", holds="output")] = None,
-    jobs: Annotated[
-        int | None, Help("Number of files processed at the same time; default: number of cores.", "N", least=1)
-    ] = None,
     full: Annotated[bool, Help("Table with covariances, principal axes, tests, worst poses and limitations.")] = False,
     outlets: Outlets,
 ) -> None:
@@ -72,9 +70,11 @@ def estimate(
     if len(poses) > 1:
         from robacc.cli.many import estimate_each
 
-        estimate_each(poses, options, outlets, per_pose, jobs, full)
+        workers = Workers(options.pop("jobs"), options.pop("cluster"))
+        estimate_each(poses, options, outlets, per_pose, workers, full)
         return
-    result = call(poses[0])
+    with progress_bar() as progress:
+        result = call(poses[0], progress=progress)
     write(per_pose, result.per_pose_csv)
     deliver(outlets, result, lambda: result.view(full, poses[0], options["robot"]))
 

@@ -4,20 +4,15 @@ from __future__ import annotations
 
 import json
 import os
-import signal
 import time
 import traceback
 from collections import Counter
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, Future, ProcessPoolExecutor, wait
-from concurrent.futures.process import BrokenProcessPool
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
-from multiprocessing import active_children, get_context, parent_process
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
-from threading import Thread
-from typing import TYPE_CHECKING, Any, NamedTuple, NoReturn, TypeVar
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
@@ -26,6 +21,7 @@ from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
+from robacc.workers import WorkerKilled, Workers, cores
 
 if TYPE_CHECKING:
     from robacc.api.inputs import Inputs
@@ -36,13 +32,6 @@ _FILE_COST = 3 * 2**20
 """Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
 _PROCESS_COST = 24 * 2**20
 """Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
-
-
-_GRACE_PERIOD = 5.0
-"""s that a process has to clean up after it was asked to end."""
-
-Task = TypeVar("Task")
-Outcome = TypeVar("Outcome")
 
 
 class FileTask(NamedTuple):
@@ -90,7 +79,7 @@ def estimate_each(
     options: Mapping[str, Any],
     outlets: Outlets,
     per_pose: str | None,
-    jobs: int | None,
+    workers: Workers,
     full: bool,
 ) -> None:
     """Estimate every file, write the results, and exit with the worst status.
@@ -100,7 +89,7 @@ def estimate_each(
         options: Options for every file.
         outlets: Forms and files; if the output is a folder, each result becomes a file in it.
         per_pose: Folder for the errors at each pose, one file for each file of poses.
-        jobs: Number of files at a time; None chooses it from the cores and the sizes of the files.
+        workers: What does the work; without a number of jobs as many as the cores and the sizes of the files suggest.
         full: Write complete tables to the folder; the table of all files stays as it is.
 
     Raises:
@@ -125,7 +114,7 @@ def estimate_each(
             for number, (path, name) in enumerate(zip(paths, distinct_names(paths), strict=True))
         ]
         _check_targets(tasks)
-        outcomes = _run(tasks, jobs, folder)
+        outcomes = _run(tasks, workers, folder)
         warnings = _warnings(outcomes)
         try:
             _write(outcomes, tasks, inputs, outlets, folder, warnings)
@@ -208,18 +197,18 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
         )
 
 
-def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> list[FileOutcome]:
-    """Return the outcome of each file; without ``jobs`` on each core, but on no more than the work is worth."""
+def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> list[FileOutcome]:
+    """Return the outcome of each file; without a number of jobs on each core, but on no more than the work is worth."""
     work = sum(_FILE_COST + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
-    cores = len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+    workers = workers._replace(jobs=workers.jobs or max(1, min(cores(), 1 + work // _PROCESS_COST)))
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:
             progress("estimating", 0, len(tasks))
-            for number, outcome in each(estimate_file, tasks, jobs or max(1, min(cores, 1 + work // _PROCESS_COST))):
+            for number, outcome in workers.each(estimate_file, tasks):
                 if isinstance(outcome, BaseException):
                     message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
-                    if not isinstance(outcome, BrokenProcessPool):
+                    if not isinstance(outcome, WorkerKilled):
                         traceback.print_exception(outcome)
                         message = "robacc crashed on this file, which is a defect of robacc; the traceback is above"
                         status = 1
@@ -232,72 +221,6 @@ def _run(tasks: Sequence[FileTask], jobs: int | None, folder: str | None) -> lis
             raise
         raise KeyboardInterrupt(f"{len(outcomes)} of {len(tasks)} results are in {folder}") from None
     return [outcomes[number] for number in range(len(tasks))]
-
-
-# Work in several processes: interruptible, and safe when one of them dies.
-
-
-def each(
-    work: Callable[[Task], Outcome], tasks: Sequence[Task], jobs: int
-) -> Iterator[tuple[int, Outcome | BaseException]]:
-    """Yield the number of each task as it is done, and its outcome or error, with at most ``jobs`` tasks at a time.
-
-    With one job, this process does the work, and an error ends it. Each other job is a pool with one process: one that
-    is ended from outside (for want of memory, for example) fails only its task, with ``BrokenProcessPool``. ``work`` is
-    a function of a module; its task and its outcome can be pickled. Processes are spawned, not forked, so they share no
-    thread and no lock with this process.
-    """
-    if min(jobs, len(tasks)) <= 1:
-        yield from ((number, work(task)) for number, task in enumerate(tasks))
-        return
-    waiting = [*enumerate(tasks)][::-1]
-    idle: list[ProcessPoolExecutor] = []
-    running: dict[Future[Outcome], tuple[int, ProcessPoolExecutor]] = {}
-    # Interrupts are blocked for processes that start meanwhile: only this process acts on them. Windows has no masks.
-    has_masks = hasattr(signal, "pthread_sigmask")
-    try:
-        while waiting or running:
-            before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT}) if has_masks else set()
-            try:
-                while waiting and len(running) < jobs:
-                    pool = idle.pop() if idle else ProcessPoolExecutor(1, get_context("spawn"), _prepare)
-                    number, task = waiting.pop()
-                    running[pool.submit(work, task)] = number, pool
-            finally:
-                if has_masks:
-                    signal.pthread_sigmask(signal.SIG_SETMASK, before)
-            for done in wait(running, return_when=FIRST_COMPLETED).done:
-                number, pool = running.pop(done)
-                error = done.exception()
-                if not isinstance(error, BrokenProcessPool):
-                    idle.append(pool)
-                yield number, error or done.result()
-    finally:
-        for pool in (*idle, *(pool for _, pool in running.values())):
-            pool.shutdown(wait=False)
-        processes = active_children()
-        for process in processes:
-            process.terminate()
-        for process in processes:
-            process.join(_GRACE_PERIOD)
-            process.kill()
-
-
-def _prepare() -> None:
-    """Make a process leave interrupts to its parent, and end when it is told or when its parent has ended."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
-    Thread(target=_follow, args=(parent_process(),), daemon=True).start()
-
-
-def _follow(parent: Any) -> NoReturn:
-    parent.join()
-    os._exit(1)
-
-
-def _leave(number: int, frame: object) -> NoReturn:
-    """Exit by an exception, so that half-written files are removed."""
-    raise SystemExit(128 + number)
 
 
 def _say_tip(outcomes: Sequence[FileOutcome]) -> None:

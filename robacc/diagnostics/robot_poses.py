@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from typing import Any
 
 import numpy as np
 
@@ -60,6 +61,17 @@ def read_robot_poses(
     if not attained or data.kind is not None:
         return data
     return dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
+
+
+def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
+    """Return the validated poses of a file: with a robot by :func:`read_robot_poses`, which has the ``options``.
+
+    Raises:
+        InputError: Everything that is wrong with the file.
+    """
+    if robot is None:
+        return read_poses(path, ordered=ordered)
+    return read_robot_poses(path, robot, ordered=ordered, **options)
 
 
 def joints_of(robot: Robot) -> KnownRobot:

@@ -92,16 +92,21 @@ def inlier_mask(
     """
     rows = np.array(len(residual)) if shown is None else shown.sum(axis=0)
     distance = np.square(residual * weight).sum(axis=0) / rows
-    cube_root_var = 2.0 / (9.0 * rows)
-    scale = float(np.median(distance / (1.0 - cube_root_var) ** 3))
-    if scale <= 0:
+    limit = tolerance**2 * inlier_limit(distance, rows, distance.size)
+    if not limit.any():
         return inliers
-    tail = 5.2 + 0.2 * math.log10(max(distance.size, 10))
-    limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3
     mask: NDArray[np.bool_] = (distance <= limit) | (
         np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= ROUNDING
     )
     return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
+
+
+def inlier_limit(distance: Array, rows: NDArray[np.int64], n: int) -> Array:
+    """Return the limit ``(L,)`` or ``()`` of the mean squares ``(L,)`` of ``rows`` components among ``n`` rows."""
+    cube_root_var = 2.0 / (9.0 * rows)
+    scale = max(float(np.median(distance / (1.0 - cube_root_var) ** 3)), 0.0)
+    tail = 5.2 + 0.2 * math.log10(max(n, 10))
+    return np.asarray(scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3)
 
 
 def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:

@@ -249,16 +249,21 @@ def align_commands(data: Measurements, frames: Sequence[str], *, held_out: bool 
         UsageError: As :func:`align`; or ``tool_frame`` is named and no orientation was commanded.
         InputError: There are too few poses.
     """
-    position, rotation = data.commanded_position, data.commanded_rotation
-    assert position is not None
-    if rotation is None and "tool_frame" in frames:
+    oriented = data.commanded_rotation is not None
+    if not oriented and "tool_frame" in frames:
         raise UsageError(
             "tool_frame turns with the commanded orientation, which the poses do not have: add the columns cmd_qw, "
             "cmd_qx, cmd_qy, cmd_qz, or use `align` with base_frame alone"
         )
+    return align(_gantry(data, oriented), as_gantry(data), frames, held_out=held_out)
+
+
+def as_gantry(data: Measurements) -> Measurements:
+    """Return the poses with the coordinates of their commanded poses as joint variables."""
+    position, rotation = data.commanded_position, data.commanded_rotation
+    assert position is not None
     q = position if rotation is None else np.vstack((position, rpy_from_rotation(rotation)[::-1]))
-    moves = dataclasses.replace(data, q=q, direction=None, speed=None)
-    return align(_gantry(data, oriented=rotation is not None), moves, frames, held_out=held_out)
+    return dataclasses.replace(data, q=q, direction=None, speed=None)
 
 
 def _gantry(data: Measurements, oriented: bool) -> Robot:

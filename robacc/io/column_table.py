@@ -22,6 +22,7 @@ from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
+from robacc.io.table_parts import PartTable, TablePart
 from robacc.plug_ins import plug_in, plug_in_names
 
 _UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
@@ -302,7 +303,9 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         InputError: The file cannot be opened or read.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
-    if options.frame is not None:
+    if isinstance(options.frame, TablePart):
+        yield PartTable(options.frame, options)
+    elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path):
         if (table := _by_plug_in(path, b"", options)) is None:

@@ -7,14 +7,14 @@ import hashlib
 import os
 import sys
 from collections.abc import Callable, Iterable, Iterator
-from contextlib import contextmanager, nullcontext
+from contextlib import AbstractContextManager, contextmanager, nullcontext
 from pathlib import Path
 from typing import BinaryIO
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, refuse
+from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, UsageError, install_advice, refuse
 
 # Problems of one file, collected so that one error reports them all.
 
@@ -172,21 +172,36 @@ def read_bytes(name: str, limit: int) -> bytes:
 
 @contextmanager
 def opened(name: str) -> Iterator[BinaryIO]:
-    """Open a file, or standard input for ``-``, to read its bytes.
+    """Open a file, standard input for ``-``, or an object of a store such as ``s3://``, to read its bytes.
 
     Raises:
         InputError: The file is missing, a folder, or cannot be read.
+        UsageError: It is in a store, and the extra ``cluster`` is not installed.
     """
     refuse((os.path.isdir(name), Problem("is a folder, not a file", name)))
     try:
         if "\0" in name:
             raise OSError(errno.EINVAL, "embedded null byte")
-        with nullcontext(sys.stdin.buffer) if name == STANDARD_STREAM else open(name, "rb") as stream:
+        with nullcontext(sys.stdin.buffer) if name == STANDARD_STREAM else _opened(name) as stream:
             yield stream
     except FileNotFoundError:
         raise InputError(Problem("the file does not exist", name)) from None
     except OSError as error:
         raise InputError(Problem(f"cannot be read: {_reason(error)}", name)) from error
+
+
+def _opened(name: str) -> AbstractContextManager[BinaryIO]:
+    if "://" not in name:
+        return open(name, "rb")
+    try:
+        import fsspec
+    except ImportError as error:
+        raise UsageError(f"{name} needs an optional package; run {install_advice('cluster')}") from error
+    try:
+        opened: AbstractContextManager[BinaryIO] = fsspec.open(name, "rb")
+    except (ImportError, ValueError) as error:
+        raise InputError(Problem(f"cannot be read: {error}", name)) from error
+    return opened
 
 
 def sha256_of(path: str | os.PathLike[str]) -> str:

@@ -173,7 +173,7 @@ class TextTable(Table):
         Raises:
             InputError: The file has no names, or cannot be a table.
         """
-        self.file, self._stream, self._encoding = file, stream, "UTF-8"
+        self.file, self._encoding = file, "UTF-8"
         self._digest, self._ends_with_line = hashlib.sha256(), True
         self._not_text: list[tuple[str, int]] = []
         """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
@@ -181,7 +181,7 @@ class TextTable(Table):
         """Whether a number had separators of thousands."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
-        self._blocks = self._read_blocks()
+        self._blocks = self._read_blocks(stream)
         start, lines = next((block for block in self._blocks if any(map(PLAIN.is_row, block[1]))), (0, []))
         names_and_rows = "expected a header row of column names and one row per pose"
         refuse((not lines, Problem("the file is empty", file, fix=names_and_rows)))
@@ -203,19 +203,18 @@ class TextTable(Table):
         """Whether the names stand above each block of rows, with other text above them."""
         self.log.remarks.append(dialect.description())
 
-    def _read_blocks(self) -> Iterator[Block]:
-        """Yield blocks of complete lines.
+    def _read_blocks(self, stream: BinaryIO, number: int = 1) -> Iterator[Block]:
+        """Yield blocks of complete lines, of which the first has the given number.
 
         Raises:
             InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
         """
-        number = 1
-        while data := self._stream.read(_BLOCK):
-            tail = b"" if data.endswith(b"\n") else self._stream.readline(_TAIL)
+        while data := stream.read(_BLOCK):
+            tail = b"" if data.endswith(b"\n") else stream.readline(_TAIL)
             data += tail
             if number == 1 and data.startswith(_UTF16):
                 self._encoding = "UTF-16"
-                data += self._stream.read(_UTF16_LIMIT)
+                data += stream.read(_UTF16_LIMIT)
             self._digest.update(data)
             self._ends_with_line = data.endswith((b"\n", b"\r"))
             lines = self._lines(data, number)

@@ -17,6 +17,7 @@ from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import read_text
 from robacc.io.table import TableOptions
+from robacc.io.table_parts import TablePart, TableParts
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
 from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, BranchColumn, is_documented, time_column
 
@@ -320,7 +321,7 @@ class PoseFile(str):
     __slots__ = ("frame", "reading")
     reading: Reading
     frame: Any
-    """Data frame; None for a file."""
+    """Data frame, or part of a large file, that is read in place of the file; None for the whole file."""
 
     def __new__(
         cls,
@@ -373,6 +374,26 @@ class PoseFile(str):
         stated |= {name: value for name, value in given.items() if value is not None}
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
+
+
+def parts_of(path: str) -> tuple[PoseFile, ...]:
+    """Return a sample of a large file of the documented form, and its parts; nothing for any other file.
+
+    Raises:
+        InputError: The file cannot be read, or is no table.
+    """
+    reading = reading_of(path)
+    named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
+    divided = None if named else TableParts.of(path, table_options(path))
+    if divided is None:
+        return ()
+
+    def file(part: TablePart) -> PoseFile:
+        result = PoseFile(path)
+        result.reading, result.frame = reading, part
+        return result
+
+    return tuple(map(file, (divided.sample, *divided.parts)))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:

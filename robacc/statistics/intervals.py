@@ -467,43 +467,45 @@ class PoseSampling:
         text = "1 pose" if self.n_groups == 1 else f"{self.n_groups} poses"
         return text if self.share == 1.0 else f"{text}, of which the fitted frames leave {self.n_independent:.3g}"
 
-    def cautious(self, interval: Interval, values: Array, confidence: float) -> Interval:
-        """Return the interval of a Gaussian, if frames were fitted the wider of it and that of the mean of ``values``.
-
-        Held-out errors grow with the leverage of the pose, so their squares scatter more than those of a Gaussian.
-        """
-        if self.share == 1.0:
-            return interval
-        return interval.wider(self.mean_interval(values, confidence, positive=True))
-
     def sums(self, values: Array) -> Array:
         """Sum ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
         return values if self.groups is None else np.bincount(self.groups, weights=values).astype(float)
 
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
-        deviations = self.sums(values - float(np.mean(values)))
-        return math.sqrt(self.n_groups / (self.n_independent - 1.0) * float(deviations @ deviations)) / self.n
+        return self._error(self.sums(values - float(np.mean(values))))
+
+    def _error(self, deviations: Array) -> float:
+        count = deviations.size
+        return math.sqrt(count / (round(self.share * count, 9) - 1.0) * float(deviations @ deviations)) / self.n
 
     def mean_interval(self, values: Array, confidence: float, *, positive: bool) -> Interval:
-        """Return the interval of the mean of ``values`` ``(n,)`` over poses.
+        """Return the interval of the mean of ``values`` ``(n,)``, one for each error; see :meth:`interval`."""
+        mean, largest = float(np.mean(values)), float(np.max(np.abs(values), initial=0.0))
+        return self.interval(mean, self.sums(values - mean), largest, confidence, positive=positive)
+
+    def interval(
+        self, mean: float, deviations: Array, largest: float, confidence: float, *, positive: bool
+    ) -> Interval:
+        """Return the interval of a mean over poses.
 
         Args:
-            values: One number for each error.
+            mean: The mean of a number for each error.
+            deviations: ``(n_groups,)`` sum over each commanded pose of the numbers' differences from the mean.
+            largest: Largest magnitude of a number.
             confidence: Confidence of the interval.
             positive: The quantity cannot be negative. It is studentised on the scale of its square root, which keeps
                 the limits from being negative and reduces the skewness of squares.
         """
         if (why := self.too_few) is not None:
             return Interval.missing(confidence, why)
-        mean, error = float(np.mean(values)), self.standard_error(values)
-        if error <= 1e-13 * max(-float(np.min(values)), float(np.max(values))):
+        if (error := self._error(deviations)) <= 1e-13 * largest:
             return Interval.exact(mean, confidence)
         below, above, bound = tails(confidence)
         t = [student_quantile(p, self.n_independent - 1.0) for p in (above, below, 1.0 - bound)]
         method, resampled = f"Student's t over {self.described}", None
         if FEWEST_FOR_BOOTSTRAP <= self.n_groups <= MOST_FOR_BOOTSTRAP:
-            resampled = self._studentised(values, mean, positive)
+            resampled = self._studentised(deviations, mean, positive)
             drawn = quantiles(resampled, (above, below, 1.0 - bound))
             # Resampled standard errors vary less than true ones if the tails are long; Student's t is a floor.
             t = [max(t[0], drawn[0]), min(t[1], drawn[1]), min(t[2], drawn[2])]
@@ -521,10 +523,9 @@ class PoseSampling:
             curve=StudentCurve(mean, error, self.n_independent, resampled, positive),
         )
 
-    def _studentised(self, values: Array, mean: float, positive: bool) -> Array:
+    def _studentised(self, sums: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
-        counts, sizes, size = resampled_counts(self.n_groups, self.draws, self.seed), self.sizes, self.n_groups
-        sums = self.sums(values - mean)
+        counts, sizes, size = resampled_counts(sums.size, self.draws, self.seed), self.sizes, sums.size
         totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
         total, squares, cross, square_sizes, number = totals.T
         shift = total / number

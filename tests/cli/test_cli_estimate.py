@@ -11,7 +11,6 @@ import signal
 import subprocess
 import sys
 import time
-from concurrent.futures.process import BrokenProcessPool
 from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
@@ -22,7 +21,8 @@ import pytest
 from commands import in_order, missing, one_line, output
 from scipy.spatial.transform import Rotation
 
-from robacc.cli.many import distinct_names, each
+from robacc.cli.many import distinct_names
+from robacc.workers import WorkerKilled, Workers
 
 # `robacc estimate` from files to its table, its JSON and its per-pose CSV.
 
@@ -459,16 +459,18 @@ def test_names_are_as_short_as_they_can_be_told_apart(paths: list[str], names: l
 
 
 @pytest.mark.parametrize(
-    ("error", "message", "status"), [(BrokenProcessPool(), "lack of memory", 3), (KeyError(), "which is a defect", 1)]
+    ("error", "message", "status"), [(WorkerKilled(), "lack of memory", 3), (KeyError(), "which is a defect", 1)]
 )
 def test_what_is_said_of_a_file_whose_process_died(
     folder: Path, monkeypatch: pytest.MonkeyPatch, error: Exception, message: str, status: int
 ) -> None:
-    def dying(work: object, tasks: list[object], jobs: int) -> object:
-        yield 1, error
-        yield from each(work, tasks[:1], 1)  # type: ignore[arg-type]
+    each = Workers.each
 
-    monkeypatch.setattr("robacc.cli.many.each", dying)
+    def dying(workers: Workers, work: object, tasks: list[object]) -> object:
+        yield 1, error
+        yield from each(workers, work, tasks[:1])  # type: ignore[arg-type]
+
+    monkeypatch.setattr(Workers, "each", dying)
     done = run(*files(folder, "ac"), *HOW)
     assert done.exit_code == status
     assert missing(done.stdout, message, "a.csv                   60") == []

@@ -1,0 +1,141 @@
+"""Sums over errors from which their statistics follow, so that errors of many poses need not be held in the memory.
+
+Every mean that has an interval is linear in the features z = (1, e, e e^T, |d|) of an error d = o + e, o near the mean.
+Its standard error comes from sums of z over commanded poses or, of many poses, over groups of them by a hash of the
+command, so that repetitions of a command are in one group (cluster-robust variance; K.-Y. Liang, S. L. Zeger,
+"Longitudinal data analysis using generalized linear models", Biometrika 73, 1986). Third and fourth moments are in the
+sum of z z^T, and quantiles come from a histogram of the lengths.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from robacc.geometry import Array
+
+PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
+LENGTH = np.eye(11)[-1]
+"""Weights of the features whose sum is the length of the error."""
+_GROUPS = 4096
+"""Groups of poses: a standard error from them has a relative standard error of 1 / sqrt(2 * 4096), one per cent."""
+_MARKS = 1 << 22
+"""Marks for hashes of commands, half a megabyte of bits: many more commands than these are told from few."""
+_SHIFT = np.uint64(52 - 12)
+"""Bits of a length that do not count in its bin: its exponent and 12 bits of its mantissa do, so a bin is a 4096th
+of its length wide at most."""
+_LEVELS = 1 << 16
+"""Quantiles that stand for the lengths, at equal steps of the probability."""
+
+
+def features(errors: Array, lengths: Array) -> Array:
+    """Return z ``(11, N)`` of errors from the origin ``(3, N)``, and of the lengths ``(N,)`` of the errors."""
+    products = [errors[i] * errors[j] for i, j in PAIRS]
+    return np.stack([np.ones(lengths.size), *errors, *products, lengths])
+
+
+def weights(origin: Array, about: Array, linear: Array | None = None, quadratic: Array | None = None) -> Array:
+    """Return ``(11,)`` w with w . z = linear . f + f^T quadratic f, f = d - about the error from another point.
+
+    ``quadratic`` ``(3, 3)`` is symmetric; what is None is zero.
+    """
+    shift, square = origin - about, np.zeros((3, 3)) if quadratic is None else quadratic
+    slope = np.zeros(3) if linear is None else linear
+    products = [square[i, j] * (1.0 if i == j else 2.0) for i, j in PAIRS]
+    return np.array([(slope + square @ shift) @ shift, *(slope + 2.0 * square @ shift), *products, 0.0])
+
+
+@dataclass(frozen=True, slots=True)
+class Commands:
+    """Commands of poses, by a hash of each."""
+
+    marks: NDArray[np.uint8]
+    """``(M / 8,)`` a bit for each number of :data:`_MARKS` that a hash gave."""
+    numbers: NDArray[np.int64]
+    """``(N,)`` number of each pose; empty for the commands of several parts."""
+
+    @classmethod
+    def of(cls, hashes: NDArray[np.uint64]) -> Commands:
+        """Return the commands with these hashes ``(N,)``."""
+        # The finalizer of MurmurHash3, so that every bit of the hash decides on the number.
+        mixed = (hashes ^ (hashes >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+        numbers = ((mixed ^ (mixed >> np.uint64(33))) % np.uint64(_MARKS)).astype(np.int64)
+        marks = np.zeros(_MARKS, dtype=bool)
+        marks[numbers] = True
+        return cls(np.packbits(marks), numbers)
+
+    def __add__(self, other: Commands) -> Commands:
+        """Return the commands of both."""
+        return Commands(self.marks | other.marks, np.empty(0, dtype=np.int64))
+
+    def count(self, n: int) -> int:
+        """Return how many of the commands of n poses are different; n where the count cannot be told from it.
+
+        Linear counting: K.-Y. Whang, B. T. Vander-Zanden, H. M. Taylor, "A linear-time probabilistic counting algorithm
+        for database applications", ACM Transactions on Database Systems 15, 1990, with its standard error.
+        """
+        empty = max(1.0 - np.unpackbits(self.marks).sum(dtype=float) / _MARKS, 0.5 / _MARKS)
+        load = -float(np.log(empty))
+        error = np.sqrt(_MARKS * (np.exp(load) - load - 1.0))
+        counted = round(_MARKS * load)
+        return n if counted >= n - 4.0 * error else counted
+
+
+@dataclass(frozen=True, slots=True)
+class ErrorSums:
+    """Sums over the errors of many poses."""
+
+    origin: Array
+    """``(3,)``"""
+    groups: Array
+    """``(G, 11)`` sums of z over groups of poses."""
+    products: Array
+    """``(11, 11)`` sum of z z^T."""
+    bins: NDArray[np.int64]
+    """``(2, B)`` numbers of the bins of lengths that have poses, ascending, and how many each has."""
+    largest: float
+    """Largest length."""
+
+    @classmethod
+    def of(cls, errors: Array, origin: Array, numbers: NDArray[np.int64]) -> ErrorSums:
+        """Return the sums over errors ``(3, N)`` of poses with these numbers ``(N,)`` of their commands."""
+        length = np.sqrt(np.einsum("in,in->n", errors, errors))
+        z = features(errors - origin[:, None], length)
+        groups = [np.bincount(numbers % _GROUPS, weights=row, minlength=_GROUPS).astype(float) for row in z]
+        keys, counts = np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True)
+        return cls(origin, np.stack(groups, axis=1), z @ z.T, np.stack((keys, counts)), float(length.max(initial=0.0)))
+
+    def __add__(self, other: ErrorSums) -> ErrorSums:
+        """Return the sums over the errors of both."""
+        keys, place = np.unique(np.concatenate((self.bins[0], other.bins[0])), return_inverse=True)
+        counts = np.zeros(keys.size, dtype=np.int64)
+        np.add.at(counts, place, np.concatenate((self.bins[1], other.bins[1])))
+        return ErrorSums(
+            self.origin,
+            self.groups + other.groups,
+            self.products + other.products,
+            np.stack((keys, counts)),
+            max(self.largest, other.largest),
+        )
+
+    @property
+    def n(self) -> int:
+        """Number of poses."""
+        return round(float(self.products[0, 0]))
+
+    def above(self, length: float) -> int:
+        """Return how many lengths are in bins above that of ``length``."""
+        return int(self.bins[1, self.bins[0] > int(np.float64(length).view(np.uint64) >> _SHIFT)].sum())
+
+    @property
+    def lengths(self) -> Array:
+        """Quantiles of the lengths at equal steps of the probability from 0 to 1, linear within a bin."""
+        edges = np.stack((self.bins[0], self.bins[0] + 1)).astype(np.uint64) << _SHIFT
+        below = np.concatenate(([0], np.cumsum(self.bins[1])))
+        probability = np.linspace(0.0, self.n, _LEVELS)
+        place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, self.bins.shape[1] - 1)
+        low, high = edges.view(np.float64)[:, place]
+        share = (probability - below[place]) / self.bins[1, place]
+        return np.asarray(np.minimum(low + share * (high - low), self.largest))

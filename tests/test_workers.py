@@ -1,0 +1,72 @@
+"""Work in several processes or on a cluster: outcomes, order, deaths."""
+
+from __future__ import annotations
+
+import os
+import signal
+import time
+from pathlib import Path
+
+import pytest
+
+from robacc.errors import UsageError
+from robacc.workers import WorkerKilled, Workers
+
+
+def doubled_or_dead(task: int) -> tuple[int, int]:
+    """Die of task 2, crash at task 3, double every other task."""
+    if task == 2:
+        os.kill(os.getpid(), signal.SIGKILL)
+    if task == 3:
+        raise ZeroDivisionError
+    return 2 * task, os.getpid()
+
+
+def dead_at_first(path: str) -> str:
+    """Die where there is no file yet, after making it; else return its name, the later ones sooner."""
+    mark = Path(path)
+    if not mark.exists():
+        mark.touch()
+        os.kill(os.getpid(), signal.SIGKILL)
+    time.sleep(0.05 * (5 - int(mark.name)))
+    return mark.name
+
+
+def test_a_task_that_ends_every_process_fails_alone() -> None:
+    outcomes = dict(Workers(2).each(doubled_or_dead, range(8)))
+    assert isinstance(outcomes.pop(2), WorkerKilled)
+    assert isinstance(outcomes.pop(3), ZeroDivisionError)
+    values = {number: outcome for number, outcome in outcomes.items() if isinstance(outcome, tuple)}
+    assert {number: value for number, (value, _) in values.items()} == {0: 0, 1: 2, 4: 8, 5: 10, 6: 12, 7: 14}
+    assert len(values) == len(outcomes)
+    assert os.getpid() not in {process for _, process in values.values()}
+
+
+@pytest.mark.parametrize("where", ["processes", "cluster"])
+def test_a_killed_worker_loses_nothing_and_the_order_stays(tmp_path: Path, where: str) -> None:
+    tasks = [str(tmp_path / str(number)) for number in range(5)]
+    for path in (tasks[0], tasks[2]):
+        Path(path).touch()
+    if where == "processes":
+        assert list(Workers(2).in_order(dead_at_first, tasks)) == ["0", "1", "2", "3", "4"]
+        return
+    distributed = pytest.importorskip("distributed")
+    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
+        workers = Workers(cluster=cluster.scheduler_address)
+        assert list(workers.in_order(dead_at_first, tasks)) == ["0", "1", "2", "3", "4"]
+
+
+def test_one_job_is_done_in_this_process() -> None:
+    assert list(Workers(1).each(doubled_or_dead, [5, 6])) == [(0, (10, os.getpid())), (1, (12, os.getpid()))]
+
+
+def test_an_error_in_the_first_part_is_the_one_that_is_raised() -> None:
+    with pytest.raises(ZeroDivisionError):
+        list(Workers(2).in_order(doubled_or_dead, [0, 3, 2]))
+
+
+def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
+    pytest.importorskip("distributed")
+    monkeypatch.setattr("robacc.workers._TIMEOUT", 0.5)
+    with pytest.raises(UsageError, match=r"no scheduler of Dask answers at tcp://127\.0\.0\.1:9"):
+        list(Workers(cluster="tcp://127.0.0.1:9").each(doubled_or_dead, [5]))

@@ -6,6 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar, cast
 
@@ -15,10 +16,12 @@ from robacc.api.inputs import STDIN, Inputs, check_targets, fitted_pose_warnings
 from robacc.api.parameters import (
     BaseLink,
     Campaign,
+    Cluster,
     Folds,
     Help,
     Holdout,
     IgnoreLimits,
+    Jobs,
     NeededRobot,
     Ordered,
     Poses,
@@ -31,11 +34,13 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Result, fields_of
+from robacc.diagnostics.robot_poses import read_rows
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Note, Problem, refuse
 from robacc.fitting.fit_result import Options
+from robacc.fitting.in_parts import fitted_in_parts
 from robacc.fitting.priors import tolerance_priors
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import suspected_mistakes
@@ -52,6 +57,7 @@ from robacc.robots.description import Robot
 from robacc.tracing.calibrating import Calibration, calibrate as fit_effects
 from robacc.tracing.trace import Trace, trace as trace_effects
 from robacc.version import __version__
+from robacc.workers import Workers
 
 if TYPE_CHECKING:
     from robacc.fitting.fit_result import Fit
@@ -69,6 +75,8 @@ class FitInputs(NamedTuple):
     """Separate validation poses."""
     baseline: Baseline
     """Effects that were declared, or that are to be fitted, and whether the call named them."""
+    parts: tuple[Callable[[], Measurements], ...]
+    """Functions that read the parts of a large file, of which ``data`` are some poses; none for any other file."""
 
 
 class FitResult(Result):
@@ -180,6 +188,8 @@ def calibrate(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
     seed: Seed = 0,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
     progress: Progress = None,
 ) -> Calibrated:
     """Fit named effects to measured poses and compute the error before and after, on fitted and on held-out poses.
@@ -213,6 +223,7 @@ def calibrate(
         (not requests, "`fit` names no effect; try base_frame,tool_frame,joint_offset,link_geometry"),
         (prior and not priors, f"`prior` needs tolerances, but {name} has none on any joint"),
     )
+    shown = progress or (lambda label, done, total: None)
     with _solvable(read.data):
         calibration = fit_effects(
             read.robot,
@@ -224,7 +235,8 @@ def calibrate(
             n_folds=folds,
             seed=seed,
             holdout=read.holdout,
-            progress=progress or (lambda label, done, total: None),
+            progress=shown,
+            fitted_to_all=_of_all(read, Workers(jobs, cluster), shown),
         )
         return _made(Calibrated, calibration, inputs, read)
 
@@ -258,6 +270,8 @@ def trace(
     base_link: BaseLink = None,
     tip_link: TipLink = None,
     seed: Seed = 0,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
     progress: Progress = None,
 ) -> Traced:
     """Find the effects that explain the residual, and compute the error before and after on held-out poses.
@@ -286,6 +300,7 @@ def trace(
     message = "distances from an earlier pose do not show what acts at each of the two poses"
     fix = "use calibrate, or measure distances from an anchor"
     refuse((read.data.reference is not None, Problem(message, read.data.source, fix=fix)))
+    shown = progress or (lambda label, done, total: None)
     with _solvable(read.data):
         effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
         body = trace_effects(
@@ -295,7 +310,8 @@ def trace(
             seed=seed,
             holdout=read.holdout,
             empirical=empirical,
-            progress=progress or (lambda label, done, total: None),
+            progress=shown,
+            fitted_to_all=_of_all(read, Workers(jobs, cluster), shown),
         )
         return _made(Traced, body, inputs, read)
 
@@ -309,7 +325,12 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     """
     poses, holdout = inputs.arguments["poses"], inputs.arguments["holdout"]
     described = inputs.robot(inputs.arguments["robot"], poses)
-    data = inputs.poses(poses, described, any_target=True, any_kind=True)
+    sample, *parts = inputs.parts(poses) or (poses,)
+    data = inputs.poses(sample, described, any_target=True, any_kind=True)
+    ignore_limits = inputs.arguments["ignore_limits"]
+    reads = tuple(
+        partial(read_rows, part, robot=described, any_target=True, ignore_limits=ignore_limits) for part in parts
+    )
     arm, data = with_measured_targets(described, data)
     arm = inputs.campaign(arm, data)
     validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
@@ -328,7 +349,12 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         baseline = replace(baseline, names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
-    return FitInputs(arm, data, validation, baseline)
+    return FitInputs(arm, data, validation, baseline, reads)
+
+
+def _of_all(read: FitInputs, workers: Workers, progress: Callable[[str, int, int], None]) -> Callable[[Fit], Fit]:
+    """Return the function that fits the coefficients to all rows of a large file."""
+    return partial(fitted_in_parts, read.parts, workers, progress) if read.parts else lambda fit: fit
 
 
 def _check_validation(data: Measurements, validation: Measurements, name: str | None) -> None:
@@ -400,8 +426,16 @@ def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitIn
     outside = None if read.holdout is None else outside_validity(robot, read.holdout)
     digests = [record.sha256 for record in inputs.records if record.kind == "poses"]
     robot = replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
+    some = (
+        Note(
+            f"the file was read in {len(read.parts)} parts: the coefficients are fitted to all rows, and their "
+            "standard errors allow for what the rows of a command have in common; errors, causes and checks are of "
+            f"{fit.data.n} rows, evenly spread"
+        ),
+    )
     warnings = (
         *result.warnings,
+        *(some if read.parts else ()),
         *fitted_pose_warnings(read.robot, inputs.records),
         *inputs.warnings,
         *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),

@@ -379,6 +379,7 @@ def calibrate(
     seed: int = 0,
     holdout: Measurements | None = None,
     progress: Progress = lambda step, done, total: None,
+    fitted_to_all: Callable[[Fit], Fit] = lambda fit: fit,
 ) -> Calibration:
     """Fit the effects that ``requests`` name.
 
@@ -387,6 +388,7 @@ def calibrate(
     coefficient name, in SI units (as :mod:`robacc.fitting.priors` gives them). Without them, ``shrink`` applies
     shrinkage to nominal to constants of the arm that are requested without joints (:mod:`robacc.fitting.priors`).
     Held-out figures are those of ``holdout``, of each place of the poses in turn, or of ``n_folds`` parts of them.
+    Where ``data`` are some poses of a large file, ``fitted_to_all`` fits the coefficients to all of them.
 
     Raises:
         InputError: The data contain a mistake, or there are too few poses.
@@ -420,6 +422,7 @@ def calibrate(
         if shrink and not priors:
             everywhere = [request.name for request in requests if request.joints is None and request.name in CONSTANTS]
             final, shrunk = shrink_to_nominal(final, data, structure.options, everywhere)
+        final = fitted_to_all(final)
         structure = dataclasses.replace(structure, fit=final)
         effects = final.model.free
         frames = tuple(effect for effect in effects if effect.traits.is_frame)

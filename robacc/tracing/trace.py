@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import functools
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -543,11 +543,13 @@ def trace(
     holdout: Measurements | None = None,
     empirical: bool = True,
     progress: Progress = lambda stage, done, total: None,
+    fitted_to_all: Callable[[Fit], Fit] = lambda fit: fit,
 ) -> Trace:
     """Search for effects on measured poses and report them with held-out errors.
 
     ``model`` holds the robot and the declared effects. Held-out figures are of models with the effects that all poses
     show, fitted without the pose: those of ``holdout``, of each place in turn, or of ``n_folds`` parts of the places.
+    Where ``data`` are some poses of a large file, ``fitted_to_all`` fits the coefficients to all of them.
 
     Raises:
         InputError: the data contain a mistake that no effect should explain, or are too few.
@@ -596,6 +598,7 @@ def trace(
         ]
         final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
         before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
+        final = fitted_to_all(final)
         structured = dataclasses.replace(structured, fit=final)
         numbers = [number_of(effect, final) for effect in effects]
         fitted_effects = [final.model.free[number] for number in numbers]

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
 
 
-class Part(NamedTuple):
+class PosesPart(NamedTuple):
     """Part of the poses, and how their errors are computed."""
 
     read: Callable[[], Measurements]
@@ -33,7 +33,7 @@ class Part(NamedTuple):
 
 
 @single_threaded
-def totals_of_part(part: Part) -> Totals:
+def totals_of_part(part: PosesPart) -> Totals:
     """Return what is counted over the poses of a part.
 
     Raises:
@@ -86,7 +86,9 @@ def totals(
     """
     frames = None if alignment is None else alignment.robot
     turned = None if errors.rotation is None else errors.rotation.mean(axis=1)
-    part = Part(reads[0], frames or robot, robot is None and frames is not None, errors.frame, (errors.mean, turned))
+    part = PosesPart(
+        reads[0], frames or robot, robot is None and frames is not None, errors.frame, (errors.mean, turned)
+    )
     result: Totals | None = None
     for number, one in enumerate(workers.in_order(totals_of_part, [part._replace(read=read) for read in reads])):
         result = one if result is None else result + one

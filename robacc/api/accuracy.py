@@ -52,7 +52,7 @@ from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.diagnostics.robot_poses import read_rows
-from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES
+from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, ISO9283, ISO9283_POSES, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
 from robacc.errors import Note, refuse
@@ -99,6 +99,10 @@ class Estimate(Result, EstimateResult):
             if name in reading
         ]
         return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))
+
+    def summary(self) -> dict[str, Any]:
+        """Return the main figures, for a table of several files."""
+        return SUMMARY.write(self)
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""

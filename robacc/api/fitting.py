@@ -100,6 +100,13 @@ class FitResult(Result):
         poses, robot = (self.made.options[kind] or self.named(kind) for kind in ("poses", "robot"))
         return fit_view(self.payload(), poses, robot, "full" if full else "short", model)
 
+    def summary(self) -> dict[str, Any]:
+        """Return the main figures, for a table of several files: rms position errors in m, and the findings."""
+        judged = cast("Judged", self)
+        stages = [(stage.held_out or stage.fitted).position.rms for stage in (judged.nominal, judged.after)]
+        names = ", ".join(f"{each.effect}({','.join(each.joints)})" for each in getattr(self, "findings", ()))
+        return {"n_poses": self.fit.data.n, "before_m": stages[0], "after_m": stages[1], "findings": names or "–"}
+
     @property
     def converged(self) -> bool:
         """Return whether the reported fit converged."""

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import os
 import sys
+from collections.abc import Sequence
 from functools import partial
 from pathlib import PurePath
 from typing import TYPE_CHECKING, Annotated, Literal
@@ -32,24 +33,25 @@ from robacc.cli.output import (
 )
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
-from robacc.workers import Workers
 
 if TYPE_CHECKING:
     from robacc.api.fitting import FitResult
 
 # Measured poses.
 
+PoseFiles = Annotated[
+    list[str],
+    Help(
+        "Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
+        "POSES [POSES …]",
+        holds="measured poses",
+    ),
+]
+
 
 def estimate(
     call: Call,
-    poses: Annotated[
-        list[str],
-        Help(
-            "Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
-            "POSES [POSES …]",
-            holds="measured poses",
-        ),
-    ],
+    poses: PoseFiles,
     *,
     per_pose: Annotated[str | None, Help("CSV to write with the error of each pose.", "FILE", holds="output")] = None,
     full: Annotated[bool, Help("Table with covariances, principal axes, tests, worst poses and limitations.")] = False,
@@ -68,10 +70,9 @@ def estimate(
     options = call.keywords
     options["align"] = None if options["align"] is None else effect_names(options["align"])
     if len(poses) > 1:
-        from robacc.cli.many import estimate_each
+        from robacc.cli.many import process_each
 
-        workers = Workers(options.pop("jobs"), options.pop("cluster"))
-        estimate_each(poses, options, outlets, per_pose, workers, full)
+        process_each("estimate", poses, options, outlets, per_pose, full)
         return
     with progress_bar() as progress:
         result = call(poses[0], progress=progress)
@@ -81,6 +82,7 @@ def estimate(
 
 def trace(
     call: Call,
+    poses: PoseFiles,
     *,
     write_model: WriteModel = None,
     full: Annotated[bool, Help("Table with candidates, tests, coefficients, errors and detection limits.")] = False,
@@ -88,13 +90,16 @@ def trace(
 ) -> None:
     """Find the effects that explain the residual, and report the error before and after on held-out poses.
 
+    Several files are traced one by one and shown in one table, as estimate does.
+
     Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
-    _fit(call, write_model, outlets, full)
+    _fit("trace", call, poses, write_model, outlets, full)
 
 
 def calibrate(
     call: Call,
+    poses: PoseFiles,
     *,
     write_model: WriteModel = None,
     full: Annotated[bool, Help("Table with coefficients, errors before and after, and quality of the fit.")] = False,
@@ -103,21 +108,26 @@ def calibrate(
     """Fit named effects to measured poses, and report fitted and held-out errors before and after.
 
     An effect with joints in brackets is fitted to these joints. Without brackets it is fitted to the joints where the
-    data show it.
+    data show it. Several files are calibrated one by one and shown in one table, as estimate does.
 
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
-    _fit(call, write_model, outlets, full)
+    _fit("calibrate", call, poses, write_model, outlets, full)
 
 
-def _fit(call: Call, write_model: str | None, outlets: Outlets, full: bool) -> None:
+def _fit(command: str, call: Call, poses: Sequence[str], write_model: str | None, outlets: Outlets, full: bool) -> None:
     """Run the call of a fit with a progress bar, write its model and deliver the result.
 
     A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
     status 5 too; its model says so.
     """
+    if len(poses) > 1:
+        from robacc.cli.many import process_each
+
+        process_each(command, poses, call.keywords, outlets, write_model, full)
+        return
     with progress_bar() as progress:
-        result: FitResult = call(progress=progress)
+        result: FitResult = call(poses[0], progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)
     deliver(outlets, result, lambda: result.view(full, write_model))

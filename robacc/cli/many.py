@@ -1,4 +1,4 @@
-"""``robacc estimate`` on several files: each in a process of its own, one result for each, and one table of all."""
+"""``estimate``, ``calibrate`` and ``trace`` on several files: one result for each, and one table of all."""
 
 from __future__ import annotations
 
@@ -10,12 +10,14 @@ from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
+from importlib import import_module
 from pathlib import Path, PurePath
 from tempfile import TemporaryDirectory
 from typing import TYPE_CHECKING, Any, NamedTuple
 
 import typer
 
+from robacc.api import HOMES
 from robacc.cli import output
 from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, refuse
@@ -37,59 +39,61 @@ _PROCESS_COST = 24 * 2**20
 class FileTask(NamedTuple):
     """A file of poses, its options, and the files to write."""
 
+    command: str
     path: str
     name: str
     options: Mapping[str, Any]
-    """Arguments of :func:`robacc.estimate` besides the poses."""
+    """Arguments of the call besides the poses."""
     outlets: Outlets
     """Form, gate and file of the result; no file if its name is empty."""
     document: str | None
     """File for the JSON document of the result, which becomes part of the document of all files."""
-    per_pose: str | None
+    extra: str | None
+    """File for the error of each pose, or for the model of a fit."""
     full: bool = False
     """Whether a table has covariances, tests, worst poses and limitations."""
 
 
-def estimate_file(task: FileTask) -> FileOutcome:
-    """Estimate a file and write its results, as the command does for a single file; an error becomes its outcome."""
-    from robacc.api.accuracy import estimate
-    from robacc.documents.accuracy import SUMMARY
+def process_file(task: FileTask) -> FileOutcome:
+    """Process a file and write its results, as the command does for a single file; an error becomes its outcome."""
     from robacc.io.json_text import json_pieces
 
-    started = time.perf_counter()
+    started, status = time.perf_counter(), 0
     try:
-        result = estimate(task.path, **task.options)
+        call = getattr(import_module(f"robacc.{HOMES[task.command]}"), task.command)
+        result = call(task.path, **task.options)
         document, gate, warnings = output.with_gate(result, task.outlets.gate)
-        output.write(task.per_pose, result.per_pose_csv)
+        if task.command == "estimate":
+            output.write(task.extra, result.per_pose_csv)
+            shown: tuple[str | None, ...] = (task.path, task.options["robot"])
+        else:
+            status, shown = 5 * bool(result.suspicions or not result.converged), (task.extra,)
+            if task.extra is not None and result.converged:
+                result.write_model(task.extra)
         output.write(task.document, lambda: json_pieces(document()))
         if task.outlets.output:
-            view = partial(result.view, task.full, task.path, task.options["robot"])
-            output.write_result(task.outlets, "estimate", document, view, gate, warnings)
+            view = partial(result.view, task.full, *shown)
+            output.write_result(task.outlets, task.command, document, view, gate, warnings)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
     else:
-        status, written = 0 if gate is None else gate["exit_status"], PurePath(task.outlets.output).name or None
-        outcome = FileOutcome(task.name, status, SUMMARY.write(result), warnings=warnings, gate=gate, written=written)
+        status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
+        outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     return replace(outcome, seconds=time.perf_counter() - started)
 
 
-def estimate_each(
-    paths: Sequence[str],
-    options: Mapping[str, Any],
-    outlets: Outlets,
-    per_pose: str | None,
-    workers: Workers,
-    full: bool,
+def process_each(
+    command: str, paths: Sequence[str], options: dict[str, Any], outlets: Outlets, extra: str | None, full: bool
 ) -> None:
-    """Estimate every file, write the results, and exit with the worst status.
+    """Process every file, write the results, and exit with the worst status.
 
     Args:
+        command: Name of the command and of its call.
         paths: The files, in the order of the table.
-        options: Options for every file.
+        options: Arguments for every file, and the number of jobs or the cluster that do the work.
         outlets: Forms and files; if the output is a folder, each result becomes a file in it.
-        per_pose: Folder for the errors at each pose, one file for each file of poses.
-        workers: What does the work; without a number of jobs as many as the cores and the sizes of the files suggest.
+        extra: Folder for the errors at each pose, or for the models of fits, one file for each file of poses.
         full: Write complete tables to the folder; the table of all files stays as it is.
 
     Raises:
@@ -97,18 +101,23 @@ def estimate_each(
         InputError: an input of all files cannot be read, or a result cannot be written.
         typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
-    inputs = _check_call(paths, options, per_pose)
-    folder, per_pose_folder = _folder(outlets.output), per_pose and _folder(per_pose)
+    workers = Workers(options.pop("jobs"), options.pop("cluster"))
+    is_estimate = command == "estimate"
+    inputs = _check_call(paths, options, extra, "--per-pose" if is_estimate else "--write-model")
+    folder, extra_folder = _folder(outlets.output), extra and _folder(extra)
+    no_folder = f"several files need --output DIR/: {command} writes each result into a file of its own"
+    refuse((not is_estimate and folder is None and (outlets.report or outlets.form == "json"), no_folder))
     needs_documents = outlets.report is not None or (outlets.form == "json" and folder is None)
     with TemporaryDirectory(prefix="robacc-") as documents:
         tasks = [
             FileTask(
+                command,
                 path,
                 name,
                 options,
                 Outlets(outlets.gate, format=outlets.form, output=_target(folder, name, _SUFFIXES[outlets.form]) or ""),
                 _target(documents if needs_documents else None, str(number), ".json"),
-                _target(per_pose_folder, name, ".csv"),
+                _target(extra_folder, name, ".csv" if is_estimate else ".yaml"),
                 full,
             )
             for number, (path, name) in enumerate(zip(paths, distinct_names(paths), strict=True))
@@ -130,7 +139,7 @@ def estimate_each(
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str | None) -> Inputs:
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | None, name: str) -> Inputs:
     """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import Inputs
@@ -143,16 +152,17 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], per_pose: str 
     )
     refuse(
         (
-            per_pose is not None and _folder(per_pose) is None,
-            f"--per-pose {per_pose}: several files need a folder, whose name ends with /",
+            extra is not None and _folder(extra) is None,
+            f"{name} {extra}: several files need a folder, whose name ends with /",
         )
     )
     inputs = Inputs(options)
     inputs.optional_robot()
-    if options["align"]:
+    if options.get("align"):
         check_frames(options["align"])
-    check_confidence(options["confidence"])
-    inputs.scale()
+    if "confidence" in options:
+        check_confidence(options["confidence"])
+        inputs.scale()
     return inputs
 
 
@@ -184,7 +194,7 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
     """Raise UsageError if a result would overwrite an input or another result."""
     written: dict[str, str] = {}
     inputs = {os.path.realpath(task.path) for task in tasks}
-    targets = [(task.path, target) for task in tasks for target in (task.outlets.output, task.per_pose) if target]
+    targets = [(task.path, target) for task in tasks for target in (task.outlets.output, task.extra) if target]
     for path, target in targets:
         other = written.setdefault(os.path.realpath(target), path)
         both = f"the results of {other} and {path} would both be written to {target}"
@@ -204,8 +214,8 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:
-            progress("estimating", 0, len(tasks))
-            for number, outcome in workers.each(estimate_file, tasks):
+            progress(tasks[0].command, 0, len(tasks))
+            for number, outcome in workers.each(process_file, tasks):
                 if isinstance(outcome, BaseException):
                     message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
                     if not isinstance(outcome, WorkerKilled):
@@ -215,7 +225,7 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
                     problems = (Problem(message, tasks[number].path),)
                     outcome = FileOutcome(tasks[number].name, status, problems=problems, n_problems=1)
                 outcomes[number] = outcome
-                progress("estimating", len(outcomes), len(tasks))
+                progress(tasks[0].command, len(outcomes), len(tasks))
     except KeyboardInterrupt:
         if folder is None or not outcomes:
             raise
@@ -244,9 +254,9 @@ def _write(
     """Write the table of all files and the requested files."""
     from robacc.render.views.accuracy import many_annotations, many_view
 
-    options = tasks[0].options
+    command, options = tasks[0].command, tasks[0].options
 
-    output.write_junit(outlets.junit, "estimate", outcomes)
+    output.write_junit(outlets.junit, command, outcomes)
     documents = {
         task.name: task.document
         for outcome, task in zip(outcomes, tasks, strict=True)
@@ -258,13 +268,14 @@ def _write(
         read = [json.loads(Path(path).read_text(encoding="utf-8")) for path in documents.values()]
         output.write(outlets.report, render(read, [*documents]))
     place = outlets.output if folder is None else "-"
-    if outlets.form == "json":
+    if outlets.form == "json" and command == "estimate":
         output.write(place, _document(outcomes, inputs, outlets.gate, {} if folder else documents))
     elif outlets.form == "github":
-        output.write(place, many_annotations(outcomes))
+        output.write(place, many_annotations(command, outcomes))
     else:
-        view = partial(many_view, outcomes, options["robot"], options["align"])
-        output.write_result(Outlets(format=outlets.form, output=place), "estimate", dict, view, None, warnings)
+        view = partial(many_view, command, outcomes, options["robot"], options.get("align", ()))
+        form = "table" if outlets.form == "json" else outlets.form
+        output.write_result(Outlets(format=form, output=place), command, dict, view, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

@@ -99,7 +99,7 @@ def fitted_in_parts(
     Standard errors come from the gradients of groups of commands, whatever the errors of a group have in common
     (K.-Y. Liang, S. L. Zeger, "Longitudinal data analysis using generalized linear models", Biometrika 73, 1986). What
     the fit allows for beyond independent noise, such as an error that depends on the pose, more rows do not average
-    out: it is added. Residuals, and the normal equations by which poses are held out, stay those of the poses of the fit.
+    out: it is added. Residuals, and the equations by which poses are held out, are those of the poses of the fit.
 
     Args:
         reads: Functions that read the parts, in their order.

@@ -159,3 +159,35 @@ def test_different_commands_are_counted(count: int) -> None:
     # Its standard error at these loads is below 0.3 per cent, and nought for few commands.
     assert found == pytest.approx(count, rel=0.01, abs=0.5)
     assert parts[0].count(count) == count
+
+
+def test_a_calibration_in_parts_is_that_of_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, robot = (str(ROOT / "sample_data" / "trace" / f"{name}.yaml") for name in ("truth", "robot"))
+    path = simulated(tmp_path / "poses.csv", truth, 1500, position_only=True)
+    fit = "base_frame,tool_frame,joint_offset,link_geometry,joint_compliance[j2],backlash[j3]"
+    whole = robacc.calibrate(path, robot=robot, fit=fit, shrink=False)
+    in_parts(monkeypatch)
+    one, two = (robacc.calibrate(path, robot=robot, fit=fit, shrink=False, jobs=jobs) for jobs in (1, 2))
+    assert json_text(one.document()) == json_text(two.document())
+    assert any("coefficients are fitted to all rows" in text for text in one.warnings)
+    assert one.fit.data.n < 500 < whole.fit.data.n
+    mine, its = ({each.name: each for each in result.parameters} for result in (whole, one))
+    for name, each in mine.items():
+        if each.std:
+            # The same rows, other weights; one without a structure, so its standard error is that of independent noise.
+            assert its[name].value == pytest.approx(each.value, abs=0.1 * each.std), name
+            assert 0.6 * each.std < its[name].std < 3.0 * each.std, name
+    assert one.after.held_out_rms == pytest.approx(whole.after.held_out_rms, rel=0.15)
+
+
+def test_a_trace_in_parts_names_the_effects_and_fits_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    truth, robot = (str(ROOT / "sample_data" / "trace" / f"{name}.yaml") for name in ("truth", "robot"))
+    path = simulated(tmp_path / "poses.csv", truth, 1500, position_only=True)
+    in_parts(monkeypatch)
+    declared = "base_frame,tool_frame,joint_offset,link_geometry"
+    result = robacc.trace(path, robot=robot, declared=declared)
+    compliance, backlash = result.findings
+    assert (compliance.effect, compliance.joints) == ("joint_compliance", ("j2",))
+    # Some three hundred poses do not tell a backlash from its nearest likeness.
+    assert ("backlash", ("j3",)) in {(each.effect, each.joints) for each in (backlash, *backlash.alternatives)}
+    assert len(result.fit_inputs.parts) > 5

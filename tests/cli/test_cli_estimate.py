@@ -295,7 +295,7 @@ def test_one_table_with_the_failure_in_its_place(folder: Path) -> None:
         assert row.split()[-2:] == [found["grade"]["grade"], proven]
     assert rows[1].split(maxsplit=1)[1] == "failed"
     why = "- b.csv, failed: line 9: found 3 fields, expected 14 as in the header (and 1 more)"
-    assert commands.missing(done.stdout.replace("\n  ", " "), why, "1 of 3 files could not be estimated") == []
+    assert commands.missing(done.stdout.replace("\n  ", " "), why, "1 of 3 files have no result") == []
     assert [line.split(": ")[1] for line in done.stderr.splitlines() if line.startswith("error")] == [
         f"{folder / 'b.csv'}:{line}" for line in (9, 10)
     ]
@@ -444,6 +444,28 @@ def test_what_is_wrong_for_all_is_said_once(
     told = refused(*words, status=status)
     assert message in told
     assert told.count("error: ") == 1
+
+
+@pytest.mark.parametrize("command", ["calibrate", "trace"])
+def test_fits_of_several_files_are_one_table_with_models(tmp_path: Path, command: str) -> None:
+    sample = ROOT / "sample_data" / "trace"
+    for name in ("one", "two"):
+        (tmp_path / f"{name}.csv").write_bytes((sample / "poses.csv").read_bytes())
+    (tmp_path / "bad.csv").write_text("q1,x\n", encoding="utf-8")
+    paths = [str(tmp_path / f"{name}.csv") for name in ("one", "two", "bad")]
+    declared = "--fit" if command == "calibrate" else "--declared"
+    how = ("--robot", str(sample / "robot.yaml"), declared, "base_frame,tool_frame,joint_offset")
+    out, models = tmp_path / "out", tmp_path / "models"
+    done = commands.run(command, *paths, *how, "--format", "json", "--output", f"{out}/", "--write-model", f"{models}/")
+    assert done.exit_code == 3
+    assert commands.missing(done.stdout, "rms of held-out poses", "bad.csv             failed", "1 of 3 files") == []
+    assert sorted(path.name for path in models.iterdir()) == ["one.yaml", "two.yaml"]
+    one, two = (json.loads((out / f"{name}.json").read_text(encoding="utf-8")) for name in ("one", "two"))
+    assert one["after"]["held_out"] == two["after"]["held_out"]
+    (row,) = (line for line in done.stdout.splitlines() if line.startswith("one.csv"))
+    stages = [1e3 * one[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "after")]
+    assert [float(cell) for cell in row.split()[2:4]] == pytest.approx(stages, rel=6e-3)
+    assert "several files need --output DIR/" in commands.run(command, *paths, *how, "--format", "json").stderr
 
 
 @pytest.mark.parametrize(

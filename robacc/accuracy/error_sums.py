@@ -48,8 +48,8 @@ def weights(origin: Array, about: Array, linear: Array | None = None, quadratic:
 
 
 @dataclass(frozen=True, slots=True)
-class Commands:
-    """Commands of poses, by a hash of each."""
+class DifferentCommands:
+    """DifferentCommands of poses, by a hash of each."""
 
     marks: NDArray[np.uint8]
     """``(M / 8,)`` a bit for each number of :data:`_MARKS` that a hash gave."""
@@ -57,7 +57,7 @@ class Commands:
     """``(N,)`` number of each pose; empty for the commands of several parts."""
 
     @classmethod
-    def of(cls, hashes: NDArray[np.uint64]) -> Commands:
+    def of(cls, hashes: NDArray[np.uint64]) -> DifferentCommands:
         """Return the commands with these hashes ``(N,)``."""
         # The finalizer of MurmurHash3, so that every bit of the hash decides on the number.
         mixed = (hashes ^ (hashes >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
@@ -66,9 +66,9 @@ class Commands:
         marks[numbers] = True
         return cls(np.packbits(marks), numbers)
 
-    def __add__(self, other: Commands) -> Commands:
+    def __add__(self, other: DifferentCommands) -> DifferentCommands:
         """Return the commands of both."""
-        return Commands(self.marks | other.marks, np.empty(0, dtype=np.int64))
+        return DifferentCommands(self.marks | other.marks, np.empty(0, dtype=np.int64))
 
     def count(self, n: int) -> int:
         """Return how many of the commands of n poses are different; n where the count cannot be told from it.

@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
-from robacc.accuracy.error_sums import Commands, ErrorSums
+from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
@@ -356,7 +356,7 @@ class Totals:
 
     position: ErrorSums
     orientation: ErrorSums | None
-    commands: Commands
+    commands: DifferentCommands
     of_targets: dict[str, ErrorSums]
     """Position errors of each target, where targets are named."""
     worst: tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
-from robacc.accuracy.error_sums import Commands, ErrorSums
+from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
 from robacc.accuracy.estimation import ErrorFrame, PoseErrors, Totals, commanded_poses, pose_errors, worst_poses
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -45,7 +45,7 @@ def totals_of_part(part: PosesPart) -> Totals:
     position, turns = commanded_poses(as_gantry(data) if part.is_gantry else data, part.robot)
     turns = None if part.is_gantry and data.commanded_rotation is None else turns
     errors = pose_errors(data, position, turns, part.frame)
-    commands = Commands.of(data.hashed_commands())
+    commands = DifferentCommands.of(data.hashed_commands())
     names = () if data.target is None else np.unique(data.target)
     own = {str(name): np.flatnonzero(data.target == name) for name in names}
     turned, origin = errors.rotation, part.origins[1]

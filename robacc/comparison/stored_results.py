@@ -107,12 +107,6 @@ def _at(document: Document, path: str) -> Any:
         return None
 
 
-def split_key(key: str) -> tuple[str, str]:
-    """Return the group of a key's errors and its statistic: ``after.fitted.position`` and ``rms``."""
-    group, _, statistic = key.rpartition(".")
-    return group, statistic
-
-
 def unit_of(key: str) -> str:
     """Return the unit of a key's value: ``m`` or ``rad``."""
     return "rad" if "orientation" in key.split(".") else "m"

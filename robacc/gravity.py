@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
+class Load(NamedTuple):
     """Weight in the frame after motion ``after - 1``: mass (kg) and first moment of mass, mass x com (kg m)."""
 
     after: int

@@ -325,7 +325,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         text = ",".join([effects] if isinstance(effects, str) else effects).strip()
         baseline = Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)
     if arm.fixtures and "base_frame" not in baseline.names:
-        baseline = replace(baseline, names=("base_frame", *baseline.names))  # Where they are is unknown.
+        baseline = baseline._replace(names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
     return FitInputs(arm, data, validation, baseline)

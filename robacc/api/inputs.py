@@ -220,7 +220,7 @@ class Inputs:
                 raise
             record = InputFile.at(path, data.sha256 or "", kind)
             if reading:
-                record = replace(record, reading={**(record.reading or {}), **reading})
+                record = record._replace(reading={**(record.reading or {}), **reading})
         if data.seen is not None and any_kind:
             note = Note(
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"

@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -211,8 +211,7 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
 # A result to compare: its figures, the errors of every pose behind them, and how it was made.
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedResult:
+class ComparedResult(NamedTuple):
     """One result to compare."""
 
     name: str
@@ -455,8 +454,7 @@ _ROUNDING = 1e-13
 """A standard error below this fraction of the statistic is rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(NamedTuple):
     """Statistic of the second set minus statistic of the first."""
 
     value: float

@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import yaml
 
@@ -213,8 +213,7 @@ class Source(ProblemLog):
         return None if is_null(node) else text
 
 
-@dataclass(frozen=True, slots=True)
-class YamlSection:
+class YamlSection(NamedTuple):
     """Mapping of a YAML file with its known keys."""
 
     source: Source

@@ -46,8 +46,7 @@ _CONVERGED = 1e-14
 """rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class TermPart:
+class TermPart(NamedTuple):
     """Part of term ``number``, counted over the fixed terms of a model, then its free terms."""
 
     number: int

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -172,8 +171,7 @@ _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideRange:
+class OutsideRange(NamedTuple):
     """Poses outside one validity range of one effect."""
 
     effect: str
@@ -191,8 +189,7 @@ class OutsideRange:
     """True if the effect keeps its value at the end of the range, False if it extrapolates."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideValidity:
+class OutsideValidity(NamedTuple):
     """Poses outside the validity ranges of a model."""
 
     n_poses: int

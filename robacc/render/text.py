@@ -17,7 +17,6 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TextIO
@@ -283,8 +282,7 @@ Form = Literal["short", "full", "page"]
 Line = tuple[str, Style]
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
+class Number(NamedTuple):
     """A number as text, and its SI value from the JSON document (None without a value)."""
 
     text: str
@@ -298,8 +296,7 @@ class Number:
 Cell = str | Number
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(NamedTuple):
     """A table; the first cell of a row is its label."""
 
     header: Sequence[str]
@@ -344,8 +341,7 @@ def grid(header: Sequence[str | None], rows: Iterable[Sequence[Cell]], **looks: 
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Listing:
+class Listing(NamedTuple):
     """A list of texts; empty ones are left out."""
 
     items: Sequence[str]
@@ -359,8 +355,7 @@ class Listing:
             yield from ((line, "") for line in wrapped)
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(NamedTuple):
     """A paragraph."""
 
     text: str
@@ -381,8 +376,7 @@ class Text:
 Block = Grid | Listing | Text
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """A part of a view with a heading; without a filled block it is left out, unless it is a heading alone."""
 
     title: str
@@ -425,7 +419,7 @@ def shown(sections: Iterable[Section]) -> Iterator[Section]:
     for section in sections:
         filled = [block for block in section.blocks or () if any(block.lines(PLAIN_WIDTH))]
         if filled or section.blocks is None:
-            yield replace(section, blocks=filled)
+            yield section._replace(blocks=filled)
 
 
 def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:

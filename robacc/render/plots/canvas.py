@@ -463,7 +463,8 @@ def as_part(chart: Chart, salt: str) -> str:
     buffer = io.StringIO()
     with _drawn(chart, {"svg.fonttype": "none", "svg.hashsalt": salt}) as figure:
         # ``savefig`` would draw twice, once for the layout.
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=_DATES["svg"])
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(buffer, metadata=_DATES["svg"])
     text = buffer.getvalue()
     text = text[text.index("<svg") :].strip()
     for pattern, new in (

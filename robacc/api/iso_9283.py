@@ -96,8 +96,12 @@ def iso9283(
         RP 74 um
     """
     inputs = Inputs(locals(), "poses")
-    twice = "standard input can be read only once, but - is given more than once"
-    refuse(([path_of(source) for source in poses].count(STDIN) > 1, twice))
+    refuse(
+        (
+            [path_of(source) for source in poses].count(STDIN) > 1,
+            "standard input can be read only once, but - is given more than once",
+        )
+    )
     described = inputs.optional_robot(next(iter(poses), None))
     loaded: list[Measurements] = []
     arms: list[Robot] = []

@@ -61,8 +61,7 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             known = set(node)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in known), "")
-            lacking = f"a result of robacc {document.get('command', '?')} has no {path}"
-            refuse((not name, lacking), error=NoValueError)
+            refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         why = holder.get("why")
         reason = f": {why}" if isinstance(why, str) else ""

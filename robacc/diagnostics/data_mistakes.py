@@ -699,8 +699,10 @@ def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     where = _stretch(data, rows)
     if (mistake := find_mistake(robot, part)) is not None:
         # Its usual fix, in the robot file or of a whole column, would spoil the other rows.
-        fix = "correct these rows only: the others agree with the robot file"
-        return mistake._replace(name=f"{where}, unlike the other rows: {mistake.name}", fix=fix)
+        return mistake._replace(
+            name=f"{where}, unlike the other rows: {mistake.name}",
+            fix="correct these rows only: the others agree with the robot file",
+        )
     return Mistake(
         f"{where} do not agree with the other rows: with base and tool registered on those, their median error is "
         f"{1e3 * size:.3g} mm, and {1e3 * alone:.3g} mm with base and tool of their own",

@@ -304,9 +304,13 @@ def _parsed(text: str, name: str) -> Any:
     except json.JSONDecodeError as error:
         if _CUT_SHORT.fullmatch(text, error.pos) or error.msg.startswith("Unterminated string"):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
-        message = f"is not JSON: {error.msg} at character {error.colno}"
         raise InputError(
-            Problem(message, name, error.lineno, fix=None if text.lstrip()[0] in "{[" else "save the result as JSON")
+            Problem(
+                f"is not JSON: {error.msg} at character {error.colno}",
+                name,
+                error.lineno,
+                fix=None if text.lstrip()[0] in "{[" else "save the result as JSON",
+            )
         ) from None
     except RecursionError:
         raise InputError(Problem("is nested more deeply than any result", name)) from None

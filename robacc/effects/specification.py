@@ -390,10 +390,12 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     for request in requests:
         cls, joints = effect_class(request.name), request.joints
         why = cls.missing(arm, data)
-        no_joint = f"{request.name} acts on no joint in particular; write it without brackets"
         refuse(
             (why, f"{request.name} cannot be fitted: {why}"),
-            (joints is not None and not cls.traits.per_joint, no_joint),
+            (
+                joints is not None and not cls.traits.per_joint,
+                f"{request.name} acts on no joint in particular; write it without brackets",
+            ),
         )
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
         for joint in joints or ():

@@ -118,8 +118,12 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     facts: list[Mapping[str, Any]] = []
     arm = Arm.of(robot)
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        is_fact = known.effect.of_campaign(arm) and known.effect.key() not in own_effects
-        (facts if is_fact else effects).append(entry)
+        effect = known.effect
+        # Of the time of a campaign, or of its instrument.
+        of_campaign = (
+            effect.traits.is_of_measurement or effect.traits.is_event or "time_s" in effect.validity_drivers(arm)
+        )
+        (facts if of_campaign and effect.key() not in own_effects else effects).append(entry)
     return dataclasses.replace(
         robot,
         effects=tuple(effects),

@@ -467,8 +467,7 @@ def skeleton(arm: Arm, q: Array) -> Array:
     counts = list(range(sum(motion.owner == BASE for motion in arm.chain.motions), len(arm.chain.motions) + 1))
     frames = arm.chain.sweep(arm.chain.scalars(q[:, None]), 1, (), counts).frames
     points = np.concatenate([frame.translation for frame in frames], axis=1)
-    is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
-    return points[:, np.concatenate(([True], is_new))]
+    return points[:, np.concatenate(([True], np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)))]
 
 
 def typical_pose(q: Array) -> int:

@@ -138,8 +138,7 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
         return Reach(None, None)
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
     q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
-    distance = _distance(chain, q)
-    best = q[:, [int(np.argmax(distance))]]
+    best = q[:, [int(np.argmax(_distance(chain, q)))]]
     for _ in range(_ROUNDS):
         for i in range(low.size):
             trial = np.repeat(best, _STEPS + 1, axis=1)

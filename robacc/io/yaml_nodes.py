@@ -21,8 +21,6 @@ MAX_NODES = 50_000
 MAX_LENGTH = 4 * 2**20
 """Characters: far above any robot or gate file; a faulty file of this size takes some ten seconds to check."""
 
-_LONG = 100_000
-"""Characters from which a file is likely written by a program, and read by the faster reader."""
 _READ_OTHERWISE = frozenset("\t?&*!\ufeff\x85\u2028\u2029")
 """Characters that PyYAML's two readers read differently, or that the limited one refuses."""
 
@@ -66,10 +64,10 @@ def compose(text: str, file: str) -> yaml.Node:
         if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):
             with contextlib.suppress(yaml.scanner.ScannerError, yaml.parser.ParserError):  # the other reader words it
                 _check_events(text, yaml.CSafeLoader)
-                loader = yaml.CSafeLoader if len(text) >= _LONG else None
+                loader = yaml.CSafeLoader
         if loader is yaml.SafeLoader:
             _check_events(text, loader)
-        node: yaml.Node | None = yaml.compose(text, Loader=loader or yaml.SafeLoader)
+        node: yaml.Node | None = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"cannot be read as YAML: {', '.join(part for part in (error.context, error.problem) if part)}"

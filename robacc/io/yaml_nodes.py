@@ -385,7 +385,9 @@ class _Edits:
         between = f"\n{' ' * node.start_mark.column}"
         if _is_block(node):
             lines = between.join(text for _, text in items)
-            start = node.start_mark.index if place is None else self.end_of_line(place)
+            # Behind a comment in the last line of a value.
+            start = node.start_mark.index if place is None else self.text.index("\n", self.end(place))
+            start -= place is not None and self.text[start - 1] == "\r"
             text = f"{lines}{between}" if place is None else f"{between}{lines}"
         else:
             start = node.start_mark.index + 1 if place is None else self.end(place)
@@ -403,11 +405,6 @@ class _Edits:
         while end > node.start_mark.index and self.text[end - 1] in " \t\r\n":
             end -= 1
         return int(end)
-
-    def end_of_line(self, node: yaml.Node) -> int:
-        """Return the index of the end of a node's last line, behind a comment in that line."""
-        end = self.text.index("\n", self.end(node))
-        return end - 1 if self.text[end - 1] == "\r" else end
 
 
 def _is_block(node: yaml.Node) -> bool:

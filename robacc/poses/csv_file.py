@@ -200,7 +200,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
     by_key = {
-        key: np.array([from_spreadsheet(text) for text in column]) if np.char.startswith(column, "'").any() else column
+        key: np.array([from_spreadsheet(text) for text in column]) if "'" in column.astype("U1") else column
         for key, column in zip(texts, body.texts, strict=True)
     }
     if times:

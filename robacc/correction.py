@@ -172,8 +172,9 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
     types = [[joint.type for joint in robot.variables] for robot in (model, nominal)]
     texts = [", ".join(f"{joint.name} ({joint.type})" for joint in robot.variables) for robot in (model, nominal)]
     message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
-    fix = "give the robot file that the model was fitted from"
-    refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
+    refuse(
+        (types[0] != types[1], Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
+    )
 
 
 _REACHED = 1e-7

@@ -703,8 +703,10 @@ def difference_to_baseline(
         reference = figure_at(baseline, key, confidence)
     except NoValueError as error:
         raise NoValueError(f"in the baseline, {error}") from None
-    units = f"{key} has different units in the result and in the baseline"
-    refuse((figure.dimension != reference.dimension, units), error=NoValueError)
+    refuse(
+        (figure.dimension != reference.dimension, f"{key} has different units in the result and in the baseline"),
+        error=NoValueError,
+    )
     statistic, paired = key.rpartition(".")[2], criterion.paired
     is_listed = statistic in ("rms", "mean_error", "p95", "max")
     before, after = (

@@ -19,7 +19,6 @@ from __future__ import annotations
 import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -30,8 +29,7 @@ from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 
 
-@dataclass(frozen=True, slots=True)
-class Load:
+class Load(NamedTuple):
     """Weight in the frame after motion ``after - 1``: mass (kg) and first moment of mass, mass x com (kg m)."""
 
     after: int
@@ -77,8 +75,7 @@ def _branch_loads(arm: Arm, data: Measurements | None) -> Iterator[Load]:
     n = q.shape[1]
     positions = np.vstack((np.broadcast_to(positions, (len(positions), n)), q))
     for after, chain in arm.branches:
-        counts = [body.after for body in chain.bodies]
-        frames = chain.sweep(chain.scalars(positions), n, (), counts).frames
+        frames = chain.sweep(chain.scalars(positions), n, (), [body.after for body in chain.bodies]).frames
         first_moment = np.zeros((3, n))
         for body, frame in zip(chain.bodies, frames, strict=True):
             first_moment += body.mass * (np.einsum("ijn,j->in", frame.rotation, np.array(body.com)) + frame.translation)

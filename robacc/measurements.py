@@ -5,7 +5,7 @@ from __future__ import annotations
 import dataclasses
 import zlib
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,8 +29,7 @@ _SAME_COMMAND = 1e-3
 were read back. An arm's error changes by about a thousandth of itself over such a distance."""
 
 
-@dataclass(frozen=True, slots=True)
-class Grouping:
+class Grouping(NamedTuple):
     """Assignment of rows to commanded poses."""
 
     numbers: NDArray[np.int64]

@@ -552,8 +552,9 @@ def _configured(
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
         if not usable.any():
-            reason = f"the nominal robot has no solution in its configuration {target.configuration}"
-            refused.append((numbers[i], reason))
+            refused.append(
+                (numbers[i], f"the nominal robot has no solution in its configuration {target.configuration}")
+            )
             continue
         distance = np.sum(np.square(q - previous[:, None]), axis=0)
         previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]

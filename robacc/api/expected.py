@@ -256,8 +256,7 @@ def predict(
     arm = inputs.robot(robot, poses if against is None else against)
     toleranced, meaning = arm, NORMAL
     if tolerances is not None:
-        parse = partial(parse_tolerances, robot=arm)
-        toleranced, meaning = inputs.text(tolerances, "tolerances", parse)
+        toleranced, meaning = inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
     grades = inputs.scale() or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
@@ -343,8 +342,12 @@ class Planned(CsvResult, CampaignPlan):
         """
         file = PurePath(path)
         dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
-        expected = f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}"
-        refuse((file.suffix.lower() not in dialects, expected))
+        refuse(
+            (
+                file.suffix.lower() not in dialects,
+                f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}",
+            )
+        )
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
         targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
         groups = {os.fspath(path): targets}
@@ -516,8 +519,12 @@ def plan(
         urdf = given(path_of(robot) if described.convention == "urdf" else None, no_shapes)
         links = plug_in("robacc.collisions", "fcl")(urdf, described)
     demands = _demands(inputs, gate, grade)
-    needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
-    refuse((demands and purpose != "acceptance", needs_acceptance))
+    refuse(
+        (
+            demands and purpose != "acceptance",
+            "`gate` and `grade` set the number of acceptance poses; give purpose acceptance",
+        )
+    )
     body = plan_campaign(
         arm,
         purpose,
@@ -570,8 +577,12 @@ def _sight(
     Raises:
         UsageError: The texts are no places or angles, or `instrument` is missing.
     """
-    lacking = "`reflector` and `distance` need `instrument`, the position of the instrument"
-    refuse((instrument is None and (reflector is not None or distance is not None), lacking))
+    refuse(
+        (
+            instrument is None and (reflector is not None or distance is not None),
+            "`reflector` and `distance` need `instrument`, the position of the instrument",
+        )
+    )
     if instrument is None:
         return None
     near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
@@ -608,6 +619,10 @@ def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:
     """
     ordered = sorted(masses("payload", payloads))
     listed = ", ".join(f"{mass:g}" for mass in ordered)
-    expected = f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}"
-    refuse((len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS, expected))
+    refuse(
+        (
+            len(set(ordered)) < len(ordered) or len(ordered) > _MOST_PAYLOADS,
+            f"`payload`: expected at most {_MOST_PAYLOADS} different masses, found {listed}",
+        )
+    )
     return tuple(ordered)

@@ -304,9 +304,16 @@ def trace(
     inputs = Inputs(locals(), "poses")
     load_plug_ins()
     read = _read(inputs, declared)
-    message = "distances from an earlier pose do not show what acts at each of the two poses"
-    fix = "use calibrate, or measure distances from an anchor"
-    refuse((read.data.reference is not None, Problem(message, read.data.source, fix=fix)))
+    refuse(
+        (
+            read.data.reference is not None,
+            Problem(
+                "distances from an earlier pose do not show what acts at each of the two poses",
+                read.data.source,
+                fix="use calibrate, or measure distances from an anchor",
+            ),
+        )
+    )
     shown = progress or (lambda label, done, total: None)
     with _solvable(read.data):
         effects = build(parse_requests(",".join(read.baseline.names)), Arm.of(read.robot), read.data)
@@ -343,8 +350,12 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
     for source, read in ((poses, data), (holdout, validation)):
         name = path_of(source) or (read and read.source) or "the poses"
-        lacking = f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs"
-        refuse((read is not None and read.q is None, lacking))
+        refuse(
+            (
+                read is not None and read.q is None,
+                f"{name} has no joint columns q1 … q{len(described.variables)}, which a fit needs",
+            )
+        )
     if validation is not None:
         _check_validation(data, validation, _name(holdout))
     if effects is None:
@@ -353,7 +364,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         text = ",".join([effects] if isinstance(effects, str) else effects).strip()
         baseline = Baseline(tuple(map(str, parse_requests("" if text == "none" else text))), by_default=False)
     if arm.fixtures and "base_frame" not in baseline.names:
-        baseline = replace(baseline, names=("base_frame", *baseline.names))  # Where they are is unknown.
+        baseline = baseline._replace(names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
     return FitInputs(arm, data, validation, baseline, reads)

@@ -242,8 +242,7 @@ def history_trend(
     for name, group in groupby(rows, key=itemgetter(0)):
         own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
         known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
-        is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
-        slope = slope_of(*known.T) if is_line else (None, None, None)
+        slope = slope_of(*known.T) if len(known) > 2 and np.ptp(known[:, 0]) > 0.0 else (None, None, None)
         values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
         trends.append(
             {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
@@ -415,8 +414,10 @@ class Fleet(HistoryResult):
         """
         if self.robot is None:
             raise UsageError("the typical arm needs `robot`, the nominal robot of the fleet")
-        text = f"Typical arm of a fleet of {self.n_arms}, written by robacc {__version__}."
-        return robot_to_yaml(typical_robot(self.robot, self.coefficients), [text])
+        return robot_to_yaml(
+            typical_robot(self.robot, self.coefficients),
+            [f"Typical arm of a fleet of {self.n_arms}, written by robacc {__version__}."],
+        )
 
 
 @call
@@ -460,8 +461,12 @@ def fleet(
     for number, source in enumerate(results, 1):
         stored = stored_result(source)
         inputs.records.append(stored.record)
-        other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
-        refuse((stored.command not in FITS, other))
+        refuse(
+            (
+                stored.command not in FITS,
+                f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace",
+            )
+        )
         name = arm_of(stored.document)
         documents[name if name not in documents else f"{name} ({number})"] = stored.document
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)

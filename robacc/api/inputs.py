@@ -121,8 +121,12 @@ class Inputs:
         """
         base_link, tip_link = self._links if kind == "robot" else (None, None)
         if isinstance(source, Robot):
-            message = "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already"
-            refuse((base_link is not None or tip_link is not None, message))
+            refuse(
+                (
+                    base_link is not None or tip_link is not None,
+                    "`base_link` and `tip_link` apply when a URDF is read; this robot has been read already",
+                )
+            )
             digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
             self.records.append(InputFile(source.name, digest, kind, identity=source.identity))
             return source
@@ -142,8 +146,12 @@ class Inputs:
             UsageError: A link does not exist, or is given without a robot.
         """
         source = self.arguments["robot"]
-        lacking = "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`"
-        refuse((source is None and any(self._links), lacking))
+        refuse(
+            (
+                source is None and any(self._links),
+                "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`",
+            )
+        )
         return None if source is None else self.robot(source, poses)
 
     def stated(self, source: PosesSource) -> PosesSource:
@@ -191,8 +199,12 @@ class Inputs:
         ordered = self.arguments.get("ordered", False) if ordered is None else ordered
         limits = {"ignore_limits": self.arguments.get("ignore_limits", False)}
         if isinstance(source, Measurements):
-            late = "`ordered` applies when a file is read; use read_poses(path, ordered=True)"
-            refuse((ordered and not source.ordered, late))
+            refuse(
+                (
+                    ordered and not source.ordered,
+                    "`ordered` applies when a file is read; use read_poses(path, ordered=True)",
+                )
+            )
             data = checked_poses(source, robot)
             if robot is not None and visited_by is None and (robot.targets or not any_target):
                 check_targets(data, robot)
@@ -219,7 +231,7 @@ class Inputs:
                 raise
             record = InputFile.at(path, data.sha256 or "", kind)
             if reading:
-                record = replace(record, reading={**(record.reading or {}), **reading})
+                record = record._replace(reading={**(record.reading or {}), **reading})
         if data.seen is not None and any_kind:
             note = Note(
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"

@@ -180,8 +180,7 @@ def simulate(
     try:
         body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
-        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
-        raise MissingColumnError(message) from error
+        raise MissingColumnError(f"{error}; `time_step`, `temperature` and `payload` add such columns") from error
     inputs.campaign(described, body.data, measured=False, digests=())
     options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
     return Simulated(**fields_of(body), robot=arm, plan=plan, made=inputs.made()._replace(options=options))
@@ -341,8 +340,12 @@ def import_(
         takes_arm = "arm" in inspect.signature(read).parameters
         robot: Robot | None = read(text, name, arm=arm) if takes_arm else read(text, name)
         if robot is not None:
-            needless = f"only a calibration.conf needs the name of its arm; {name} has all lengths"
-            refuse((arm is not None and not takes_arm, needless))
+            refuse(
+                (
+                    arm is not None and not takes_arm,
+                    f"only a calibration.conf needs the name of its arm; {name} has all lengths",
+                )
+            )
             return robot
     fix = "give a calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export"
     raise InputError(Problem("is no kinematics file", name, fix=fix))

@@ -73,8 +73,7 @@ class Result:
 
     def __repr__(self) -> str:
         """Return the type and the input files; the figures are too many to show."""
-        files = ", ".join(file.name for file in self.made.inputs)
-        return f"<robacc.{type(self).__name__} of {files}>"
+        return f"<robacc.{type(self).__name__} of {', '.join(file.name for file in self.made.inputs)}>"
 
     def __str__(self) -> str:
         """Return the first screen of the command as text, with the warnings below it."""
@@ -171,8 +170,7 @@ class Result:
         from robacc.render.plots.results import chart_of
 
         need("matplotlib")
-        chart = chart_of(self._plain(), kind or "", number)
-        figure = as_figure(chart)
+        figure = as_figure(chart_of(self._plain(), kind or "", number))
         if path is not None:
             figure.savefig(path)
         return figure

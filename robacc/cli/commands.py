@@ -618,7 +618,7 @@ def fleet(
     result = call(*(results or ()))
     write(write_tolerances, result.tolerances_yaml)
     write(write_robot, result.robot_yaml)
-    deliver(outlets, result, result.view)
+    deliver(outlets, result)
 
 
 def health(call: Call, *, outlets: Outlets) -> None:
@@ -626,8 +626,7 @@ def health(call: Call, *, outlets: Outlets) -> None:
 
     Example: robacc health poses.csv --robot calibrated.yaml --db arm.db
     """
-    result = call()
-    deliver(outlets, result, result.view)
+    deliver(outlets, call())
 
 
 def history_changes(call: Call, *, outlets: Outlets) -> None:
@@ -635,8 +634,7 @@ def history_changes(call: Call, *, outlets: Outlets) -> None:
 
     Example: robacc history changes --db arm.db
     """
-    result = call()
-    deliver(outlets, result, result.view)
+    deliver(outlets, call())
 
 
 # What robacc knows.
@@ -882,8 +880,12 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     from robacc.poses.column_proposal import propose_columns
 
     proposal = propose_columns(export, PurePath(path).name)
-    exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
-    refuse((os.path.exists(path) and not force, exists))
+    refuse(
+        (
+            os.path.exists(path) and not force,
+            f"{path} exists already; overwrite with --force, or name another file with --columns",
+        )
+    )
     make_folder(folder)
     write(path, proposal.text)
     commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"

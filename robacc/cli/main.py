@@ -174,8 +174,9 @@ def main() -> None:
             if error.filename is not None:
                 raise
             # An error without a file name is about standard output, which is full or closed.
-            text = f"cannot be written: {str(error.strerror or error).lower()}"
-            say_error(InputError(Problem(text, "standard output")))
+            say_error(
+                InputError(Problem(f"cannot be written: {str(error.strerror or error).lower()}", "standard output"))
+            )
             status = InputError.exit_status
         # Else the interpreter reports the same error again at its exit, when it writes buffered output.
         null_device = os.open(os.devnull, os.O_WRONLY)

@@ -252,7 +252,7 @@ def _write(
     warnings: tuple[str, ...],
 ) -> None:
     """Write the table of all files and the requested files."""
-    from robacc.render.views.accuracy import many_annotations, many_view
+    from robacc.render.views.compare import many_annotations, many_view
 
     command, options = tasks[0].command, tasks[0].options
 

@@ -98,13 +98,13 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         yield show
 
 
-def deliver(outlets: Outlets, result: Result, view: View) -> None:
+def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:
     """Write a result in the requested form, with its gate if there is one, and with the warnings of both below.
 
     Args:
         outlets: Forms and files.
         result: The result; its document is built only if it is needed.
-        view: Makes the sections of a table; called only for one.
+        view: Makes the sections of a table; called only for one. None is that of the result.
 
     Raises:
         InputError: a file cannot be written, or the gate cannot be read.
@@ -116,7 +116,7 @@ def deliver(outlets: Outlets, result: Result, view: View) -> None:
         if gate is not None:
             checked = FileOutcome(gate["name"], status, gate=gate, seconds=time.time() - started)
             write_junit(outlets.junit, result.command, [checked])
-        write_result(outlets, result.command, document, view, gate, warnings)
+        write_result(outlets, result.command, document, view or result.view, gate, warnings)
         if gate is not None and status and (outlets.form == "json" or outlets.output != "-"):
             from robacc.render.views.compare import say_gate
 

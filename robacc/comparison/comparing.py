@@ -26,7 +26,6 @@ from robacc.comparison.stored_results import (
     difference,
     from_intervals,
     pair_poses,
-    split_key,
     unit_of,
 )
 from robacc.errors import Problem, given, refuse
@@ -257,9 +256,9 @@ def compare(
     keys = [
         key
         for key in (results[0].figures if results else ())
-        if split_key(key)[1] not in excluded and all(key in result.figures for result in results)
+        if key.rpartition(".")[2] not in excluded and all(key in result.figures for result in results)
     ]
-    rankable = [key for key in keys if split_key(key)[1] not in _SIGNED]
+    rankable = [key for key in keys if key.rpartition(".")[2] not in _SIGNED]
     commands = " and ".join(dict.fromkeys(result.command for result in results))
     refuse(
         (len(names) < 2, "a comparison needs at least two results"),
@@ -285,7 +284,7 @@ def compare(
 
     def change(key: str, first: int, second: int) -> Difference:
         """Return the figure of the second result minus the figure of the first."""
-        group, statistic = split_key(key)
+        group, _, statistic = key.rpartition(".")
         figures = results[first].figures[key], results[second].figures[key]
         if results[first].digest == results[second].digest:
             return Difference.same(0.0, confidence, "the same result twice", True, None)

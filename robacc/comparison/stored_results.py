@@ -9,7 +9,7 @@ from __future__ import annotations
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,7 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             known = set(node)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in known), "")
-            lacking = f"a result of robacc {document.get('command', '?')} has no {path}"
-            refuse((not name, lacking), error=NoValueError)
+            refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         why = holder.get("why")
         reason = f": {why}" if isinstance(why, str) else ""
@@ -105,12 +104,6 @@ def _at(document: Document, path: str) -> Any:
         return value_at(document, path)[0]
     except NoValueError:
         return None
-
-
-def split_key(key: str) -> tuple[str, str]:
-    """Return the group of a key's errors and its statistic: ``after.fitted.position`` and ``rms``."""
-    group, _, statistic = key.rpartition(".")
-    return group, statistic
 
 
 def unit_of(key: str) -> str:
@@ -217,8 +210,7 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
 # A result to compare: its figures, the errors of every pose behind them, and how it was made.
 
 
-@dataclass(frozen=True, slots=True)
-class ComparedResult:
+class ComparedResult(NamedTuple):
     """One result to compare."""
 
     name: str
@@ -461,8 +453,7 @@ _ROUNDING = 1e-13
 """A standard error below this fraction of the statistic is rounding."""
 
 
-@dataclass(frozen=True, slots=True)
-class Difference:
+class Difference(NamedTuple):
     """Statistic of the second set minus statistic of the first."""
 
     value: float

@@ -15,7 +15,7 @@ import dataclasses
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -46,6 +46,7 @@ from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import predict
 from robacc.poses.reading import CONVENTIONS
 from robacc.robots.description import Joint, Robot
+from robacc.statistics.intervals import quantiles
 
 # A mistake in the data or the robot file, and the misfit from which there may be one.
 
@@ -57,8 +58,7 @@ CLEAR = 8.0
 a factor of three of a mistake in a few rows."""
 
 
-@dataclass(frozen=True, slots=True)
-class Mistake:
+class Mistake(NamedTuple):
     """Mistake, or several together, in the data or the robot file, or in some rows."""
 
     name: str
@@ -111,8 +111,7 @@ def registered_poses(robot: Robot, data: Measurements) -> Poses:
 # Changes that undo one mistake each: of joint columns, of measured poses, and of the robot file.
 
 
-@dataclass(frozen=True, slots=True)
-class Recorded:
+class Recorded(NamedTuple):
     """What may hold a mistake: the robot file and the columns of the measured poses."""
 
     robot: Robot
@@ -124,8 +123,7 @@ class Recorded:
     """``(3, 3, N)``"""
 
 
-@dataclass(frozen=True, slots=True)
-class Change:
+class Change(NamedTuple):
     """Change that undoes one mistake, or several signs together."""
 
     text: str
@@ -154,7 +152,7 @@ def _of_joints(
     text: str, fix: str, matrix: Array, offset: Array | float = 0.0, complexity: int = 1, signs: Iterable[str] = ()
 ) -> Change:
     """Return the change of joints ``(J, N)`` to ``matrix`` ``(J, J)`` times the joints plus ``offset`` ``(J, 1)``."""
-    return Change(text, fix, lambda r: dataclasses.replace(r, q=matrix @ r.q + offset), complexity, frozenset(signs))
+    return Change(text, fix, lambda r: r._replace(q=matrix @ r.q + offset), complexity, frozenset(signs))
 
 
 def sign_sets(robot: Robot) -> list[Change]:
@@ -287,18 +285,17 @@ _WRITTEN_AS = {
 
 def _of_positions(text: str, fix: str, matrix: Array, complexity: int = 1) -> Change:
     """Return the change of positions to ``matrix`` ``(3, 3)`` times the positions."""
-    return Change(text, fix, lambda r: dataclasses.replace(r, position=matrix @ r.position), complexity)
+    return Change(text, fix, lambda r: r._replace(position=matrix @ r.position), complexity)
 
 
 def _of_orientations(text: str, fix: str, read: Callable[[Array], Array]) -> Change:
     """Return the change of orientations ``(3, 3, N)`` to ``read`` of them."""
-    return Change(text, fix, lambda r: dataclasses.replace(r, rotation=read(r.rotation)))  # type: ignore[arg-type]
+    return Change(text, fix, lambda r: r._replace(rotation=read(r.rotation)))  # type: ignore[arg-type]
 
 
 def _inverse(recorded: Recorded) -> Recorded:
     assert recorded.rotation is not None
-    return dataclasses.replace(
-        recorded,
+    return recorded._replace(
         position=-rotate_back(recorded.rotation, recorded.position),
         rotation=transpose(recorded.rotation),
     )
@@ -343,7 +340,7 @@ def convention_changes(robot: Robot) -> list[tuple[Change]]:
         return []
     changed = dataclasses.replace(robot, convention=other)  # type: ignore[arg-type]
     text = f"the table seems to be of the {other} Denavit-Hartenberg convention"
-    return [(Change(text, f"set convention: {other}", lambda r: dataclasses.replace(r, robot=changed)),)]
+    return [(Change(text, f"set convention: {other}", lambda r: r._replace(robot=changed)),)]
 
 
 def _readings_of_angles(convention: str, read_as: str, angles: Callable[[Array], Array]) -> list[Change]:
@@ -480,7 +477,8 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
 
 def _median_error(data: Measurements, predicted: Array) -> float:
     """Return the median distance of the measured positions from ``predicted`` ``(3, N)``, m."""
-    return float(np.median(np.linalg.norm(data.position - predicted, axis=0)))
+    # np.median would import numpy.ma, a tenth of the start-up.
+    return quantiles(np.linalg.norm(data.position - predicted, axis=0), [0.5])[0]
 
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
@@ -504,8 +502,7 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     return _simplest(pool, null)
 
 
-@dataclass(frozen=True, slots=True)
-class _Hypothesis:
+class _Hypothesis(NamedTuple):
     """Mistakes that are undone together, and the registered error that remains."""
 
     changes: tuple[Change, ...]
@@ -704,8 +701,10 @@ def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     where = _stretch(data, rows)
     if (mistake := find_mistake(robot, part)) is not None:
         # Its usual fix, in the robot file or of a whole column, would spoil the other rows.
-        fix = "correct these rows only: the others agree with the robot file"
-        return dataclasses.replace(mistake, name=f"{where}, unlike the other rows: {mistake.name}", fix=fix)
+        return mistake._replace(
+            name=f"{where}, unlike the other rows: {mistake.name}",
+            fix="correct these rows only: the others agree with the robot file",
+        )
     return Mistake(
         f"{where} do not agree with the other rows: with base and tool registered on those, their median error is "
         f"{1e3 * size:.3g} mm, and {1e3 * alone:.3g} mm with base and tool of their own",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,8 +83,7 @@ _SHARES = np.geomspace(1e-3, 1.2, 24)
 size of the rounding cannot show it; exact data make the covariances singular."""
 
 
-@dataclass(frozen=True, slots=True)
-class Rounding:
+class Rounding(NamedTuple):
     """Steps of the recorded joint variables, which the residual shows."""
 
     step: str
@@ -263,8 +262,7 @@ a larger one than a load of its own for each row, but for its freedom. Groups lo
 gives 1.5 at most, one coordinate of three a row."""
 
 
-@dataclass(frozen=True, slots=True)
-class RowLoads:
+class RowLoads(NamedTuple):
     """Groups of rows that carry different loads."""
 
     rows: tuple[NDArray[np.int64], ...]

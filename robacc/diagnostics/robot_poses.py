@@ -17,7 +17,7 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.poses.units import TURN, central_range, check_scale, thousandfold
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Joint, Mimic, Robot
+from robacc.robots.description import Robot
 
 _MOST_RATIO = 3.0
 _LEAST_EXCESS = 0.1
@@ -89,14 +89,15 @@ def joints_of(robot: Robot) -> KnownRobot:
             )
             for branch in robot.branch_variables
         ),
-        outside={rule.master: _rule_text(joint, rule) for joint in robot.variables if (rule := joint.outside)},
+        # How a joint variable follows a joint outside the chain, in SI units.
+        outside={
+            rule.master: f"{joint.name} = {rule.multiplier:g} * {rule.master}"
+            + (f" {'-' if rule.offset < 0 else '+'} {abs(rule.offset):g}" if rule.offset else "")
+            + f" ({'m' if joint.type == 'prismatic' else 'rad'})"
+            for joint in robot.variables
+            if (rule := joint.outside)
+        },
     )
-
-
-def _rule_text(joint: Joint, rule: Mimic) -> str:
-    """Return how a joint variable follows a joint outside the chain, in SI units."""
-    offset = f" {'-' if rule.offset < 0 else '+'} {abs(rule.offset):g}" if rule.offset else ""
-    return f"{joint.name} = {rule.multiplier:g} * {rule.master}{offset} ({'m' if joint.type == 'prismatic' else 'rad'})"
 
 
 def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:

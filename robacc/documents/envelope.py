@@ -14,10 +14,9 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from importlib import import_module
 from pathlib import Path, PurePath
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,7 +43,7 @@ from robacc.documents.keys import (
     text,
 )
 from robacc.errors import InputError, Problem, given, refuse
-from robacc.io.dialect import for_spreadsheet
+from robacc.io.dialect import cell
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
@@ -110,19 +109,15 @@ def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
 
 
 def _cell(value: Any) -> str:
-    """Return a number as in results, or a text, in quotes where a reader would split it; a spreadsheet runs none."""
-    if isinstance(value, float):
-        return number_text(float(value))
-    text = for_spreadsheet(str(value))
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+    """Return a number as in results, or a text as a field of a CSV."""
+    return number_text(float(value)) if isinstance(value, float) else cell(str(value))
 
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
 """Schema versions other than 1. A version goes up when a key changes its name or meaning, not when keys are added."""
 
 
-@dataclass(frozen=True, slots=True)
-class InputFile:
+class InputFile(NamedTuple):
     """One input file of a result."""
 
     name: str
@@ -246,8 +241,7 @@ _CUT_SHORT = re.compile(r"[-+.\w]*\s*")
 """Text after the error in a truncated file: nothing, or a part of a number or word."""
 
 
-@dataclass(frozen=True, slots=True)
-class StoredResult:
+class StoredResult(NamedTuple):
     """A stored result."""
 
     document: Mapping[str, Any]
@@ -310,9 +304,13 @@ def _parsed(text: str, name: str) -> Any:
     except json.JSONDecodeError as error:
         if _CUT_SHORT.fullmatch(text, error.pos) or error.msg.startswith("Unterminated string"):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
-        message = f"is not JSON: {error.msg} at character {error.colno}"
         raise InputError(
-            Problem(message, name, error.lineno, fix=None if text.lstrip()[0] in "{[" else "save the result as JSON")
+            Problem(
+                f"is not JSON: {error.msg} at character {error.colno}",
+                name,
+                error.lineno,
+                fix=None if text.lstrip()[0] in "{[" else "save the result as JSON",
+            )
         ) from None
     except RecursionError:
         raise InputError(Problem("is nested more deeply than any result", name)) from None

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 from functools import partial
 from itertools import chain
 from types import NoneType
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -188,8 +188,7 @@ class Kind:
         return words
 
 
-@dataclass(frozen=True, slots=True)
-class Key:
+class Key(NamedTuple):
     """One key of an object of a document."""
 
     kind: Kind
@@ -228,10 +227,7 @@ def part(keys: Mapping[str, Key], name: str = "", about: str = "", *, has_others
 
 def within(path: str, keys: Mapping[str, Key]) -> dict[str, Key]:
     """Return keys whose record is the attribute ``path`` of the owner's record."""
-    return {
-        key: dataclasses.replace(entry, source=f"{path}.{entry.source or _UNIT.sub('', key)}")
-        for key, entry in keys.items()
-    }
+    return {key: entry._replace(source=f"{path}.{entry.source or _UNIT.sub('', key)}") for key, entry in keys.items()}
 
 
 def array(kind: Kind, length: int | None = None, least: int | None = None) -> Kind:

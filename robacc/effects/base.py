@@ -558,10 +558,6 @@ class Effect(abc.ABC):
         """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
         return False
 
-    def of_campaign(self, arm: Arm) -> bool:
-        """Return whether it is a fact of one measuring campaign: of its time, or of its instrument."""
-        return self.traits.is_of_measurement or self.traits.is_event or "time_s" in self.validity_drivers(arm)
-
     def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
         """Return what becomes of the effect beyond the range ``limits`` of one of its drivers, SI."""
         return Beyond(self.traits.extrapolates is None)

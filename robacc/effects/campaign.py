@@ -107,8 +107,7 @@ class LineOfSight(Effect):
 def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Array]:
     """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses."""
     poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
-    position = np.broadcast_to(poses.translation, (3, data.n))
-    return position, np.broadcast_to(poses.rotation, (3, 3, data.n))
+    return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
 
 
 def beams(position: Array, places: Array) -> tuple[Array, Array]:

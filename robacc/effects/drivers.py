@@ -13,9 +13,8 @@ from __future__ import annotations
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass
 from types import MappingProxyType
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -117,8 +116,7 @@ def columns_of(arm: Arm, name: str) -> str:
     return _COLUMNS.get(_split(arm, name)[0], "q1 … qN")
 
 
-@dataclass(frozen=True, slots=True)
-class Driver:
+class Driver(NamedTuple):
     """A driver as the axis of a chart."""
 
     name: str

@@ -10,7 +10,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -345,8 +345,7 @@ def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
 _ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
 
 
-@dataclass(frozen=True, slots=True)
-class Request:
+class Request(NamedTuple):
     """One requested effect, and the joints it may act on."""
 
     name: str
@@ -391,10 +390,12 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
     for request in requests:
         cls, joints = effect_class(request.name), request.joints
         why = cls.missing(arm, data)
-        no_joint = f"{request.name} acts on no joint in particular; write it without brackets"
         refuse(
             (why, f"{request.name} cannot be fitted: {why}"),
-            (joints is not None and not cls.traits.per_joint, no_joint),
+            (
+                joints is not None and not cls.traits.per_joint,
+                f"{request.name} acts on no joint in particular; write it without brackets",
+            ),
         )
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
         for joint in joints or ():
@@ -422,8 +423,7 @@ poses was 0.01 to 1.3 times (median 0.4) that without geometry.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Baseline:
+class Baseline(NamedTuple):
     """Declared effects of a trace."""
 
     names: tuple[str, ...]
@@ -456,8 +456,7 @@ def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
 
 
-@dataclass(frozen=True, slots=True)
-class CatalogueEntry:
+class CatalogueEntry(NamedTuple):
     """One effect of the catalogue."""
 
     effect: type[Effect]

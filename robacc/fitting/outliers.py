@@ -12,6 +12,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.arm import BLOCK
+from robacc.statistics.intervals import quantiles
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
@@ -104,7 +105,7 @@ def inlier_mask(
 def inlier_limit(distance: Array, rows: NDArray[np.int64], n: int) -> Array:
     """Return the limit ``(L,)`` or ``()`` of the mean squares ``(L,)`` of ``rows`` components among ``n`` rows."""
     cube_root_var = 2.0 / (9.0 * rows)
-    scale = max(float(np.median(distance / (1.0 - cube_root_var) ** 3)), 0.0)
+    scale = max(float(quantiles(distance / (1.0 - cube_root_var) ** 3, [0.5])[0]), 0.0)
     tail = 5.2 + 0.2 * math.log10(max(n, 10))
     return np.asarray(scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3)
 

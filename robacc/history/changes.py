@@ -131,8 +131,7 @@ class _Fit:
         self.inverse = np.linalg.inv(x.T @ self.weighted)
         self.coefficients = self.inverse @ (self.weighted.T @ series.values)
         self.rest = series.values - x @ self.coefficients
-        own = len(x) - x.shape[1]
-        self.dof = own + spread.dof
+        self.dof = len(x) - x.shape[1] + spread.dof
         factor = spread.factor
         if math.isfinite(self.dof) and self.dof > 0.0:
             factor = (spread.dof * factor + float(self.weights @ np.square(self.rest))) / self.dof

@@ -167,10 +167,12 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
     for key, values in pairs:
         column = np.asarray(values.to_numpy() if hasattr(values, "to_numpy") else values)
         no_text = f"expected a text as the name of each column, found {key!r}"
-        shape = f"expected one value per row, found an array of shape {column.shape}"
         refuse(
             (not isinstance(key, str), Problem(no_text, name, fix="name the columns, for example q1, x_mm")),
-            (column.ndim != 1, Problem(shape, name, column=key)),
+            (
+                column.ndim != 1,
+                Problem(f"expected one value per row, found an array of shape {column.shape}", name, column=key),
+            ),
         )
         columns.append((key, column))
     lengths = {column.size for _, column in columns}
@@ -203,8 +205,11 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
             documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
             document = documents[0] if len(documents) == 1 else documents
     except (ValueError, RecursionError, yaml.YAMLError) as error:
-        message = f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})"
-        raise InputError(Problem(message, file, fix="export it again")) from None
+        raise InputError(
+            Problem(
+                f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})", file, fix="export it again"
+            )
+        ) from None
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
     if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
         document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]

@@ -52,6 +52,12 @@ def for_spreadsheet(text: str) -> str:
     return f"'{text}" if text[:1] in ("=", "+", "-", "@") and number_of(text, False) is None else text
 
 
+def cell(text: str) -> str:
+    """Return a text as a field of a CSV, in quotes where a reader would split it; a spreadsheet runs none."""
+    text = for_spreadsheet(text)
+    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+
+
 def from_spreadsheet(text: str) -> str:
     """Return the text that :func:`for_spreadsheet` marked, without its apostrophe; any other text as it is."""
     return text[1:] if text and for_spreadsheet(text[1:]) == text else text

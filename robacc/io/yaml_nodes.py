@@ -8,7 +8,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, cast
+from typing import Any, NamedTuple, cast
 
 import yaml
 
@@ -21,8 +21,6 @@ MAX_NODES = 50_000
 MAX_LENGTH = 4 * 2**20
 """Characters: far above any robot or gate file; a faulty file of this size takes some ten seconds to check."""
 
-_LONG = 100_000
-"""Characters from which a file is likely written by a program, and read by the faster reader."""
 _READ_OTHERWISE = frozenset("\t?&*!\ufeff\x85\u2028\u2029")
 """Characters that PyYAML's two readers read differently, or that the limited one refuses."""
 
@@ -66,10 +64,10 @@ def compose(text: str, file: str) -> yaml.Node:
         if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):
             with contextlib.suppress(yaml.scanner.ScannerError, yaml.parser.ParserError):  # the other reader words it
                 _check_events(text, yaml.CSafeLoader)
-                loader = yaml.CSafeLoader if len(text) >= _LONG else None
+                loader = yaml.CSafeLoader
         if loader is yaml.SafeLoader:
             _check_events(text, loader)
-        node: yaml.Node | None = yaml.compose(text, Loader=loader or yaml.SafeLoader)
+        node: yaml.Node | None = yaml.compose(text, Loader=loader)
     except yaml.MarkedYAMLError as error:
         mark = error.problem_mark or error.context_mark
         message = f"cannot be read as YAML: {', '.join(part for part in (error.context, error.problem) if part)}"
@@ -213,8 +211,7 @@ class Source(ProblemLog):
         return None if is_null(node) else text
 
 
-@dataclass(frozen=True, slots=True)
-class YamlSection:
+class YamlSection(NamedTuple):
     """Mapping of a YAML file with its known keys."""
 
     source: Source
@@ -388,7 +385,9 @@ class _Edits:
         between = f"\n{' ' * node.start_mark.column}"
         if _is_block(node):
             lines = between.join(text for _, text in items)
-            start = node.start_mark.index if place is None else self.end_of_line(place)
+            # Behind a comment in the last line of a value.
+            start = node.start_mark.index if place is None else self.text.index("\n", self.end(place))
+            start -= place is not None and self.text[start - 1] == "\r"
             text = f"{lines}{between}" if place is None else f"{between}{lines}"
         else:
             start = node.start_mark.index + 1 if place is None else self.end(place)
@@ -406,11 +405,6 @@ class _Edits:
         while end > node.start_mark.index and self.text[end - 1] in " \t\r\n":
             end -= 1
         return int(end)
-
-    def end_of_line(self, node: yaml.Node) -> int:
-        """Return the index of the end of a node's last line, behind a comment in that line."""
-        end = self.text.index("\n", self.end(node))
-        return end - 1 if self.text[end - 1] == "\r" else end
 
 
 def _is_block(node: yaml.Node) -> bool:

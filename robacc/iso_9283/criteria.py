@@ -17,7 +17,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache, partial
 from itertools import combinations, pairwise
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, Literal, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,8 +49,7 @@ Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
 Figure = TypeVar("Figure")
 
 
-@dataclass(frozen=True, slots=True)
-class CommandedPose:
+class CommandedPose(NamedTuple):
     """Visits of one commanded pose of one file, in the order measured if it is known."""
 
     label: str
@@ -115,8 +114,7 @@ class IsoCriterion(Generic[Figure]):
     """The two approaches, windows or files with the largest distance."""
 
 
-@dataclass(frozen=True, slots=True)
-class Characteristic:
+class Characteristic(NamedTuple):
     """One criterion over all places: its largest value, and the value at every place."""
 
     symbol: Symbol

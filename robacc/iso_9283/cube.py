@@ -262,8 +262,9 @@ def propose(
     required += [ORIENTATION_TEXT[orientation]] if orientation else []
     cube += f" with {' and '.join(required)}" if required else ""
     fix = "give a smaller `edge`" + (", or leave out `plane` and `orientation`" if required else "")
-    message = f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches"
-    raise InputError(Problem(message, fix=fix))
+    raise InputError(
+        Problem(f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches", fix=fix)
+    )
 
 
 def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None) -> Measurements:

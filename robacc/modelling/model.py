@@ -46,8 +46,7 @@ _CONVERGED = 1e-14
 """rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
 
 
-@dataclass(frozen=True, slots=True)
-class TermPart:
+class TermPart(NamedTuple):
     """Part of term ``number``, counted over the fixed terms of a model, then its free terms."""
 
     number: int
@@ -322,7 +321,14 @@ class BoundModel:
             numbers, elastic = columns.tolist(), self._elastic.entries
             column = {len(self.fixed) + number: i for i, number in enumerate(numbers)}
             requested = [entry for entry in self._entries if entry.number in column]
-            is_plain = not elastic and len(requested) == len(column) and all(_is_plain(e.part) for e in requested)
+            # Each coefficient moves a motion by just as much.
+            is_plain = (
+                not elastic
+                and len(requested) == len(column)
+                and all(
+                    _is_rigid(e.part) and isinstance(e.part.factor, float) and e.part.factor == 1.0 for e in requested
+                )
+            )
             motions = [part.motion for number in numbers for part in self.terms[number].parts]
             if not is_plain:
                 motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
@@ -388,11 +394,6 @@ class BoundModel:
                 added = value * part.factor
                 scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars
-
-
-def _is_plain(part: Part) -> bool:
-    """Return whether a coefficient of the part moves a motion by just as much."""
-    return _is_rigid(part) and isinstance(part.factor, float) and part.factor == 1.0
 
 
 def _is_rigid(part: Part) -> bool:
@@ -484,8 +485,7 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
     if not targets:
         return scalars
     if data.target is None:
-        several = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
-        refuse((len(targets) > 1, several))
+        refuse((len(targets) > 1, f"the robot has the targets {', '.join(targets)}; add a column target to the poses"))
     chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
     return _with_frames(arm, scalars, TOOL, targets, chosen)
 

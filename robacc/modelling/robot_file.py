@@ -82,9 +82,11 @@ def read_robot(
         from robacc.robots.urdf import parse_urdf
 
         return parse_urdf(text, name, base_link, tip_link, joint_columns)
-    one_chain = f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain"
     refuse(
-        (base_link is not None or tip_link is not None, one_chain),
+        (
+            base_link is not None or tip_link is not None,
+            f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain",
+        ),
         (suffix in _TABLES, Problem("is a table, not a robot description", name, fix=_EXPECTED)),
     )
     robot = parse_robot(text, name)

@@ -8,8 +8,7 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -119,8 +118,12 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     facts: list[Mapping[str, Any]] = []
     arm = Arm.of(robot)
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        is_fact = known.effect.of_campaign(arm) and known.effect.key() not in own_effects
-        (facts if is_fact else effects).append(entry)
+        effect = known.effect
+        # Of the time of a campaign, or of its instrument.
+        of_campaign = (
+            effect.traits.is_of_measurement or effect.traits.is_event or "time_s" in effect.validity_drivers(arm)
+        )
+        (facts if of_campaign and effect.key() not in own_effects else effects).append(entry)
     return dataclasses.replace(
         robot,
         effects=tuple(effects),
@@ -172,8 +175,7 @@ _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideRange:
+class OutsideRange(NamedTuple):
     """Poses outside one validity range of one effect."""
 
     effect: str
@@ -191,8 +193,7 @@ class OutsideRange:
     """True if the effect keeps its value at the end of the range, False if it extrapolates."""
 
 
-@dataclass(frozen=True, slots=True)
-class OutsideValidity:
+class OutsideValidity(NamedTuple):
     """Poses outside the validity ranges of a model."""
 
     n_poses: int

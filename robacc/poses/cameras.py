@@ -9,7 +9,6 @@ from __future__ import annotations
 
 import math
 import os
-from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -35,8 +34,7 @@ FEWEST_POINTS = 4
 """Points of a plane that a photo must show for the pose of the board."""
 
 
-@dataclass(frozen=True, slots=True)
-class Camera:
+class Camera(NamedTuple):
     """Pinhole camera with the distortion of D. C. Brown (1971), as OpenCV numbers it."""
 
     focal: tuple[float, float]
@@ -112,7 +110,7 @@ def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]
     size = camera.size or tuple(np.ceil(pixels.max(axis=1) + pixels.min(axis=1)).tolist())
     boards, images = ([part[:, rows].T for rows in photos] for part in (points, pixels))
     focal, centre, distortion = plug_in("robacc.boards", "lens")(boards, images, size)
-    return replace(camera, focal=focal, centre=centre, distortion=distortion)
+    return camera._replace(focal=focal, centre=centre, distortion=distortion)
 
 
 def _camera(section: YamlSection) -> Camera:

@@ -6,8 +6,8 @@ import itertools
 import math
 import re
 from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
-from typing import Literal
+from dataclasses import dataclass
+from typing import Literal, NamedTuple
 
 from robacc.io.dialect import UNIT_NAMES
 
@@ -196,8 +196,7 @@ ROTATION_VECTOR = ("rx", "ry", "rz")
 RPY = ("roll", "pitch", "yaw")
 
 
-@dataclass(frozen=True, slots=True)
-class Heading:
+class Heading(NamedTuple):
     """Column name of an instrument or robot, taken apart."""
 
     name: str
@@ -213,8 +212,7 @@ class Heading:
         return " ".join(self.words)
 
 
-@dataclass(frozen=True, slots=True)
-class Meaning:
+class Meaning(NamedTuple):
     """Documented column that a name stands for."""
 
     key: str
@@ -295,7 +293,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and match[1] in _JOINT_WORDS:
         return Meaning(f"q{int(match[2])}", commanded)
     meaning = _uncertainty(core) or _coordinate(text, core, siblings)
-    return None if meaning is None else replace(meaning, commanded=commanded)
+    return None if meaning is None else meaning._replace(commanded=commanded)
 
 
 _FORMS = _ORIENTED | {"pose", "position", "pos", "point", "translation", "trans"}
@@ -454,8 +452,7 @@ class Column:
         return (1.0 if self.unit is None else UNITS[self.unit][1]) * self.coverage
 
 
-@dataclass(frozen=True, slots=True)
-class BranchColumn:
+class BranchColumn(NamedTuple):
     """Joint outside the robot's chain that moves mass, and may have a column."""
 
     name: str

@@ -62,8 +62,7 @@ QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
 _UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
 
 
-@dataclass(frozen=True, slots=True)
-class Names:
+class Names(NamedTuple):
     """Names that a column may have in one file, for one robot."""
 
     robot: KnownRobot
@@ -396,10 +395,10 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
     result = [*headings]
     for i in (*places[best[0]].values(), *turned.get(best[0], ())):
         words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
-        result[i] = replace(headings[i], words=words)
+        result[i] = headings[i]._replace(words=words)
     if best[0]:  # an axis alone, such as X_Value, is none of a position
         alone = [i for label, axes in places.items() if label not in ranks for i in axes.values()]
-        result = [replace(item, words=()) if i in alone and source_of(item.words) > 0 else item
+        result = [item._replace(words=()) if i in alone and source_of(item.words) > 0 else item
                   for i, item in enumerate(result)]  # fmt: skip
     rivals = [label for label in ranks if label not in best]
     return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
@@ -448,10 +447,10 @@ def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals
         meaning = Meaning(joint) if joint else meaning_of(heading, siblings)
         if meaning is not None:
             rival = i in rivals and not _JOINT.fullmatch(meaning.key)
-            meaning = replace(meaning, commanded=True) if rival else meaning
+            meaning = meaning._replace(commanded=True) if rival else meaning
             # One uncertainty may be of all axes.
             for key in SIGMAS if meaning.full_key == "sigma" else (meaning.full_key,):
-                result.append(_Candidate(i, replace(heading, unit=unit), replace(meaning, key=key), rival))
+                result.append(_Candidate(i, heading._replace(unit=unit), meaning._replace(key=key), rival))
     keys = {*known.columns, *(item.meaning.key for item in result if not item.rival)}
     has_commands = any(_JOINT.fullmatch(key) or key.startswith("cmd_") for key in keys)
     used = {column.index for column in known.columns.values()}
@@ -653,8 +652,7 @@ def compact(names: Sequence[str]) -> str:
 # Values of the columns of a pose file.
 
 
-@dataclass(frozen=True, slots=True)
-class Values:
+class Values(NamedTuple):
     """Values of the columns in use, SI."""
 
     layout: Layout
@@ -691,4 +689,4 @@ class Values:
     def rows(self, index: NDArray[Any]) -> Values:
         """Return some of the rows."""
         texts = {key: text[index] for key, text in self.texts.items()}
-        return replace(self, numbers=self.numbers[:, index], texts=texts, lines=self.lines[index])
+        return self._replace(numbers=self.numbers[:, index], texts=texts, lines=self.lines[index])

@@ -101,8 +101,7 @@ def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Arra
     start = np.floor(seconds[0] / _DAY) * _DAY if seconds.size and np.isfinite(seconds[0]) else 0.0
     if start == 0.0 and zone:
         return seconds
-    is_date = not zone or start < 4e9
-    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if is_date else None
+    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if not zone or start < 4e9 else None
     log.warn(Note(f"time_s counts from 00:00{zone} of {day}" if day else "time_s counts from a midnight"), of_file=True)
     return seconds - start
 

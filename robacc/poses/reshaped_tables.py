@@ -80,8 +80,7 @@ def with_known_names(
     if rows.size and width >= 16 and (rows[:, -4:] == (0, 0, 0, 1)).all():
         joints = (f"J{i + 1}" for i in range(width - 16))
         return (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
-    is_tried = required or texts.any()
-    names = _of_numbers(table, rows, texts, robot, attained, commands) if is_tried else None
+    names = _of_numbers(table, rows, texts, robot, attained, commands) if required or texts.any() else None
     refuse(
         (
             names is None and required,

@@ -154,8 +154,7 @@ def _are_copies(position: Array, equal: int) -> bool:
     steps = position / _COARSE
     if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
         return False
-    distinct = np.unique(position, axis=1)
-    cells = np.unique(np.floor(distinct / _CELL), axis=1, return_counts=True)[1]
+    cells = np.unique(np.floor(np.unique(position, axis=1) / _CELL), axis=1, return_counts=True)[1]
     near = float(np.sum(cells * (cells - 1)) / 2)
     return near < _NEAR_PER_EQUAL * equal
 

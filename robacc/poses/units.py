@@ -297,7 +297,7 @@ def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None
     ]
 
     def doubts(trial: Values) -> frozenset[str]:
-        stated = replace(trial, layout=replace(layout, without_unit=()), log=ProblemLog(""))
+        stated = trial._replace(layout=replace(layout, without_unit=()), log=ProblemLog(""))
         return check_units(stated, robot.limits)[1]
 
     index = np.arange(0, values.lines.size, -(-values.lines.size // _SAMPLE) or 1)
@@ -343,7 +343,7 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
         without_unit=tuple(column for column in layout.without_unit if column.key not in new),
         unit_of_position=layout.unit_of_position or tuple(key for key in SIGMAS if key in new),
     )
-    return replace(values, numbers=numbers, layout=layout)
+    return values._replace(numbers=numbers, layout=layout)
 
 
 def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:

@@ -143,8 +143,10 @@ def _read(entry: Mapping[str, Any]) -> ModelFit:
     noise, factor, largest = entry["noise"], entry["bound_factor"], entry["largest_correction"]
     names = tuple(str(name) for name in entry["coefficients"])
     covariance = _symmetric(entry["covariance"])
-    other = f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}"
-    refuse((covariance.shape[0] != len(names), other), error=ValueError)
+    refuse(
+        (covariance.shape[0] != len(names), f"{len(names)} coefficients, but a covariance of {covariance.shape[0]}"),
+        error=ValueError,
+    )
     orientation = noise["orientation"]
     return ModelFit(
         effects=tuple(

@@ -82,8 +82,9 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
             # An angle of a frame turns it about its own axis, at any pitch.
             motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
             component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
-            full_name = f"{name or frame}.{kind}"
-            parameters.append(ToleranceParameter(full_name, name, kind, component, motion, unit, sds[kind]))
+            parameters.append(
+                ToleranceParameter(f"{name or frame}.{kind}", name, kind, component, motion, unit, sds[kind])
+            )
     example = (
         "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
         if robot.convention == "urdf"

@@ -309,8 +309,10 @@ class _Reader:
             places = (place[0] for name in elsewhere for *_, place in self.values[name])
             files = {self.line_of(place).partition(" of ")[2] for place in places if place > self.end}
             first = min(elsewhere.values())
-            reason = f"{len(elsewhere)} targets are declared in {', '.join(sorted(files))}: correct that file as well"
-            self.draft.note((first, first + 1), reason)
+            self.draft.note(
+                (first, first + 1),
+                f"{len(elsewhere)} targets are declared in {', '.join(sorted(files))}: correct that file as well",
+            )
 
     def inline(self, place: Place) -> list[int | None] | str:
         """Add the target of a motion whose numbers are in the instruction; return a reason where they are not."""

@@ -102,11 +102,15 @@ def _decode(data: bytes, file: str) -> tuple[str, str]:
         return data.decode("utf-8"), "utf-8"
     # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
-    mixes = f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)"
     refuse(
         (
             has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN),
-            Problem(mixes, file, data.count(b"\n", 0, wrong) + 1, fix="save it in one encoding"),
+            Problem(
+                f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)",
+                file,
+                data.count(b"\n", 0, wrong) + 1,
+                fix="save it in one encoding",
+            ),
         )
     )
     return data.decode("latin-1"), "latin-1"
@@ -140,8 +144,7 @@ class Convention:
 def rotation_distance(first: Array, second: Array) -> Array:
     """Return the angle ``(N,)`` in rad between orientations given as unit quaternions ``(4, N)``."""
     squares = (np.sum(np.square(first + sign * second), axis=0) for sign in (-1, 1))
-    difference = np.sqrt(np.minimum(*squares))
-    return np.asarray(4 * np.arcsin(np.minimum(difference / 2, 1.0)))
+    return np.asarray(4 * np.arcsin(np.minimum(np.sqrt(np.minimum(*squares)) / 2, 1.0)))
 
 
 def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
@@ -598,8 +601,11 @@ def mistaken_for_poses(path: str | os.PathLike[str]) -> Problem | None:
     if suffix in _BINARY:
         return Problem(_BINARY[suffix][0], name, fix="give the file of measured poses, such as a CSV")
     if is_program(name) and _reader_by_text(_source(name).text) is not None:
-        fix = "give the file of measured poses, and the program with `commanded`"
-        return Problem("is a robot program, which has commands but no measured poses", name, fix=fix)
+        return Problem(
+            "is a robot program, which has commands but no measured poses",
+            name,
+            fix="give the file of measured poses, and the program with `commanded`",
+        )
     return None
 
 

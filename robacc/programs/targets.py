@@ -173,8 +173,7 @@ def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
     sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], [arm.axis_motion(joint.name) for joint in joints])
     turning, moving = sweep.jacobian[3:], sweep.jacobian[:3]
     points = sweep.poses.translation[:, None] - np.cross(moving, turning, axis=0)
-    signs = np.array([float(joint.sign) for joint in joints])
-    return points, turning * signs[:, None]
+    return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
 
 
 _TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)

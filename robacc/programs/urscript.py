@@ -154,5 +154,4 @@ def _written(text: str, place: Place) -> ProgramTarget | None:
     """Return the joints ``[…]`` or the pose ``p[…]`` of six numbers; None for anything else."""
     is_pose = text[place[0] : place[1]][:1] == "p"
     values = numbers(text, items(text, (place[0] + is_pose, place[1])), (1.0,) * 6)
-    convention = ROTATION_VECTOR if is_pose else None
-    return None if values is None else ProgramTarget(convention, values)
+    return None if values is None else ProgramTarget(ROTATION_VECTOR if is_pose else None, values)

@@ -17,7 +17,6 @@ import sys
 import textwrap
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, replace
 from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TextIO
@@ -104,11 +103,6 @@ def warnings_below(warnings: Iterable[str]) -> Iterator[None]:
         yield
     finally:
         say_warnings(warnings)
-
-
-def width_of(stream: TextIO) -> int:
-    """Return the columns for text: a terminal's up to 100, beyond which reading is hard; else :data:`PLAIN_WIDTH`."""
-    return min(shutil.get_terminal_size().columns, 100) if stream.isatty() else PLAIN_WIDTH
 
 
 def write_lines(lines: Iterable[tuple[str, Style]], stream: TextIO) -> None:
@@ -283,8 +277,7 @@ Form = Literal["short", "full", "page"]
 Line = tuple[str, Style]
 
 
-@dataclass(frozen=True, slots=True)
-class Number:
+class Number(NamedTuple):
     """A number as text, and its SI value from the JSON document (None without a value)."""
 
     text: str
@@ -298,8 +291,7 @@ class Number:
 Cell = str | Number
 
 
-@dataclass(frozen=True, slots=True)
-class Grid:
+class Grid(NamedTuple):
     """A table; the first cell of a row is its label."""
 
     header: Sequence[str]
@@ -344,8 +336,7 @@ def grid(header: Sequence[str | None], rows: Iterable[Sequence[Cell]], **looks: 
     )
 
 
-@dataclass(frozen=True, slots=True)
-class Listing:
+class Listing(NamedTuple):
     """A list of texts; empty ones are left out."""
 
     items: Sequence[str]
@@ -359,8 +350,7 @@ class Listing:
             yield from ((line, "") for line in wrapped)
 
 
-@dataclass(frozen=True, slots=True)
-class Text:
+class Text(NamedTuple):
     """A paragraph."""
 
     text: str
@@ -381,8 +371,7 @@ class Text:
 Block = Grid | Listing | Text
 
 
-@dataclass(frozen=True, slots=True)
-class Section:
+class Section(NamedTuple):
     """A part of a view with a heading; without a filled block it is left out, unless it is a heading alone."""
 
     title: str
@@ -416,7 +405,9 @@ class ReportHeadline(NamedTuple):
 def draw(sections: Iterable[Section], stream: TextIO | None = None) -> None:
     """Write sections as text to ``stream``, or to standard output."""
     page = stream or sys.stdout
-    write_lines(lines_of(sections, width_of(page)), page)
+    # A terminal's columns up to 100, beyond which reading is hard.
+    width = min(shutil.get_terminal_size().columns, 100) if page.isatty() else PLAIN_WIDTH
+    write_lines(lines_of(sections, width), page)
     page.flush()
 
 
@@ -425,7 +416,7 @@ def shown(sections: Iterable[Section]) -> Iterator[Section]:
     for section in sections:
         filled = [block for block in section.blocks or () if any(block.lines(PLAIN_WIDTH))]
         if filled or section.blocks is None:
-            yield replace(section, blocks=filled)
+            yield section._replace(blocks=filled)
 
 
 def lines_of(sections: Iterable[Section], width: int) -> Iterator[Line]:

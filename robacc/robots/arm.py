@@ -23,7 +23,7 @@ import math
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -44,8 +44,7 @@ TOOL = -2
 Scalar = float | NDArray[Any]
 
 
-@dataclass(frozen=True, slots=True)
-class Motion:
+class Motion(NamedTuple):
     """Elementary motion along or about coordinate ``axis`` of the preceding frame."""
 
     kind: Literal["rotation", "translation"]
@@ -63,8 +62,7 @@ class Motion:
         return "rad" if self.kind == "rotation" else "m"
 
 
-@dataclass(frozen=True, slots=True)
-class JointDrive:
+class JointDrive(NamedTuple):
     """Joint variable ``joint`` added to the scalar of motion ``motion`` with a coefficient (sign or mimic ratio)."""
 
     motion: int
@@ -72,8 +70,7 @@ class JointDrive:
     coefficient: float
 
 
-@dataclass(frozen=True, slots=True)
-class Body:
+class Body(NamedTuple):
     """Mass on the chain, at ``com`` in the frame after motion ``after - 1``."""
 
     after: int
@@ -83,8 +80,7 @@ class Body:
     mass: float
 
 
-@dataclass(frozen=True, slots=True)
-class Sweep:
+class Sweep(NamedTuple):
     """Results of a forward sweep, in the measuring frame."""
 
     poses: Poses
@@ -471,8 +467,7 @@ def skeleton(arm: Arm, q: Array) -> Array:
     counts = list(range(sum(motion.owner == BASE for motion in arm.chain.motions), len(arm.chain.motions) + 1))
     frames = arm.chain.sweep(arm.chain.scalars(q[:, None]), 1, (), counts).frames
     points = np.concatenate([frame.translation for frame in frames], axis=1)
-    is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
-    return points[:, np.concatenate(([True], is_new))]
+    return points[:, np.concatenate(([True], np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)))]
 
 
 def typical_pose(q: Array) -> int:

@@ -123,8 +123,7 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
 def _length(arm: Arm) -> float:
     """Return the arm's size, m, which weighs radians against lengths independently of the unit of length."""
     poses = arm.chain.forward(spread_configurations(arm, 64))
-    base = np.array(arm.robot.base.xyz)[:, None]
-    return max(rms_length(poses.translation - base), 1e-9)
+    return max(rms_length(poses.translation - np.array(arm.robot.base.xyz)[:, None]), 1e-9)
 
 
 def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float) -> Array:

@@ -6,9 +6,10 @@ import difflib
 import itertools
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 
@@ -21,8 +22,7 @@ _SHOWN = 4
 """Names that a message suggests."""
 
 
-@dataclass(frozen=True, slots=True)
-class LibraryArm:
+class LibraryArm(NamedTuple):
     """Arm of the package: an entry of ``data/robots.yaml`` and its robot file."""
 
     key: str
@@ -97,8 +97,7 @@ _STEPS = 65
 _ROUNDS = 4
 
 
-@dataclass(frozen=True, slots=True)
-class Reach:
+class Reach(NamedTuple):
     """Greatest distance of a target from the robot's base, m."""
 
     sampled: float | None
@@ -107,8 +106,7 @@ class Reach:
     """Sum of the lengths: the reach or more. None where a prismatic joint has no limits."""
 
 
-@dataclass(frozen=True, slots=True)
-class Summary:
+class Summary(NamedTuple):
     """Robot and the figures that follow from it."""
 
     robot: Robot
@@ -140,8 +138,7 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
         return Reach(None, None)
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
     q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
-    distance = _distance(chain, q)
-    best = q[:, [int(np.argmax(distance))]]
+    best = q[:, [int(np.argmax(_distance(chain, q)))]]
     for _ in range(_ROUNDS):
         for i in range(low.size):
             trial = np.repeat(best, _STEPS + 1, axis=1)

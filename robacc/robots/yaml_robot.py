@@ -158,8 +158,12 @@ def _limits(source: Source, node: yaml.Node, path: str, *, joint_type: JointType
         return None
     unit, longest = cast(Units, source.units).of_joint(joint_type), max(map(abs, values))
     if joint_type == "prismatic" and unit == 1.0 and TRAVEL_IN_MM[0] < longest < TRAVEL_IN_MM[1]:
-        fix = "it looks like mm: write length: mm under units"
-        source.report(node, path, f"a travel of {longest:g} m is too long for an arm", fix)
+        source.report(
+            node,
+            path,
+            f"a travel of {longest:g} m is too long for an arm",
+            "it looks like mm: write length: mm under units",
+        )
     finite, problem = finite_limits(joint_type, (low * unit, high * unit))
     if problem is not None:
         source.report(node, path, problem, "leave limits out for a joint without limits")
@@ -170,8 +174,12 @@ def _digest(source: Source, node: yaml.Node, path: str) -> str:
     # Not as a text: YAML reads digits alone as a number, so they are written in quotes.
     digest = node.value if isinstance(node, yaml.ScalarNode) else ""
     if not re.fullmatch("[0-9a-f]{64}", digest):
-        message = f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(node)}"
-        source.report(node, path, message, "`write_model` writes it; do not change it")
+        source.report(
+            node,
+            path,
+            f"expected the SHA-256 of a pose file, 64 hexadecimal digits, found {describe(node)}",
+            "`write_model` writes it; do not change it",
+        )
     return digest
 
 
@@ -454,8 +462,9 @@ def _followers(read: Sequence[tuple[YamlSection, Joint]], masters: Sequence[Join
             section.report("mimic.joint", f"{joint.name!r} follows {mimic.master!r}, which {reason}")
         for name in joint.coupling.keys() - (sizes.keys() - {joint.name}):
             known = ", ".join(other for other in sizes if other != joint.name)
-            message = f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-            section.report(f"coupling.{name}", message)
+            section.report(
+                f"coupling.{name}", f"{name!r} is not another joint with a variable; there are {known or 'none'}"
+            )
         ratios = {name: ratio * sizes[name] for name, ratio in joint.coupling.items() if name in sizes}
         yield replace(joint, mimic=mimic, coupling=ratios)
 
@@ -478,8 +487,11 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint]) -> tuple[BranchJoi
         if joint.name in names or joint.name == BASE_LINK:
             section.report("name", f"{joint.name!r} is already the name of a joint or of the base")
         if parent != BASE_LINK and parent not in names:
-            message = f"{parent!r} is neither {BASE_LINK} nor a joint in front of it"
-            section.report("parent", message, f"there are {', '.join(sorted(names))}")
+            section.report(
+                "parent",
+                f"{parent!r} is neither {BASE_LINK} nor a joint in front of it",
+                f"there are {', '.join(sorted(names))}",
+            )
         names.add(joint.name)
         branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, values.get("position", 0.0)))
     beside = _followers(read, joints)
@@ -499,8 +511,12 @@ def parse_robot(document_text: str, file: str) -> Robot:
     top = top_section(document_text, file, _TOP_KEYS)
     source, version = top.source, top.values.get("robacc")
     if version is None:
-        fix = f"write 'robacc: {FORMAT_VERSION}' as the first line"
-        source.report(None, "robacc", "the format version is missing, so this is not a robot file of robacc", fix)
+        source.report(
+            None,
+            "robacc",
+            "the format version is missing, so this is not a robot file of robacc",
+            f"write 'robacc: {FORMAT_VERSION}' as the first line",
+        )
     elif not isinstance(version, yaml.ScalarNode) or version.value != str(FORMAT_VERSION):
         top.report("robacc", f"expected format version {FORMAT_VERSION}, found {describe(version)}")
     units = read_units(top)

@@ -204,8 +204,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
     cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
-        again = "the poses to visit have cycles already: leave out `cycles`, or their column cycle"
-        refuse((cycle is not None, again))
+        refuse((cycle is not None, "the poses to visit have cycles already: leave out `cycles`, or their column cycle"))
         cycle = np.repeat(np.arange(1, plan.cycles + 1), planned.n).astype(str)
     if plan.payloads:
         groups = planned.groups()
@@ -237,7 +236,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
 def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:
     """Return ids P1, P2 … of numbers from 0, all of equal length."""
     digits = len(str(int(poses.max(initial=0)) + 1))
-    return np.array([f"P{number + 1:0{digits}d}" for number in poses])
+    return np.array([f"P{number:0{digits}d}" for number in (poses + 1).tolist()])
 
 
 def _stream(plan: Plan, purpose: str) -> np.random.Generator:

@@ -21,7 +21,7 @@ import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property, lru_cache
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -61,8 +61,7 @@ class ConfidenceCurve(Protocol):
         """
 
 
-@dataclass(frozen=True, slots=True)
-class ChiSquareCurve:
+class ChiSquareCurve(NamedTuple):
     """Confidence curve of a variance-like quantity with dof * ``value`` / truth ~ chi-square(dof)."""
 
     value: float
@@ -85,8 +84,7 @@ class ChiSquareCurve:
         return smallest_sufficient(suffices, 2.0 * (z / math.log(limit / self.value)) ** 2 * n / self.dof)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class StudentCurve:
+class StudentCurve(NamedTuple):
     """Confidence curve of a mean over ``size`` poses, by Student's t and, where given, bootstrap t values."""
 
     mean: float
@@ -120,8 +118,7 @@ class StudentCurve:
         return max(poses, 2) if poses <= MOST_POSES else None
 
 
-@dataclass(frozen=True, slots=True)
-class WiderCurve:
+class WiderCurve(NamedTuple):
     """Confidence curve of the wider of two intervals: the more cautious confidence on each side of the estimate."""
 
     curves: tuple[ConfidenceCurve, ConfidenceCurve]
@@ -136,8 +133,7 @@ class WiderCurve:
         return largest_known([curve.poses_for(limit, confidence, n) for curve in self.curves])
 
 
-@dataclass(frozen=True, slots=True)
-class RootCurve:
+class RootCurve(NamedTuple):
     """Confidence curve of the square root of a quantity that cannot be negative."""
 
     square: ConfidenceCurve
@@ -338,16 +334,14 @@ class Interval:
         return Interval(min(pairs[0]), max(pairs[1]), max(pairs[2]), self.confidence, method, curve=curve)
 
 
-@dataclass(frozen=True, slots=True)
-class EstimatedValue:
+class EstimatedValue(NamedTuple):
     """A number with its interval, in one unit."""
 
     value: float
     interval: Interval | None
 
 
-@dataclass(frozen=True, slots=True)
-class EstimateOrReason:
+class EstimateOrReason(NamedTuple):
     """A number with its interval, or the reason why there is none."""
 
     value: float | None

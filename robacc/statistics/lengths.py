@@ -68,40 +68,47 @@ _U = (np.arange(_COUNT) + 0.5) * 3.0 / _COUNT
 _ZETA = math.pi * _COUNT / 12.0 * np.square(1j * _U + 1.0)
 _CONTOUR = list(zip(_ZETA.tolist(), (0.5 * np.exp(_ZETA) * (1j - _U)).tolist(), strict=True))
 """Nodes of the path in the upper half plane, each with its factor."""
+_BLOCK = 8192
+"""Vectors at a time: their working arrays stay in the processor's cache."""
 
 
 def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     """Return P(Q <= q) and q times its density, ``(N,)`` each, for q = ``squares`` ``(N,)`` above zero."""
-    low, middle, high = 2.0 * variances / squares
-    # The product of the factors 1 + 2 v_i ζ/q is a polynomial of ζ. The first factors have the angle of the product of
-    # two up to a full turn, and of three up to one and a half. Complex numbers are in parts, which is faster.
-    two, pair = middle + high, middle * high
-    first, second, third = two + low, pair + low * two, low * pair
-    probability, density = np.zeros(squares.size), np.zeros(squares.size)
-    for zeta, factor in _CONTOUR:
-        square, cube = zeta * zeta, zeta * zeta * zeta
-        x = 1.0 + zeta.real * first + square.real * second + cube.real * third
-        y = zeta.imag * first + square.imag * second + cube.imag * third
-        size = np.sqrt(x * x + y * y)
-        larger = np.sqrt(0.5 * (size + np.abs(x)))
-        smaller = 0.5 * np.abs(y) / larger
-        # The root in the upper half plane; in the lower one after a full turn of the product.
-        sign = np.where((y > 0.0) & (two + 2.0 * zeta.real * pair < 0.0), -1.0, 1.0) / size
-        x, y = np.copysign(np.where(x >= 0.0, larger, smaller), y) * sign, np.where(x >= 0.0, smaller, larger) * sign
-        density += factor.imag * x - factor.real * y
-        ratio = factor / zeta
-        probability += ratio.imag * x - ratio.real * y
-    return probability, density
+    both = np.zeros((2, squares.size))
+    for start in range(0, squares.size, _BLOCK):
+        probability, density = both[:, start : start + _BLOCK]
+        low, middle, high = 2.0 * variances[:, start : start + _BLOCK] / squares[start : start + _BLOCK]
+        # The product of the factors 1 + 2 v_i ζ/q is a polynomial of ζ. The first factors have the angle of the product
+        # of two up to a full turn, and of three up to one and a half. Complex numbers are in parts, which is faster.
+        two, pair = middle + high, middle * high
+        first, second, third = two + low, pair + low * two, low * pair
+        for zeta, factor in _CONTOUR:
+            square, cube = zeta * zeta, zeta * zeta * zeta
+            x = 1.0 + zeta.real * first + square.real * second + cube.real * third
+            y = zeta.imag * first + square.imag * second + cube.imag * third
+            size = np.sqrt(x * x + y * y)
+            larger = np.sqrt(0.5 * (size + np.abs(x)))
+            smaller = 0.5 * np.abs(y) / larger
+            # The root in the upper half plane; in the lower one after a full turn of the product.
+            sign = np.where((y > 0.0) & (two + 2.0 * zeta.real * pair < 0.0), -1.0, 1.0) / size
+            is_right = x >= 0.0
+            x = np.copysign(np.where(is_right, larger, smaller), y) * sign
+            y = np.where(is_right, smaller, larger) * sign
+            density += factor.imag * x - factor.real * y
+            ratio = factor / zeta
+            probability += ratio.imag * x - ratio.real * y
+    return both[0], both[1]
 
 
-def _started(probability: float, distribution: Distribution, variance: Array) -> Array:
+def _started(probability: float, distribution: Distribution, variance: Array, share: float = 1e-5) -> Array:
     """Return the q ``(N,)`` of ``probability`` of squared lengths of mean 1 and ``variance`` ``(N,)``.
 
-    The start is Wilson and Hilferty's cube, with Satterthwaite's degrees of freedom.
+    The start is Wilson and Hilferty's cube, with Satterthwaite's degrees of freedom; ``share`` is that of
+    :func:`_solved`.
     """
     relative = variance / 9.0
     start = np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3
-    return _solved(probability, distribution, np.asarray(start), 1e-5, 1.0 / variance)
+    return _solved(probability, distribution, np.asarray(start), share, 1.0 / variance)
 
 
 def length_quantiles(probability: float, variances: Array) -> Array:
@@ -141,13 +148,25 @@ def mixture_quantile(probability: float, variances: Array) -> float:
 
 
 def mean_lengths(variances: Array) -> Array:
-    """Return E|Z| ``(N,)`` for variances ``(3, N)``: (8 / pi)^(1/2) R_G(v_1, v_2, v_3).
+    """Return E|Z| ``(N,)`` for variances ``(3, N)``, ascending: (8 / pi)^(1/2) R_G(v_1, v_2, v_3).
 
-    R_G is the mean of the length of diag(v)^(1/2) u over all unit vectors u (DLMF 19.16.3 and 19.21.10).
+    R_G is the mean of the length of diag(v)^(1/2) u over all unit vectors u (DLMF 19.16.3 and 19.21.10), here by
+    Carlson's duplication of R_F and R_D (DLMF 19.26.18 and 19.26.20). scipy.special has it, but its import takes longer
+    than all criteria of ISO 9283.
     """
-    from scipy.special import elliprg
-
-    return np.asarray(math.sqrt(8.0 / math.pi) * elliprg(*variances))
+    largest = np.where(variances[2] > 0.0, variances[2], 1.0)
+    # Without a floor R_F and R_D are infinite where two variances are zero; R_G changes by less than 1e-18.
+    x, y, z = first, second, third = np.maximum(variances / largest, 1e-20)
+    r_d, weight = np.zeros_like(z), 1.0
+    while np.any(z - x > 1e-7 * z):
+        roots = np.sqrt((x, y, z))
+        shift = roots[0] * roots[1] + (roots[0] + roots[1]) * roots[2]
+        r_d += 3.0 * weight / (roots[2] * (z + shift))
+        x, y, z, weight = 0.25 * (x + shift), 0.25 * (y + shift), 0.25 * (z + shift), 0.25 * weight
+    r_d += weight / ((x + y + 3.0 * z) / 5.0) ** 1.5
+    r_f = 1.0 / np.sqrt((x + y + z) / 3.0)
+    r_g = 0.5 * (third * r_f - (first - third) * (second - third) * r_d / 3.0 + np.sqrt(first * second / third))
+    return np.asarray(np.sqrt(8.0 / math.pi * variances[2]) * r_g)
 
 
 # One vector, to full precision.
@@ -167,7 +186,7 @@ _ABREAST = np.linspace(0.0, 5.0, 21)[:, None]
 
 def length_probability(radius: float, mean: Array, variance: Array) -> float:
     """Return P(|Z| <= radius) for independent Z_i ~ N(mean[i], variance[i]), i < 3; absolute error about 1e-13."""
-    return _contour_integrals(radius * radius, np.asarray(mean, dtype=float), np.asarray(variance, dtype=float))[0]
+    return _contour(radius * radius, np.asarray(mean, dtype=float), np.asarray(variance, dtype=float))[0]
 
 
 def length_quantile(probability: float, mean: Array, variance: Array) -> float:
@@ -185,10 +204,11 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
 
     def distribution(square: Array) -> tuple[Array, Array]:
         # In units of the mean square length, so that the solution does not depend on the unit.
-        cdf, density, _ = _contour_integrals(float(square[0]), mean / math.sqrt(power), variance / power)
-        return np.array([cdf]), density * square
+        cdf, s, _, factor = _contour(float(square[0]), mean / math.sqrt(power), variance / power)
+        return np.array([cdf]), (s @ factor).imag * square
 
-    return math.sqrt(_solved(probability, distribution, np.ones(1), 1e-9)[0] * power)
+    scatter = np.sum(variance * (2.0 * variance + 4.0 * np.square(mean))) / power**2
+    return math.sqrt(_started(probability, distribution, np.array([scatter]), 1e-7)[0] * power)
 
 
 def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tuple[Array, Array]:
@@ -203,17 +223,23 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
         d(r^2)/dm ``(3,)`` and d(r^2)/dC ``(3, 3)``, symmetric, in principal axes; the first has the unit of ``mean``.
     """
     scale = math.sqrt(float(np.sum(variance) + np.sum(np.square(mean))))
-    _, density, gradient = _contour_integrals((radius / scale) ** 2, mean / scale, variance / scale**2)
-    return -gradient[:3] / density * scale, -gradient[3:].reshape(3, 3) / density
+    _, s, w, factor = _contour((radius / scale) ** 2, mean / scale, variance / scale**2)
+    # Weights: s for the density, d log M/dm_i and d log M/dC_ij for the gradient; C_ij and C_ji are separate variables.
+    ratio = (mean / scale)[:, None] * s / w
+    by_covariance: Complex = 2.0 * ratio[:, None] * ratio[None, :]
+    by_covariance[np.arange(3), np.arange(3)] -= s / w
+    density = (s @ factor).imag
+    return 2.0 * (ratio @ factor).imag / density * scale, -(by_covariance @ factor).imag / density
 
 
-def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, float, Array]:
-    """Return P(Q <= q), its density dP/dq, and its gradient ``(12,)``: dP/dm_i and dP/dC_ij.
+def _contour(q: float, mean: Array, variance: Array) -> tuple[float, Complex, Complex, Complex]:
+    """Return P(Q <= q), and the nodes of its integral: s ``(n,)``, 1 + 2 v s ``(3, n)``, and their factors ``(n,)``.
 
-    C_ij and C_ji count as separate variables. All is zero below the contribution of directions without scatter.
+    The imaginary part of the sum of s and the factors is the density dP/dq. All is zero below the contribution of
+    directions without scatter.
     """
     if q <= float(np.sum(np.square(mean[variance == 0.0]))):
-        return 0.0, 0.0, np.zeros(12)
+        return 0.0, np.zeros(1, dtype=complex), np.ones((3, 1), dtype=complex), np.zeros(1, dtype=complex)
     is_upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
     saddle, curvature = _saddle_point(q, mean, variance, is_upper)
 
@@ -224,13 +250,12 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
         logs = s * q - np.log(s) - 0.5 * np.sum(np.log(w), axis=0)
         return s, logs - np.sum(np.square(mean)[:, None] * s / w, axis=0), w
 
-    grid = 2.0 ** np.arange(-2.0, 60.0, 0.5) / math.sqrt(curvature)
+    grid = np.append(0.0, 2.0 ** np.arange(-2.0, 60.0, 0.5) / math.sqrt(curvature))
     distance = saddle + 0.5 / variance[variance > 0.0]
     # Start with a parabola whose focus is the first branch point: the exponent of that axis falls steadily from the
     # vertex. Where the mean lies along an axis of less scatter, the path may come near the singularity of that axis
     # and is straightened: along a straight line the integrand never exceeds its value at the saddle point.
     bend, end = 0.25 / float(np.min(distance)), 0.0
-    at_saddle = float(along(np.zeros(1))[1].real[0])
     uncertainty = _ROUNDING * (1.0 + abs(saddle) * q)
     nodes, last = 32, math.inf
     while True:
@@ -239,7 +264,9 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
             # five times as far to the left as below, to where it lies straight below.
             near = (np.sqrt(np.square(_ABREAST) + 4.0 * bend * distance) - _ABREAST) / (2.0 * bend)
             t = np.sort(np.concatenate((grid, near.ravel())))
-            height = along(t)[1].real - at_saddle
+            height = along(t)[1].real
+            at_saddle = float(height[0])
+            height -= at_saddle
             if float(np.max(height)) >= _RISE:
                 bend *= 0.25
                 continue
@@ -259,12 +286,7 @@ def _contour_integrals(q: float, mean: Array, variance: Array) -> tuple[float, f
         if abs(tail - last) <= uncertainty or nodes >= 8192:
             break
         last, nodes = tail, 2 * nodes
-    # Weights: s for the density, d log M/dm_i and d log M/dC_ij for the gradient.
-    ratio = mean[:, None] * s / w
-    by_covariance: Complex = 2.0 * ratio[:, None] * ratio[None, :]
-    by_covariance[np.arange(3), np.arange(3)] -= s / w
-    gradient = (np.concatenate((-2.0 * ratio, by_covariance.reshape(9, -1))) @ factor).imag
-    return 1.0 + tail if is_upper else tail, float((s @ factor).imag), gradient
+    return 1.0 + tail if is_upper else tail, s, w, factor
 
 
 def _saddle_point(q: float, mean: Array, variance: Array, is_upper: bool) -> tuple[float, float]:
@@ -340,8 +362,11 @@ class ScaledPercentileCurve:
         return low, high
 
     @cached_property
-    def _logit(self) -> np.polynomial.Chebyshev:
-        """Logit of F as a polynomial in the logarithm of the squared length less the constant."""
+    def _logit(self) -> tuple[Array, Array]:
+        """Logit of F as a Chebyshev series in the logarithm of the squared length less the constant.
+
+        Its domain ``(2,)``, and its coefficients and those of its derivative, ``(n, 2)``.
+        """
 
         def logit(logarithms: Array) -> Array:
             radii = [math.sqrt(math.exp(x) + self._constant) for x in logarithms.tolist()]
@@ -350,19 +375,18 @@ class ScaledPercentileCurve:
             shares = np.clip(shares, 0.5 * _LEAST, 1.0 - 0.5 * (1.0 - _MOST))
             return np.asarray(np.log(shares) - np.log1p(-shares))
 
-        return np.polynomial.Chebyshev.interpolate(
-            logit, _DEGREE, domain=[math.log(length**2 - self._constant) for length in self._ends]
-        )
+        domain = [math.log(length**2 - self._constant) for length in self._ends]
+        series = np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
+        return series.domain, np.column_stack((series.coef, np.append(series.deriv().coef, 0.0)))
 
-    def _shares(self, lengths: Array) -> Array:
-        """Return F; beyond the range, of its ends."""
-        logarithms = np.log(np.square(np.clip(lengths, *self._ends)) - self._constant)
-        return np.asarray(1.0 / (1.0 + np.exp(-self._logit(logarithms))))
-
-    def _densities(self, lengths: Array) -> Array:
-        """Return dF / d length."""
-        shares, squares = self._shares(lengths), np.square(lengths) - self._constant
-        return np.asarray(shares * (1.0 - shares) * self._logit.deriv()(np.log(squares)) * 2.0 * lengths / squares)
+    def _distribution(self, lengths: Array) -> tuple[Array, Array]:
+        """Return F and dF / d length; beyond the range, those of its ends."""
+        (low, high), coefficients = self._logit
+        squares = np.square(np.clip(lengths, *self._ends)) - self._constant
+        place = np.clip((2.0 * np.log(squares) - low - high) / (high - low), -1.0, 1.0)
+        logit, slope = coefficients.T @ np.cos(np.outer(np.arange(_DEGREE + 1), np.arccos(place)))
+        shares = 1.0 / (1.0 + np.exp(-logit))
+        return shares, shares * (1.0 - shares) * slope * 2.0 * lengths / squares
 
     def _share_below(self, value: float, n: int) -> float:
         """Return the probability that the percentile of ``n`` lengths is below ``value``."""
@@ -371,20 +395,21 @@ class ScaledPercentileCurve:
         rank = 1.0 + (n - 1.0) * self.p
         k = min(math.floor(rank), n - 1)
         w = rank - k
-        share = float(self._shares(np.array([value]))[0])
+        share, density = (float(each[0]) for each in self._distribution(np.array([value])))
         if w < _LEAST_WEIGHT:
             return beta_cdf(share, float(k), n + 1.0 - k)
         below = beta_cdf(share, k + 1.0, float(n - k))
         if w > 1.0 - _LEAST_WEIGHT:
             return below
         # The logarithm of F is concave: F(y)^k falls at least as fast as its tangent at the value.
-        fall = k * float(self._densities(np.array([value]))[0]) / share * w / (1.0 - w)
+        fall = k * density / share * w / (1.0 - w)
         reach = min(self._ends[1], value / w, value + _NEGLIGIBLE / fall) - value
         nodes, weights = _GAUSS
         lengths = value + 0.5 * reach * (1.0 + nodes)
-        lower, upper = self._shares((value - w * lengths) / (1.0 - w)), 1.0 - self._shares(lengths)
+        lower, _ = self._distribution((value - w * lengths) / (1.0 - w))
+        shares, densities = self._distribution(lengths)
         scale = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k)
-        integrand = np.exp(scale + k * np.log(lower) + (n - k - 1.0) * np.log(upper)) * self._densities(lengths)
+        integrand = np.exp(scale + k * np.log(lower) + (n - k - 1.0) * np.log(1.0 - shares)) * densities
         return min(below + 0.5 * reach * float(weights @ integrand), 1.0)
 
     def below(self, value: float) -> float:

@@ -164,7 +164,7 @@ def complex_step(chain: Chain, q: Array) -> Array:
     result = np.empty((6, len(chain.motions), n))
     scalars = chain.scalars(q)
     for k, motion in enumerate(chain.motions):
-        stepped = Chain((*chain.motions[: k + 1], replace(motion, label=""), *chain.motions[k + 1 :]), (), 0)
+        stepped = Chain((*chain.motions[: k + 1], motion._replace(label=""), *chain.motions[k + 1 :]), (), 0)
         poses = stepped.poses([*scalars[: k + 1], np.full(n, 1j * step), *scalars[k + 1 :]], n)
         result[:3, k] = poses.translation.imag / step
         # dR R^T is skew and holds dphi.

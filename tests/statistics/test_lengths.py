@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from scipy import integrate, stats
+from scipy import integrate, special, stats
 
 from robacc.statistics.lengths import (
     _cdf_and_density,
@@ -73,8 +73,11 @@ def test_principal_variances_are_those_of_the_axes() -> None:
     assert principal_variances(np.zeros((3, 3, 0))).shape == (3, 0)
 
 
-def test_mean_length_of_equal_variances_has_a_closed_form() -> None:
-    assert mean_lengths(np.full((3, 1), 2.5))[0] == pytest.approx(2.0 * np.sqrt(5.0 / np.pi), rel=1e-10)
+def test_mean_length_is_an_elliptic_integral() -> None:
+    variances = np.hstack((SHAPES, np.sort(10.0 ** np.random.default_rng(3).uniform(-14, 1, (3, 500)), axis=0)))
+    exact = np.sqrt(8.0 / np.pi) * special.elliprg(*variances)
+    np.testing.assert_allclose(mean_lengths(variances), exact, rtol=1e-13)
+    assert mean_lengths(np.full((3, 1), 2.5))[0] == pytest.approx(2.0 * np.sqrt(5.0 / np.pi), rel=1e-14)
     assert mean_lengths(np.zeros((3, 0))).shape == (0,)
 
 

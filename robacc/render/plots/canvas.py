@@ -446,6 +446,11 @@ _STYLE: dict[Any, Any] = {
     "pdf.fonttype": 42,
 }
 _WHITE: dict[Any, Any] = {"figure.facecolor": "white"}
+_DATES: dict[str, Any] = {
+    "svg": {"Date": None, "Creator": None},
+    "pdf": {"CreationDate": None, "Creator": None, "Producer": None},
+}
+"""Metadata that files lack, so that the same document gives the same bytes."""
 
 
 def as_part(chart: Chart, salt: str) -> str:
@@ -453,7 +458,14 @@ def as_part(chart: Chart, salt: str) -> str:
 
     ``salt`` makes its ids unique on the page.
     """
-    text = _saved(chart, "svg", {"svg.fonttype": "none", "svg.hashsalt": salt}).decode()
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    buffer = io.StringIO()
+    with _drawn(chart, {"svg.fonttype": "none", "svg.hashsalt": salt}) as figure:
+        # ``savefig`` would draw twice, once for the layout.
+        canvas: Any = FigureCanvasSVG(figure)
+        canvas.print_svg(buffer, metadata=_DATES["svg"])
+    text = buffer.getvalue()
     text = text[text.index("<svg") :].strip()
     for pattern, new in (
         (r"(?s)<metadata>.*?</metadata>\s*", ""),
@@ -471,21 +483,16 @@ def as_part(chart: Chart, salt: str) -> str:
 
 def as_file(chart: Chart, form: str) -> bytes:
     """Return the chart as a file with a white background: ``svg``, ``png`` or ``pdf``."""
-    return _saved(chart, form, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE})
+    buffer = io.BytesIO()
+    with _drawn(chart, {"svg.fonttype": "path", "svg.hashsalt": "robacc", **_WHITE}) as figure:
+        figure.savefig(buffer, format=form, metadata=_DATES.get(form))
+    return buffer.getvalue()
 
 
 def as_figure(chart: Chart) -> Figure:
     """Return the chart as a figure with a white background."""
     with _drawn(chart, _WHITE) as figure:
         return figure
-
-
-def _saved(chart: Chart, form: str, overrides: dict[Any, Any]) -> bytes:
-    buffer = io.BytesIO()
-    dates = {"svg": {"Date": None, "Creator": None}, "pdf": {"CreationDate": None, "Creator": None, "Producer": None}}
-    with _drawn(chart, overrides) as figure:
-        figure.savefig(buffer, format=form, metadata=dates.get(form))
-    return buffer.getvalue()
 
 
 @contextmanager

@@ -1,12 +1,10 @@
-"""Measured accuracy: an estimate in full, in short, or of many files, and an evaluation by ISO 9283."""
+"""Measured accuracy: an estimate in full or in short, and an evaluation by ISO 9283."""
 
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Sequence
 
-from robacc.outcomes import FileOutcome
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -23,7 +21,6 @@ from robacc.render.text import (
     Section,
     Text,
     amount,
-    as_options,
     chance,
     decimals,
     fixed,
@@ -40,7 +37,6 @@ from robacc.render.text import (
     tile,
     with_unit,
 )
-from robacc.render.views.compare import LOOKS, annotation_lines, title, words_of
 from robacc.statistics.intervals import ASSURANCE
 
 _FRAMES = {
@@ -327,106 +323,6 @@ def _methods(part: Document, unit: str) -> tuple[str, ...]:
     )
     texts = named_by_text((name, bounds["why"] or bounds["method"]) for name, bounds in all_bounds)
     return part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"
-
-
-# Several files in one table: one line per file, in the order given.
-
-
-_FIT_HEADS = {
-    "calibrate": ("nominal, registered", "calibrated", None),
-    "trace": ("nominal, registered", "after", "findings"),
-}
-"""Columns of the table of several files, by command."""
-
-
-def many_view(
-    command: str, outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None
-) -> list[Section]:
-    """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
-    alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
-    alignment = "registered where the frames do not agree" if aligned is None else alignment
-    turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
-    gate = "gate" if any(own.gate is not None for own in outcomes) else None
-    is_fit = command != "estimate"
-
-    def cells(done: Mapping[str, Any]) -> tuple[str, ...]:
-        if is_fit:
-            return (*(three_digits(done[key] * IN_MM) for key in ("before_m", "after_m")), done["findings"])
-        return (
-            *(three_digits(done[key] * IN_MM) for key in ("rms_m", "p95_m", "max_m")),
-            number(done["rms_rad"], IN_DEGREES),
-            done["grade"],
-            "yes" if done["demonstrated"] else "no",
-        )
-
-    rows = [
-        (outcome.name, "failed")
-        if (done := outcome.summary) is None
-        else (
-            outcome.name,
-            str(done["n_poses"]),
-            *cells(done),
-            "–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label,
-        )
-        for outcome in outcomes
-    ]
-    notes = [
-        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {words_of(criterion)['sentence']}"
-        for outcome in outcomes
-        for criterion in (outcome.gate or {}).get("criteria", ())
-        if criterion["outcome"] != "pass"
-    ]
-    failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    of_figures = ("rms", "95th pct.", "max", turn, "grade", "confirmed")
-    heads = ("position error, mm", "poses", *(_FIT_HEADS[command] if is_fit else of_figures), gate)
-    made = {
-        "estimate": f"Pose errors in {len(outcomes)} files, {alignment}",
-        "calibrate": f"Calibration of {len(outcomes)} files, rms of held-out poses",
-        "trace": f"Trace of {len(outcomes)} files, rms of held-out poses",
-    }
-    return [
-        Section(
-            made[command],
-            [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
-        ),
-        Section("", [grid(heads, rows)]),
-        Section(
-            "",
-            [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files have no result" * bool(failed)])],
-        ),
-    ]
-
-
-def _reason(outcome: FileOutcome) -> str:
-    """Return the reason why a file has no result, in one line."""
-    first = outcome.problems[0]
-    counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
-    place = ", ".join(part for part in (counted, first.column) if part)
-    others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
-    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
-
-
-def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
-    """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
-    entries = []
-    for outcome in outcomes:
-        head, done = f"robacc {command} {outcome.name}", outcome.summary
-        entries += [("warning", head, warning) for warning in outcome.warnings]
-        if done is None:
-            entries.append(("error", head, _reason(outcome)))
-            continue
-        sizes = ("rms_m", "p95_m", "max_m", "before_m", "after_m")
-        names = ("rms", "95th pct.", "max", "rms before", "rms after")
-        figures = [f"{name} {with_unit(done[key])}" for name, key in zip(names, sizes, strict=True) if key in done]
-        if command == "estimate":
-            figures.append(f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}")
-        parts = (
-            f"{done['n_poses']} poses",
-            *figures,
-            *([] if outcome.gate is None else [title(outcome.gate)]),
-        )
-        entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
-    return annotation_lines(entries)
 
 
 # An evaluation by ISO 9283. Accuracy and repeatability stand in separate tables: reading RP as AP is the commonest

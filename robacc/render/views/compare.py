@@ -1,14 +1,17 @@
-"""A comparison, targets before and after a correction, and the outcome of a gate, also as Markdown and JUnit XML."""
+"""A comparison, targets before and after a correction, and the outcome of a gate, also as Markdown and JUnit XML.
+
+Many estimates in one table stand here too, since each has the outcome of its gate.
+"""
 
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable, Sequence
-from typing import NamedTuple
+from collections.abc import Iterable, Mapping, Sequence
+from typing import Any, NamedTuple
 
-from robacc.comparison.stored_results import split_key
 from robacc.outcomes import FileOutcome
 from robacc.render.text import (
+    IN_DEGREES,
     IN_MM,
     QUANTITIES,
     Document,
@@ -26,6 +29,7 @@ from robacc.render.text import (
     chance,
     decimals,
     fixed,
+    grid,
     named_by_text,
     number,
     p_value,
@@ -34,6 +38,7 @@ from robacc.render.text import (
     statistics_cells,
     three_digits,
     unit_of,
+    with_unit,
 )
 from robacc.statistics.intervals import ASSURANCE
 
@@ -87,7 +92,7 @@ def comparison_view(document: Document, form: Form = "page") -> list[Section]:
     A page has every difference, and how each result was made.
     """
     results, rows, complete = document["results"], document["statistics"], form == "page"
-    owners = {row["key"]: split_key(row["key"])[0] for row in rows}
+    owners = {row["key"]: row["key"].rpartition(".")[0] for row in rows}
     main = [row for row in rows if _stage(owners[row["key"]]) is None and not row["key"].startswith(_ISO9283)]
     groups = {
         f"{owner.capitalize()} error": [row for row in main if owners[row["key"]] == owner]
@@ -143,7 +148,7 @@ def _results(document: Document) -> Grid:
 def _ranking(ranking: Document) -> Section:
     key, unit, order = ranking["by"], ranking["unit"], ranking["order"]
     is_iso, stage = key.startswith(_ISO9283), _stage(key)
-    of_quantity = "" if is_iso else f" of the {split_key(key)[0].rpartition('.')[2]} error"
+    of_quantity = "" if is_iso else f" of the {key.split('.')[-2]} error"
     pairs = {
         (pair["better"], pair["worse"]): (_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"]))
         for pair in ranking["pairs"]
@@ -220,7 +225,7 @@ def _block(document: Document, title: str, rows: Sequence[Document], complete: b
                 )
             ],
         )
-    statistics, every = [split_key(row["key"])[1] for row in rows], range(len(rows))
+    statistics, every = [row["key"].rpartition(".")[2] for row in rows], range(len(rows))
     listed: Sequence[int] = [i for i in every if complete or statistics[i] in _LISTED] or every
     if len(names) <= 4:
         grid = Grid(("", *names), [[label, *own] for label, own in zip(labels, figures, strict=True)])
@@ -252,7 +257,7 @@ def _stage(key: str) -> str | None:
 def _label(key: str) -> str:
     """Return the name of a statistic, or of a criterion such as ``AP`` or ``drift of AP``."""
     if not key.startswith(_ISO9283):
-        return _STATISTICS.get(split_key(key)[1], split_key(key)[1])
+        return _STATISTICS.get(key.rpartition(".")[2], key.rpartition(".")[2])
     kind, _, base = key.removeprefix(_ISO9283).removesuffix(".max").removesuffix(".orientation").partition(".")
     return f"{kind} of {base}" if base else kind
 
@@ -308,27 +313,21 @@ def paired_view(document: Document, names: tuple[str, str]) -> list[Section]:
                         f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the "
                         f"planned displacement of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % "
                         f"interval {100 * loaded['lower']:.0f} to {100 * loaded['upper']:.0f} %",
-                        _promise(document["promise"], document["after"]["rms_m"]),
+                        *(
+                            f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
+                            f"{three_digits(document['after']['rms_m'] * IN_MM)} mm rms measured, "
+                            f"{three_digits(promise['promised_rms_m'] * IN_MM)} mm rms predicted with measurement "
+                            f"noise; chi-square {promise['chi_square']:.4g} on {promise['degrees_of_freedom']} degrees "
+                            f"of freedom, {p_value(promise['p_value'])}"
+                            for promise in [document["promise"]]
+                            if promise is not None
+                        ),
                         *document["notes"],
                     ]
                 )
             ],
         ),
     ]
-
-
-def _promise(promise: Document | None, rms: float) -> str:
-    """Return whether the error after a correction is that of the model; empty without a model."""
-    return (
-        ""
-        if promise is None
-        else (
-            f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
-            f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
-            f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
-            f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
-        )
-    )
 
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.
@@ -499,8 +498,6 @@ def gate_section(gate: Document) -> Section:
 # Ant's schema requires a host, which is a constant. The cases of a suite have equal shares of its time: readers add
 # them up.
 
-_NOT_XML = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
-
 
 def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -> str:
     """Return one suite per file; a failed criterion is a failure, an undecided criterion is an error and never passes.
@@ -547,7 +544,8 @@ def junit(command: str, outcomes: Sequence[FileOutcome], started: float = 0.0) -
         for stream, text in streams.items():
             SubElement(suite, f"system-{stream}").text = text
     indent(suites)
-    return _NOT_XML.sub("\ufffd", f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n')
+    text = f'<?xml version="1.0" encoding="UTF-8"?>\n{tostring(suites, encoding="unicode")}\n'
+    return re.sub("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]", "\ufffd", text)
 
 
 # A result as workflow commands of GitHub Actions, which shows them as annotations of the run.
@@ -584,6 +582,106 @@ def annotation_lines(entries: Iterable[tuple[str, str, str]]) -> str:
     return "".join(
         f"::{level} title={head.translate(head_codes)}::{text.translate(text_codes)}\n" for level, head, text in entries
     )
+
+
+# Several files in one table: one line per file, in the order given.
+
+
+_FIT_HEADS = {
+    "calibrate": ("nominal, registered", "calibrated", None),
+    "trace": ("nominal, registered", "after", "findings"),
+}
+"""Columns of the table of several files, by command."""
+
+
+def many_view(
+    command: str, outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None
+) -> list[Section]:
+    """Return the table of all files; ``robot`` is a file name, ``aligned`` the effects fitted first."""
+    alignment = f"registered: {' and '.join(aligned)} fitted in each" if aligned else "not registered"
+    alignment = "registered where the frames do not agree" if aligned is None else alignment
+    turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
+    gate = "gate" if any(own.gate is not None for own in outcomes) else None
+    is_fit = command != "estimate"
+
+    def cells(done: Mapping[str, Any]) -> tuple[str, ...]:
+        if is_fit:
+            return (*(three_digits(done[key] * IN_MM) for key in ("before_m", "after_m")), done["findings"])
+        return (
+            *(three_digits(done[key] * IN_MM) for key in ("rms_m", "p95_m", "max_m")),
+            number(done["rms_rad"], IN_DEGREES),
+            done["grade"],
+            "yes" if done["demonstrated"] else "no",
+        )
+
+    rows = [
+        (outcome.name, "failed")
+        if (done := outcome.summary) is None
+        else (
+            outcome.name,
+            str(done["n_poses"]),
+            *cells(done),
+            "–" if outcome.gate is None else LOOKS[outcome.gate["outcome"]].label,
+        )
+        for outcome in outcomes
+    ]
+    notes = [
+        f"{outcome.name}, {criterion['name']}: {LOOKS[criterion['outcome']].label}; {words_of(criterion)['sentence']}"
+        for outcome in outcomes
+        for criterion in (outcome.gate or {}).get("criteria", ())
+        if criterion["outcome"] != "pass"
+    ]
+    failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
+    of_figures = ("rms", "95th pct.", "max", turn, "grade", "confirmed")
+    heads = ("position error, mm", "poses", *(_FIT_HEADS[command] if is_fit else of_figures), gate)
+    made = {
+        "estimate": f"Pose errors in {len(outcomes)} files, {alignment}",
+        "calibrate": f"Calibration of {len(outcomes)} files, rms of held-out poses",
+        "trace": f"Trace of {len(outcomes)} files, rms of held-out poses",
+    }
+    return [
+        Section(
+            made[command],
+            [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
+        ),
+        Section("", [grid(heads, rows)]),
+        Section(
+            "",
+            [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files have no result" * bool(failed)])],
+        ),
+    ]
+
+
+def _reason(outcome: FileOutcome) -> str:
+    """Return the reason why a file has no result, in one line."""
+    first = outcome.problems[0]
+    counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
+    place = ", ".join(part for part in (counted, first.column) if part)
+    others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
+    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
+
+
+def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
+    """Return one annotation of GitHub Actions per file, an error for a failed file or gate."""
+    entries = []
+    for outcome in outcomes:
+        head, done = f"robacc {command} {outcome.name}", outcome.summary
+        entries += [("warning", head, warning) for warning in outcome.warnings]
+        if done is None:
+            entries.append(("error", head, _reason(outcome)))
+            continue
+        sizes = ("rms_m", "p95_m", "max_m", "before_m", "after_m")
+        names = ("rms", "95th pct.", "max", "rms before", "rms after")
+        figures = [f"{name} {with_unit(done[key])}" for name, key in zip(names, sizes, strict=True) if key in done]
+        if command == "estimate":
+            figures.append(f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}")
+        parts = (
+            f"{done['n_poses']} poses",
+            *figures,
+            *([] if outcome.gate is None else [title(outcome.gate)]),
+        )
+        entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
+    return annotation_lines(entries)
 
 
 # A result and its gate's outcome as Markdown, for a job summary or a comment on a pull request.

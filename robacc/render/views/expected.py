@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from robacc.planning.campaign import CampaignPlan
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -34,6 +34,9 @@ from robacc.render.text import (
     unit_of,
     with_unit,
 )
+
+if TYPE_CHECKING:
+    from robacc.planning.campaign import CampaignPlan
 
 # A prediction: its grade, errors and budget, the tolerances needed, and its comparison with measured poses.
 

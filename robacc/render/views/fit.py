@@ -6,7 +6,6 @@ import re
 import statistics
 from collections import Counter
 from collections.abc import Iterable, Sequence
-from dataclasses import replace
 
 from robacc.effects import REGISTRY
 from robacc.effects.specification import FRAMES
@@ -225,7 +224,7 @@ def fit_view(
             Section("Poses to measure next", _next_poses(document)),
         ]
         if form != "page":
-            parts = [replace(part, title=f"{place}. {part.title}") for place, part in enumerate(shown(parts), 1)]
+            parts = [part._replace(title=f"{place}. {part.title}") for place, part in enumerate(shown(parts), 1)]
     else:
         option, verb, count = "fit", "fitted", document["identifiability"]["n_identifiable"]
         title = f"Calibration from {start}: {count} coefficients fitted"

@@ -28,9 +28,8 @@ from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
-from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import (
+from robacc.robots.arm import (
+    Arm,
     Evaluate,
     JointSolution,
     JointSpace,
@@ -41,6 +40,7 @@ from robacc.robots.inverse_kinematics import (
     pose_jacobian,
     solve,
 )
+from robacc.robots.description import Robot
 from robacc.statistics.distributions import normal_quantile
 
 # Circumstances of targets other than the joints, and the two arms of a correction in common frames.

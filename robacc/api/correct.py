@@ -57,9 +57,8 @@ from robacc.programs.targets import (
     with_targets,
 )
 from robacc.quantities import size
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, part_of
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, part_of
 
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""

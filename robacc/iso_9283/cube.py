@@ -18,9 +18,8 @@ import numpy as np
 from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import Measurements
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, spread_configurations
 
 Plane = Literal["x+", "x-", "y+", "y-"]
 PLANES: tuple[Plane, ...] = ("x+", "x-", "y+", "y-")

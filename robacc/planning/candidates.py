@@ -16,9 +16,8 @@ from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.quantities import parse_quantity
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, joint_ranges
 from robacc.robots.description import BranchJoint, Robot
-from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.simulation.simulate import even_joints
 
 # Constraints of a measurement campaign: which poses the robot may take and the instrument can see.

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -13,7 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.robots.arm import Chain, build_chain
+from robacc.robots.arm import Chain, build_chain, low_discrepancy
 from robacc.robots.description import Frame, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"
@@ -149,20 +148,6 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
             trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
             best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
     return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
-
-
-def low_discrepancy(dimensions: int, count: int) -> Array:
-    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
-
-    They are multiples of the square roots of primes, modulo 1.
-
-    Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
-    properties of algebraic numbers", Los Alamos report LA-1342, 1951.
-    """
-    numbers = itertools.count(2)
-    primes = itertools.islice((n for n in numbers if all(n % k for k in range(2, n))), dimensions)
-    products = np.sqrt(np.fromiter(primes, dtype=float))[:, None] * np.arange(1, count + 1)
-    return np.asarray(products % 1.0, dtype=np.float64)
 
 
 def _distance(chain: Chain, q: Array) -> Array:

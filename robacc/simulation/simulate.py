@@ -18,10 +18,8 @@ from robacc.errors import RobaccError, UsageError, refuse
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
-from robacc.robots.arm import BLOCK, Arm
+from robacc.robots.arm import BLOCK, Arm, joint_ranges, low_discrepancy
 from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
 from robacc.robots.yaml_robot import robot_to_yaml
 
 _DECIMALS = 6

@@ -201,7 +201,7 @@ def test_redundant_arm_stays_nearest_to_its_nominal_joints() -> None:
     data = dataclasses.replace(circumstances(robot, 20, seed=1), q=middle_joints(robot, 20, seed=1))
     model = with_effect(robot, "link_geometry", data)
     result = robacc.correct(data, model=model, nominal=robot)
-    from robacc.robots.inverse_kinematics import pose_jacobian
+    from robacc.robots.arm import pose_jacobian
 
     move = result.q - result.wanted.q
     _, jacobian = pose_jacobian(Arm.of(model), result.q)

@@ -14,9 +14,8 @@ from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
 from robacc.iso_9283.cube import ORIENTATIONS, PLANES, corners, fit_cube, five_points, planned_poses, propose
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 WITH_EDGE = {"scara": 0.15}

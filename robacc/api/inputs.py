@@ -46,6 +46,7 @@ from robacc.measurements import IMAGES, Measurements, commanded_groups
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
+from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
@@ -59,7 +60,6 @@ from robacc.poses.reading import (
     table_options,
 )
 from robacc.poses.reshaped_tables import unit_of_positions
-from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml

@@ -869,7 +869,7 @@ def _write_board(squares: str, folder: str, force: bool) -> None:
 def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     """Write the column map of an export and print the next steps."""
     from robacc.io.files import make_folder
-    from robacc.poses.column_proposal import propose_columns
+    from robacc.poses.csv_file import propose_columns
 
     proposal = propose_columns(export, PurePath(path).name)
     exists = f"{path} exists already; overwrite with --force, or name another file with --columns"

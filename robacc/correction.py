@@ -302,14 +302,10 @@ class Limits:
 
 # Reasons for which a target is not corrected.
 
-_TOLERANCE = 1e-6
-"""m and rad"""
 _AMPLIFICATION = 30.0
 """Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
 _NOTICEABLE = np.radians(0.5)
 """rad: turn of a joint below which a singular pose does no harm."""
-_MARGIN = 0.05
-"""Share of a range by which a target may exceed it."""
 _DEGREES = 180.0 / np.pi
 
 
@@ -351,7 +347,8 @@ def refusals(
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
     failed = ~solution.converged | np.any(at_limit, axis=0)
     if not wanted.oriented or n_joints >= 6:
-        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
+        # m and rad
+        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6
     remaining = _amounts(solution.error)
     # Near a singular pose joints turn far or change the configuration.
     correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
@@ -406,7 +403,8 @@ def _out_of_range(
         columns["temperature_c"] = data.temperature
     for name, (low, high) in (limits.ranges or {}).items():
         if (values := columns.get(name)) is not None:
-            margin = _MARGIN * (high - low)
+            # Share of a range by which a target may exceed it.
+            margin = 0.05 * (high - low)
             outside = (values < low - margin) | (values > high + margin)
             yield outside, f"{name} is outside the range that the model was fitted on"
 
@@ -423,8 +421,6 @@ def _sizes(position: float | None, angle: float | None) -> str:
     return " and ".join(parts)
 
 
-_SAME_POSE = 1e-10
-"""m and rad: change of a pose with its approach that is not worth another solution."""
 _ROUNDS = 5
 """Rounds over all targets until directions and speeds of approach agree with the corrected commands."""
 
@@ -446,7 +442,8 @@ def _solved(
         nonlocal motion, index
         previous, motion = motion, setting.motion(q)
         now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
-        index = np.flatnonzero(np.any(np.abs(now - then) > _SAME_POSE, axis=0) & chosen)
+        # m and rad: change of a pose with its approach that is not worth another solution.
+        index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
 
     def evaluator() -> Evaluate:
         return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)

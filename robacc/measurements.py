@@ -23,9 +23,6 @@ SHOWN = {
     **dict.fromkeys(IMAGES, (True, True, False)),
 }
 """Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
-_SAME_COMMAND = 1e-3
-"""rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
-were read back. An arm's error changes by about a thousandth of itself over such a distance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -299,7 +296,9 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
         return Grouping(number)
     last = np.empty(names.size, dtype=np.int64)
     last[number] = np.arange(number.size)
-    differ = np.any([np.abs(row - row[last[number]]) > _SAME_COMMAND for row in commands], axis=0)
+    # rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints
+    # that were read back. An arm's error changes by about a thousandth of itself over such a distance.
+    differ = np.any([np.abs(row - row[last[number]]) > 1e-3 for row in commands], axis=0)
     rows = (np.bincount(number, weights=differ) > 0.0)[number]
     if not rows.any():
         return Grouping(number)

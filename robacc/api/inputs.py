@@ -402,8 +402,6 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
 _JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
 _TEXT_FIELDS = ("pose", "cycle", "visit", "target", "payload_group")
-_ROTATION_TOLERANCE = 1e-3
-"""Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
 
 
 def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units: bool = True) -> Measurements:
@@ -459,7 +457,9 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wr
             yield name, f"pose {pose + 1} has a value that is not finite", None
         elif name.endswith("rotation") and array.ndim == 3:
             deviation = np.abs(np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]).max(axis=(0, 1))
-            invalid = (deviation > _ROTATION_TOLERANCE) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
+            # Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit
+            # length.
+            invalid = (deviation > 1e-3) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
             if np.any(invalid):
                 yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
         elif name.startswith("sigma") and np.any(array <= 0):
@@ -528,10 +528,6 @@ def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Meas
 _SHOWN = 6
 """Names that a message lists."""
 _DAY = 86400.0
-_FEWEST_SMOOTH = 8
-"""Rows of joints from which it shows whether the arm moves evenly between them."""
-_SMOOTH = 0.2
-"""Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1."""
 
 
 def _with_commands(
@@ -763,10 +759,12 @@ def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurem
     nearest = np.where(time - clock[right - 1] < clock[right] - time, right - 1, right)
     found = np.abs(clock[nearest] - time) <= np.median(np.diff(clock)) / 2
     at = order[nearest]
-    if planned.q is not None and clock.size > _FEWEST_SMOOTH and np.diff(clock).min() > 0:
+    # Rows of joints from which it shows whether the arm moves evenly between them.
+    if planned.q is not None and clock.size > 8 and np.diff(clock).min() > 0:
         q = planned.q[:, order]
         first, second = (np.median(np.abs(np.diff(q, k)).max(axis=0)) for k in (1, 2))
-        if second < _SMOOTH * first:
+        # Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1.
+        if second < 0.2 * first:
             from scipy.interpolate import CubicSpline
 
             planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)

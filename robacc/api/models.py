@@ -40,9 +40,6 @@ from robacc.quantities import size
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_poses
 
-_FIRST_ROW = 4
-"""Line of the first row in a file with outliers, below two comments and the header."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulated(CsvResult, Simulation):
@@ -61,7 +58,8 @@ class Simulated(CsvResult, Simulation):
     @property
     def outlier_lines(self) -> list[int]:
         """Lines of :meth:`csv` with outliers."""
-        return [int(row) + _FIRST_ROW for row in self.outliers]
+        # Line of the first row in a file with outliers, below two comments and the header.
+        return [int(row) + 4 for row in self.outliers]
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the text of :meth:`csv` in pieces."""

@@ -121,8 +121,6 @@ def stored_result(source: StrPath | Result | StoredResult) -> StoredResult:
 
 
 Source = StrPath | Result | StoredResult
-_START = 256
-"""Bytes of a file in which its first sign is looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -239,7 +237,8 @@ def _are_poses(source: Source) -> bool:
     if not os.path.isfile(source):
         return os.path.isdir(source)
     with open(source, "rb") as file:
-        return not file.read(_START).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+        # Bytes of a file in which its first sign is looked for.
+        return not file.read(256).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
 
 
 def _names(results: Sequence[Source]) -> list[str]:

@@ -416,8 +416,6 @@ def _ranking(
 
 _FEWEST = 3
 """Smallest number of shared targets."""
-_PROMISED = 0.01
-"""Probability below which the remaining error is not what was promised."""
 
 Rows = Sequence[list[int]]
 """Rows of each shared target in a file."""
@@ -627,7 +625,8 @@ def promise_test(
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", separate))))
     p_value = chi2_sf(chi_square, float(residual.size))
     return {
-        "kept": p_value >= _PROMISED,
+        # Probability below which the remaining error is not what was promised.
+        "kept": p_value >= 0.01,
         "chi_square": chi_square,
         "degrees_of_freedom": residual.size,
         "p_value": p_value,

@@ -384,8 +384,6 @@ _SAME_JOINT = 1e-6
 """Largest difference of equal joint commands, rad or m: below any encoder's step, above the rounding of a file."""
 _SAME_POSITION = 1e-4
 """Largest distance of equal commanded positions, m, for arms or alignments that differ."""
-_ENOUGH = 0.5
-"""Smallest share of common poses, of either result's poses, for a paired comparison."""
 Keys = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
@@ -395,7 +393,8 @@ def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] |
     if keys is None:
         return None
     common = np.intersect1d(*keys)
-    if common.size < max(2, _ENOUGH * max(np.unique(numbers).size for numbers in keys)):
+    # Smallest share of common poses, of either result's poses, for a paired comparison.
+    if common.size < max(2, 0.5 * max(np.unique(numbers).size for numbers in keys)):
         return None
     rows = [np.isin(numbers, common) for numbers in keys]
     numbers = [np.searchsorted(common, key[mask]) for key, mask in zip(keys, rows, strict=True)]
@@ -455,8 +454,6 @@ def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> Keys:
 # The p-value agrees with the interval: it is below 1 - confidence exactly if the interval excludes zero.
 
 DRAWS = 2000
-FEWEST_FOR_PERCENTILE = 30
-"""With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim."""
 _ROUNDING = 1e-13
 """A standard error below this fraction of the statistic is rounding."""
 
@@ -523,7 +520,8 @@ def difference(
     else:
         values = [np.array(quantiles(part.lengths, [0.95 if statistic == "p95" else 1.0])) for part in sets]
     value = float(values[1][0] - values[0][0])
-    fewest = FEWEST_FOR_PERCENTILE if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
+    # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
+    fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
     obstacles = (
         (statistic == "max", NO_TEST_OF_MAXIMUM),
         (min(sizes) < 2, "one commanded pose shows no scatter between poses"),

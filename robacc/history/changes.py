@@ -43,8 +43,6 @@ RIVAL = 3.0
 """Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
 _NEAR = 3.841
 """Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
-_FEWEST_FOR_HEAT = 3
-"""Tests beyond which a dependence on temperature is told from the values."""
 _TINY = 1e-300
 _SAME = 1e-9
 """Share of a column's square below which the other columns make it up."""
@@ -231,7 +229,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
     n = len(series.values)
     times = (series.times - series.times[-1]) / YEAR
     heat = series.temperatures - np.mean(series.temperatures)
-    has_heat = n > _FEWEST_FOR_HEAT and float(np.ptp(heat)) > 0.0  # false for NaN
+    # Tests beyond which a dependence on temperature is told from the values.
+    has_heat = n > 3 and float(np.ptp(heat)) > 0.0  # false for NaN
     base = [np.ones(n), *([heat] if has_heat else [])]
     start = np.concatenate([times[:1], times[:-1]])
     order = np.arange(n)
@@ -323,8 +322,6 @@ _HIDDEN = 1e-6
 """Share of a coefficient's information, frames fixed, below which free frames hide it."""
 _MOST_POSES = 1000
 """The errors of all poses are correlated: one matrix of all of them is made."""
-_FINEST = 1e-9
-"""m or rad: no instrument measures finer, and exact data have no noise."""
 
 
 class QuickTest(NamedTuple):
@@ -370,7 +367,8 @@ def quick_test(
         free.append(own[:rows])
         common.append(correlated[:rows])
         for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
-            single[i, :, i, :] = variance + np.square(_FINEST) * np.eye(rows)
+            # m or rad: no instrument measures finer, and exact data have no noise.
+            single[i, :, i, :] = variance + np.square(1e-9) * np.eye(rows)
 
     def flat(columns: Array) -> Array:
         """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""

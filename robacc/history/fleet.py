@@ -27,8 +27,6 @@ from robacc.history.changes import SETUP
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_quantile, f_sf, root, student_quantile
 
-_LEVEL = 0.05
-"""Probability that any arm of a fleet without a stranger is called one."""
 _FEWEST = 4
 """Arms from which one can be unlike the others."""
 
@@ -122,7 +120,8 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
                 variances[far] + spread + 1.0 / np.sum(1.0 / (variances[rest] + spread))
             )
             p_value = len(own) * len(keys) * f_sf(float(square), 1.0, len(own) - 2.0)
-            if p_value >= _LEVEL:
+            # Probability that any arm of a fleet without a stranger is called one.
+            if p_value >= 0.05:
                 break
             strangers.append(
                 {

@@ -145,7 +145,6 @@ _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
-_MOST_LINES = 1000
 _NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
 """Bytes that Windows-1252 leaves open."""
 
@@ -154,7 +153,6 @@ Block = tuple[int, list[str]]
 """1-based number of the first line, and complete lines of the file without their ends."""
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_LAST_ROWS = 1000
 _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
@@ -250,7 +248,7 @@ class TextTable(Table):
             return line.decode()
         except UnicodeDecodeError as error:
             self._encoding = "Windows-1252"
-            if len(self._not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
+            if len(self._not_text) < 1000 and any(byte in _NO_CHARACTER for byte in line):
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self._not_text.append((message, number))
             return line.decode("cp1252", errors="replace")
@@ -269,7 +267,7 @@ class TextTable(Table):
                 footer = (line.strip(" \t,;|") for line in lines[end:])
                 lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
             parts.append(self._parsed(first, lines, numbers, texts))
-            last = [*last, *lines][-_LAST_ROWS:]
+            last = [*last, *lines][-1000:]
         columns = [np.concatenate(column) for column in zip(*(part.texts for part in parts), strict=True)]
         body = TableBody(
             np.concatenate([part.numbers for part in parts], axis=1),

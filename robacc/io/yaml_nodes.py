@@ -308,9 +308,6 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
 # The nodes know where they stand in the text, so a new value replaces the characters of the old value and nothing else.
 # A library that reads and writes whole documents (ruamel.yaml) would set indentation and line breaks anew.
 
-_WIDTH = 120
-"""Characters of a line of new text."""
-
 
 def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Collection[str] = ()) -> str:
     """Return the text of a YAML file with the values of ``document``.
@@ -471,7 +468,8 @@ def _flow(value: Any) -> str:
 
 def _block(value: Any, column: int) -> str:
     """Return a value as lines, the second and later ones indented."""
-    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=_WIDTH - column))
+    # Characters of a line of new text.
+    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=120 - column))
 
 
 def _dumped(value: Any, flow: bool | None, width: float) -> str:

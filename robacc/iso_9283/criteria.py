@@ -343,7 +343,6 @@ def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 # Length of a mean vector with its interval: the distance between barycentres.
 
-_BISECTIONS = 60
 _SMALLEST_PROBABILITY = 1e-15
 """Probabilities are clipped to at least this, and to at most its complement."""
 
@@ -407,7 +406,7 @@ def _likeliest_mean(components: Array, variances: Array, length: float) -> Array
     """
     scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
     low, high = 1e-12, 1e9
-    for _ in range(_BISECTIONS):
+    for _ in range(60):
         # The length is even in the logarithm of 1 + lambda.
         middle = math.sqrt(low * high)
         likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]

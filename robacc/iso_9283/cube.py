@@ -109,8 +109,6 @@ _CENTRE_BATCH = 24
 """Number of centres whose corners are solved together, the most used place first."""
 _MAX_CENTRES = 4
 """Number of centres with all corners in reach whose orientations are tried."""
-_GRID = 0.01
-"""Step of the centres' coordinates (a tenth of the edge for small cubes), m."""
 
 
 def reachable_centres(arm: Arm, edge: float) -> Array:
@@ -151,7 +149,8 @@ def _centres(arm: Arm, edge: float) -> Array:
         # Clearance between cube and first joint's axis, as a fraction of the reach.
         nearest = 0.5 * edge * float(np.abs(front).sum()) + 0.1 * forward.max()
         order = order[radius.ravel()[order] >= nearest]
-    grid = min(_GRID, 0.1 * edge)
+    # Step of the centres' coordinates (a tenth of the edge for small cubes), m.
+    grid = min(0.01, 0.1 * edge)
     places = np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order]))
     return np.asarray(np.round(places / grid) * grid)
 

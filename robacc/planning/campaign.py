@@ -101,7 +101,6 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
 ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
 MOST_POSES = 2000
-RATIOS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +124,7 @@ def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
     """
     # True value over the limit for which the number is planned, if no expected value is given.
     ratio = 0.8 if expected is None else expected / demand.limit
-    by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
+    by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in (0.5, 0.6, 0.7, 0.8, 0.9)]
     return {
         "name": demand.label,
         "statistic": demand.statistic,

@@ -31,8 +31,6 @@ Criterion = Literal["I", "G", "D", "A"]
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
-_LEAST_GAIN = 1e-3
-"""Share of the cost that a pass of exchange must gain for another pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -187,7 +185,8 @@ def exchanged(problem: DesignProblem, chosen: NDArray[np.int64], others: int = E
     part = dataclasses.replace(problem, rows=problem.rows[pool])
     design = np.arange(chosen.size)
     start, cost = np.inf, part.cost(design)
-    while start - cost > _LEAST_GAIN * abs(cost):
+    # Share of the cost that a pass of exchange must gain for another pass.
+    while start - cost > 1e-3 * abs(cost):
         start = cost
         without = [part.cost(np.delete(design, place)) for place in range(design.size)]
         for place in np.argsort(without, kind="stable").tolist():

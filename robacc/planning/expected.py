@@ -38,9 +38,6 @@ from robacc.planning.design import (
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
 
-_USUAL_SIZES = 10.0
-"""Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses."""
-
 
 @dataclass(frozen=True, slots=True)
 class ExpectedNoise:
@@ -152,7 +149,8 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     broad = broad_stds(model.free, terms, owners)
     # Base and tool frames may be anywhere: 1 m or rad.
     usual = [
-        _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else 1.0
+        # Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses.
+        10.0 * term.typical if is_constant or term.typical < 1e-3 else 1.0
         for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
     ]
     prior = np.array([tolerance.get(term.name, std) for term, std in zip(terms, usual, strict=True)])

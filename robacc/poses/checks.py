@@ -51,12 +51,8 @@ from robacc.statistics.intervals import interpolated
 TURN = 2 * math.pi
 _LARGEST_ANGLE = 1.01 * TURN
 """rad; roll, pitch, yaw or a rotation vector never need more than a turn."""
-_MANY_TURNS = 2 * TURN
-"""rad; industrial joints end at one turn either way, few at two; 12.6 degrees is less than any arm's motion."""
 _FREQUENT = 0.2
 """Share of poses beyond one turn: no joint of an arm reaches it, angles in degrees exceed it at once."""
-LIMIT_TOLERANCE = 5e-6
-"""rad or m; rounding of a limit and a joint variable in other units, or of a limit with five decimals (3.14159)."""
 EXCESS_TOLERANCE = {"length": 5e-4, "angle": math.radians(0.05)}
 """m and rad; a limit exceeded by less is a warning: controllers log positions beyond a limit by their following error,
 and data sheets round limits."""
@@ -64,12 +60,8 @@ _RANGE = 50.0
 """m; no arm on any track covers more; in mm the smallest cell does."""
 _DISTANCE = 200.0
 """m; beyond a laser tracker's range, so no instrument measures a robot there."""
-_SIGMA_LENGTH = (0.01, 0.1)
-"""m; doubtful above the first; no instrument that tests a robot is as bad as the second."""
 _SIGMA_USUAL = (1e-6, 1e-3)
 """m; an interferometer on the bench reaches the first, a camera over a cell stays below the second."""
-_SIGMA_ANGLE = (0.05, 0.5)
-"""rad; the same for an orientation."""
 _THOUSAND = (300.0, 3000.0)
 """Ratio of two ranges of the same poses that only a mix-up of m and mm explains."""
 SMALL_RANGE = 0.05
@@ -89,13 +81,15 @@ def degrees_likely(q: Array, limits: tuple[float, float] | None) -> bool:
     if limits is not None and np.mean(outside) >= _FREQUENT and not excess_beyond_limits(np.radians(q), limits).any():
         return True
     size = np.abs(q)
-    return bool(np.any(outside & (size > _MANY_TURNS)) or np.mean(outside & (size > 1.001 * TURN)) >= _FREQUENT)
+    # rad; industrial joints end at one turn either way, few at two; 12.6 degrees is less than any arm's motion.
+    return bool(np.any(outside & (size > 2 * TURN)) or np.mean(outside & (size > 1.001 * TURN)) >= _FREQUENT)
 
 
 def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
     """Return ``(N,)``: how far a joint's value is outside its limits, rad or m; 0 within them or by rounding."""
     excess: Array = np.maximum(np.maximum(limits[0] - q, q - limits[1]), 0.0)
-    return np.where(excess > LIMIT_TOLERANCE, excess, 0.0)
+    # rad or m; rounding of a limit and a joint variable in other units, or of a limit with five decimals (3.14159).
+    return np.where(excess > 5e-6, excess, 0.0)
 
 
 def lengths_too_large(position: Array) -> bool:
@@ -124,7 +118,9 @@ def thousandfold(first: Array, second: Array) -> float | None:
 
 def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
     """Return whether a measuring uncertainty (m or rad) is impossible, and whether it is doubtful."""
-    doubtful, impossible = _SIGMA_LENGTH if kind == "length" else _SIGMA_ANGLE
+    # m; doubtful above the first; no instrument that tests a robot is as bad as the second.
+    # rad; the same for an orientation.
+    doubtful, impossible = (0.01, 0.1) if kind == "length" else (0.05, 0.5)
     typical = float(np.median(sigma))
     return typical > impossible, typical > doubtful
 
@@ -177,8 +173,6 @@ _LEAST_OTHERS = 0.1
 """… and their least share of all rows."""
 _MOSTLY = 0.8
 """Least share of the rows of a stretch that show its unit."""
-_MOST_METRES = 30.0
-"""Coordinate of a measured position from which it shows that it is in mm."""
 
 
 def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[str], frozenset[str]]:
@@ -259,7 +253,8 @@ def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[s
     positions = {keys: p for keys in (AXES, COMMANDED_AXES) if (p := bare(keys)) is not None and lengths_too_large(p)}
     for keys, position in positions.items():
         far = np.max(np.abs(position), axis=0)
-        refuse(keys, f"found positions up to {np.max(far):.4g}, which cannot be m", "length", far > _MOST_METRES)
+        # Coordinate of a measured position from which it shows that it is in mm.
+        refuse(keys, f"found positions up to {np.max(far):.4g}, which cannot be m", "length", far > 30.0)
     attained, commanded = values.column_set(AXES), values.column_set(COMMANDED_AXES)
     both = not positions and attained is not None and commanded is not None and attained.shape[1] > 1
     if both and (ratio := thousandfold(attained, commanded)) is not None:  # type: ignore[arg-type]
@@ -491,8 +486,6 @@ MOST_POSES = 5000
 _ONE_COMMAND = 5e-4
 """rad or m; distance of two readings of a joint at one commanded pose at most. Servo errors are smaller, and the error
 of an arm hardly changes over it."""
-_EVIDENT = 0.25
-"""Share of the rows that repeat a pose from which a file has repetitions."""
 
 
 def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
@@ -506,7 +499,8 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
         return data
     place = close_groups(data.q, _ONE_COMMAND, 2.0 * _ONE_COMMAND)
     count = np.bincount(place)
-    if np.mean(count[place] > 1) < _EVIDENT:
+    # Share of the rows that repeat a pose from which a file has repetitions.
+    if np.mean(count[place] > 1) < 0.25:
         return data
     names, number = np.unique(place, return_inverse=True)
     ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
@@ -555,13 +549,6 @@ _FEW = 0.1
 
 
 _MEASURED = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
-_COARSE = 1e-5
-"""m; positions rounded to this repeat by chance, since arms repeat within it."""
-_CELL = 5e-6
-"""m; size of the cells in which positions that nearly agree are counted."""
-_NEAR_PER_EQUAL = 25.0
-"""Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
-gives, at a resolution of 1 um."""
 
 
 def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
@@ -617,13 +604,17 @@ def _are_copies(position: Array, equal: int) -> bool:
 
     By chance, many more pairs differ in the last digits than agree in all of them.
     """
-    steps = position / _COARSE
+    # m; positions rounded to this repeat by chance, since arms repeat within it.
+    steps = position / 1e-5
     if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
         return False
     distinct = np.unique(position, axis=1)
-    cells = np.unique(np.floor(distinct / _CELL), axis=1, return_counts=True)[1]
+    # m; size of the cells in which positions that nearly agree are counted.
+    cells = np.unique(np.floor(distinct / 5e-6), axis=1, return_counts=True)[1]
     near = float(np.sum(cells * (cells - 1)) / 2)
-    return near < _NEAR_PER_EQUAL * equal
+    # Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
+    # gives, at a resolution of 1 um.
+    return near < 25.0 * equal
 
 
 QUATERNION_TOLERANCE = 1e-3
@@ -631,8 +622,6 @@ SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
 READ_BACK_TOLERANCE = 0.1
 """rad or m; an arm that stands is never as far from its command."""
-LARGEST_PAYLOAD = 5000.0
-"""kg; twice that of the strongest arm."""
 SMALLEST_SIGMA = 1e-12
 """m or rad; below it a weight 1/sigma^2 makes the other rows negligible."""
 _LARGEST_OF: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "number": 1e12}
@@ -683,7 +672,8 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
                 _report(values, key, test(values.numbers[values.row_index[key]]), expected)
     for key in layout.joints():
         _check_read_back(values, key)
-    if (payload := values.column("payload_kg")) is not None and (heavy := payload > LARGEST_PAYLOAD).any():
+    # kg; twice that of the strongest arm.
+    if (payload := values.column("payload_kg")) is not None and (heavy := payload > 5000.0).any():
         log.warn(
             f"payload_kg is {payload[heavy][0]:g} kg, more than an arm carries", int(values.lines[np.argmax(heavy)])
         )

@@ -319,12 +319,8 @@ _LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
 _TEXTS = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
 _LARGEST = 100.0
 """m; a larger length is in another unit."""
-_LEAST_PIXELS = 1e-3
-"""px; no corner is found as well."""
 _FAR_OFF = 1.0
 """px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
-_MOST_PIXELS = 1e5
-"""px; no sensor is wider."""
 
 
 def _key(heading: Heading) -> str:
@@ -464,7 +460,8 @@ class KindTable(ReshapedTable):
         known, names = read_cameras(self._cameras or ""), np.array(self._column("camera"))
         pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
         points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
-        noise = self._numbers("sigma", rows, data, least=_LEAST_PIXELS, unit="px") if "sigma" in self._cells else None
+        # px; no corner is found as well.
+        noise = self._numbers("sigma", rows, data, least=1e-3, unit="px") if "sigma" in self._cells else None
         self.log.raise_if_any()
         values = np.vstack((pixels, points, *([] if data.q is None else [data.q])))
         first = np.zeros(data.n, dtype=bool)
@@ -562,7 +559,8 @@ class KindTable(ReshapedTable):
         """Return the numbers ``(N,)`` of a column in m or px, 0 outside the ``rows``; ``default`` is of empty cells."""
         values, cells = np.zeros(data.n), self._column(key)
         unit = "px" if key in _PIXELS else unit
-        divisor, most = (1.0, _MOST_PIXELS) if unit == "px" else (UNITS[self._units[key]][1], _LARGEST)
+        # px; no sensor is wider.
+        divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], _LARGEST)
         for row in np.flatnonzero(rows).tolist():
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):

@@ -48,8 +48,6 @@ _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
 _ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
-_SIMILAR = 0.8
-"""Similarity of two names (0 to 1) from which one may be a slip of the other."""
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
 _OF_KEY: Mapping[str, tuple[str, ...]] = {
@@ -577,7 +575,8 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
 def _with_suggestion(name: str, names: Names) -> str:
     """Return a name in quotes, with the documented name that it resembles."""
     nearest = names.nearest(name)
-    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= _SIMILAR
+    # Similarity of two names (0 to 1) from which one may be a slip of the other.
+    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= 0.8
     return f"{clip(name)} (did you mean {nearest}?)" if is_similar else clip(name)
 
 

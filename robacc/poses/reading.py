@@ -26,12 +26,8 @@ from robacc.poses.columns import FIXED_KINDS, NAME_UNITS, TIME_KEYS, UNITS, Bran
 # fixed axes on the next. Turns between poses depend neither on the measuring frame nor on the mounting of the target,
 # so they show which convention the orientations follow.
 
-_PLACES = 400
-"""Comparisons at most."""
 AGREES = np.radians(3.0)
 """rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
-_RATIO = 5.0
-"""Ratio of the typical disagreements at which the second convention is ruled out."""
 _FEWEST = 4
 """Comparisons that a decision needs."""
 
@@ -65,7 +61,8 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
     """Return whether the convention with the smallest disagreement fits and another one does not."""
     best = min(trial.values())
-    return bool(best < AGREES and trial[name] > max(_RATIO * best, AGREES))
+    # Ratio of the typical disagreements at which the second convention is ruled out.
+    return bool(best < AGREES and trial[name] > max(5.0 * best, AGREES))
 
 
 def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> dict[str, float] | None:
@@ -83,7 +80,8 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
         Median difference between measured and known turn by convention, rad; None if too few poses differ.
     """
     n = angles.shape[1]
-    first = np.unique(np.linspace(0, n - 1, min(n, _PLACES)).astype(int))
+    # Comparisons at most.
+    first = np.unique(np.linspace(0, n - 1, min(n, 400)).astype(int))
     steps = (0, 1, n // 3 + 1, 2 * n // 3 + 1)
     fours = np.stack([(first + step) % n for step in steps])
     turned = _turns(known, fours)

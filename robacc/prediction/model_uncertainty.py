@@ -614,8 +614,6 @@ def coverage(
 
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_MANY = 200
-"""Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
 _MOST_ROWS = 20_000
 """Poses that the unexplained error and the factor are taken from: they know a 95 % bound to 0.3 %."""
 _FEWEST = 20
@@ -822,7 +820,8 @@ def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, floa
             surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
             # Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p =
             # 0.01).
-            if n < _FEWEST or (n < _MANY and surplus <= 2.6 * chance):
+            # Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %.
+            if n < _FEWEST or (n < 200 and surplus <= 2.6 * chance):
                 break
             factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])
     return factors[0], factors[1]

@@ -48,8 +48,6 @@ _WORK_OBJECT = re.compile(r"\\WObj\s*:=\s*([^\\,;]+)", _ANY)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\{\s*([^}]*?)\s*\})?\Z")
 _KINDS: dict[str, MotionType] = {"L": "linear", "J": "joint", "C": "circular"}
 _GLOBAL = -1
-_NOT_UNIT = 0.02
-"""Difference of a quaternion's squared length from 1 above which its numbers are no orientation."""
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -161,7 +159,8 @@ def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: 
     if len(parts) != 2:
         return None
     place, turn = numbers(text, items(text, parts[0]), (MM,) * 3), numbers(text, items(text, parts[1]), (1.0,) * 4)
-    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > _NOT_UNIT:
+    # Difference of a quaternion's squared length from 1 above which its numbers are no orientation.
+    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > 0.02:
         return None
     return ProgramTarget(QUATERNION, place + turn, configuration, external)
 

@@ -110,8 +110,6 @@ _STATUS = re.compile(r"\bS\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _N_AXES = 6
 _SPHERICAL = 1e-4
 """m: distance from their common point up to which the wrist axes count as intersecting."""
-_BESIDE_BORDER = 1e-4
-"""m or rad: distance from a border within which both values of a bit count."""
 
 
 def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
@@ -131,7 +129,8 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     if (sides := _sides(arm, q)) is not None:
         measures += [(0, -sides[0]), (1, sides[1])]
     signed = [value if status >> bit & 1 else -value for bit, value in measures]
-    return np.asarray(np.all(np.array(signed) > -_BESIDE_BORDER, axis=0))
+    # m or rad: distance from a border within which both values of a bit count.
+    return np.asarray(np.all(np.array(signed) > -1e-4, axis=0))
 
 
 def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
@@ -305,7 +304,6 @@ _LENGTH_DIGITS = 1e-7
 """Resolution of written lengths, m: a tenth of the micrometre that a correction converges to."""
 _ANGLE_DIGITS = 2e-7
 """Resolution of written angles, rad."""
-_QUATERNION_DECIMALS = 8
 _FANUC_DECIMALS = 3
 """Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
@@ -347,7 +345,7 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
             decimals = max(0, round(-float(np.log10(resolution / number.unit))))
             if program.dialect == "rapid" and number.unit == 1.0:
-                decimals = _QUATERNION_DECIMALS
+                decimals = 8
             decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)

@@ -36,8 +36,6 @@ from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Fram
 BLOCK = 4096
 """Poses per block: the working arrays of a block stay in the second-level cache."""
 
-_ROW_SIZE = 2048
-"""Numbers per row in a NumPy call: with fewer, the call takes longer than the computation."""
 
 BASE = -1
 TOOL = -2
@@ -200,7 +198,8 @@ def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: ND
     """Replace rotations' origins ``jacobian[:3, rotations]`` by the displacement of the tool, z x (p - o)."""
     n = jacobian.shape[-1]
     # Few poses: many motions per call; many poses: a motion at a time, which fits the first-level cache.
-    step = max(1, _ROW_SIZE // max(n, 1))
+    # Numbers per row in a NumPy call: with fewer, the call takes longer than the computation.
+    step = max(1, 2048 // max(n, 1))
     for first in range(0, len(rotations), step):
         chunk = rotations[first : first + step]
         columns: Any = chunk if step > 1 else slice(chunk[0], chunk[0] + 1)
@@ -499,8 +498,6 @@ def typical_pose(q: Array) -> int:
 
 _REACHED = 1e-11
 """Residual, in units of the arm's length, at which a pose counts as reached; some hundred roundings."""
-_POOL = 2048
-"""Configurations over the joint ranges; those with the nearest poses are the starts."""
 
 
 def joint_ranges(
@@ -615,7 +612,8 @@ def _length(arm: Arm) -> float:
 
 def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float) -> Array:
     """Return the configurations ``(J, N, count)`` of the pool whose poses are nearest each desired pose."""
-    pool = spread_configurations(arm, _POOL)
+    # Configurations over the joint ranges; those with the nearest poses are the starts.
+    pool = spread_configurations(arm, 2048)
     pool_poses = arm.chain.forward(pool)
     starts = np.empty((pool.shape[0], desired.translation.shape[1], count))
     for i in range(desired.translation.shape[1]):
@@ -650,8 +648,6 @@ _SETTLED = 1e-11
 _FIRST_DAMPING, _LEAST_DAMPING, _MOST_DAMPING = 1e-14, 1e-16, 1e3
 _RAISED = 1e-7
 """Damping after the first step that brings a target no nearer."""
-_LARGEST_STEP = 0.3
-"""rad: largest step of a joint; longer steps leave the configuration."""
 
 Evaluate = Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
 """Errors ``(R, M)`` and their Jacobian ``(R, J, M)`` at joints ``(J, M)`` of the targets with numbers ``(M,)``."""
@@ -740,7 +736,8 @@ def _step(
         matrix, back = np.where(fixed, 0.0, matrix), np.where(fixed, 0.0, back)
         damping = np.where(fixed.any(axis=0), np.maximum(damping, _RAISED), damping)
     largest = np.maximum(np.max(np.abs(step), axis=0, initial=0.0), 1e-300)
-    return np.asarray(step * np.minimum(1.0, _LARGEST_STEP / largest))
+    # rad: largest step of a joint; longer steps leave the configuration.
+    return np.asarray(step * np.minimum(1.0, 0.3 / largest))
 
 
 def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Array:

@@ -392,9 +392,6 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
 
 # Masses of links outside the chain: grippers, hoses' clamps, cameras, a second arm.
 
-_LEAST_MOMENT = 0.05
-"""kg m: a joint that moves mass by less, such as a gripper's finger, counts as fixed; a gear of 1e-5 rad/(N m) yields
-by 5 um at 1 m to it."""
 
 _Carried = tuple[Poses, Joint, bool]
 """Frame of a link in that of the link which carries it; its joint; and whether the joint moves it.
@@ -432,7 +429,9 @@ def _carried(tree: _Tree, link: _Link, frame: Poses, on_chain: Collection[_Link]
     for joint in tree.below[link]:
         if joint.link not in on_chain:
             child = frame @ _origin(joint)
-            moves = joint.type in ("revolute", "prismatic") and _movable_moment(tree, joint) > _LEAST_MOMENT
+            # kg m: a joint that moves mass by less, such as a gripper's finger, counts as fixed; a gear of 1e-5 rad/(N
+            # m) yields by 5 um at 1 m to it.
+            moves = joint.type in ("revolute", "prismatic") and _movable_moment(tree, joint) > 0.05
             yield child, joint, moves
             if not moves:
                 yield from _carried(tree, joint.link, child)

@@ -31,8 +31,6 @@ _ROWS = 16 * BLOCK
 """Rows that are predicted at a time."""
 _FIRST_LINE = 2
 """Line of the first pose in a file with a header."""
-_WARM_UP = 3.0
-"""Duration of a warm-up in time constants: it reaches 95 % of the rise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,7 +209,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     if plan.temperature is not None:
         # A first-order rise, evenly spaced in time.
         start, end = plan.temperature
-        temperature = end + (start - end) * np.exp(-_WARM_UP * visit / max(visits - 1, 1))
+        # Duration of a warm-up in time constants: it reaches 95 % of the rise.
+        temperature = end + (start - end) * np.exp(-3.0 * visit / max(visits - 1, 1))
     pose = pose_of_visit[visit]
     return Measurements(
         position=np.zeros((3, visit.size)),
@@ -245,9 +244,6 @@ def _stream(plan: Plan, purpose: str) -> np.random.Generator:
 # Template files: a robot file with a comment at every field, and a CSV of poses, both valid without changes.
 
 MAX_JOINTS = 30
-EXAMPLE_ROWS = 8
-_EXAMPLE_NOISE = 1e-4
-"""m; noise of the example rows, about that of a good camera."""
 
 
 _SIX = (
@@ -383,7 +379,8 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
 
 def _example_rows(robot: Robot) -> list[str]:
     try:
-        data = simulate(robot, Plan(EXAMPLE_ROWS, noise_position=_EXAMPLE_NOISE, orientation=False, motion=False)).data
+        # m; noise of the example rows, about that of a good camera.
+        data = simulate(robot, Plan(8, noise_position=1e-4, orientation=False, motion=False)).data
     except RobaccError:  # a prismatic joint without limits cannot be sampled
         return []
     if data.q is None or data.target is not None:

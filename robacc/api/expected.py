@@ -330,7 +330,8 @@ class Planned(CsvResult, CampaignPlan):
             f"# Validation poses planned by robacc plan for {self.robot.name}; nothing was measured.\n"
             "# Use them only to check a fit (`holdout`), never in the fit.\n"
         )
-        return head + format_poses(self.validation_poses(), attained=False)
+        missing = "the plan has no validation poses; give their number as `validation`"
+        return head + format_poses(given(self.validation, missing), attained=False)
 
     def programs(self, path: StrPath) -> dict[str, str]:
         """Return the visits as robot programs in the language of the suffix of ``path``: text by file name.

@@ -527,7 +527,7 @@ def history_trend(
     with opened(os.fspath(db)) as base:
         tests(base, arm)
         rows = [row for row in store.rows(base, arm, key) if row[4] is not None]
-        keys = "" if rows else ", ".join(store.keys(base, arm))
+        keys = "" if rows else ", ".join(dict.fromkeys(row[3] for row in store.rows(base, arm)))
     refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
     for name, group in groupby(rows, key=itemgetter(0)):
@@ -666,12 +666,16 @@ def health(
     path = path_of(poses)
     when = _time(at) or max(_own_date(path), own[-1].at)
     refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
-    found = quick_test(model, record, data, level, Spread.of(series).factor, (own[-1].at, when))
+    dates = (own[-1].at, when)
+    changed, limits, hidden, rms = quick_test(model, record, data, level, Spread.of(series).factor, dates)
     return Health(
         arm=own_name,
         n_poses=data.n,
         level=level,
-        **found._asdict(),
+        changes=changed,
+        detection_limits=limits,
+        hidden=hidden,
+        rms=rms,
         warnings=(*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
@@ -706,10 +710,9 @@ class Fleet(HistoryResult):
         Raises:
             UsageError: The call had no ``robot``.
         """
-        if self.robot is None:
-            raise UsageError("the typical arm needs `robot`, the nominal robot of the fleet")
+        robot = given(self.robot, "the typical arm needs `robot`, the nominal robot of the fleet")
         text = f"Typical arm of a fleet of {self.n_arms}, written by robacc {__version__}."
-        return robot_to_yaml(typical_robot(self.robot, self.coefficients), [text])
+        return robot_to_yaml(typical_robot(robot, self.coefficients), [text])
 
 
 @call

@@ -475,15 +475,6 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
     return document
 
 
-def _correction(result: Correction) -> Document:
-    """Return the sizes of the correction."""
-    metrics, oriented = result.correction_metrics, result.wanted.oriented
-    return {
-        "position": _extent(metrics.position, "m"),
-        "orientation": _extent(metrics.orientation, "rad") if oriented else None,
-    }
-
-
 CORRECT = part(
     {
         "n_targets": Key(count, "Number of targets."),
@@ -541,7 +532,12 @@ CORRECT = part(
                 }
             ),
             "Command less wanted pose, over the corrected targets.",
-            _correction,
+            lambda result: {
+                "position": _extent(result.correction_metrics.position, "m"),
+                "orientation": _extent(
+                    result.correction_metrics.orientation if result.wanted.oriented else None, "rad"
+                ),
+            },
         ),
         "expected": Key(
             part(

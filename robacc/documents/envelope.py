@@ -223,20 +223,6 @@ def result_kind(name: str) -> Kind:
     return part({**envelope, **(own.keys or {})}, about=own.about)
 
 
-def result_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a result."""
-    kind, version = result_kind(name), schema_version(name)
-    shared: dict[str, Any] = {}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": f"urn:robacc:schema:{name}:{version}",
-        "title": f"robacc.{name}/{version}",
-        "description": f"{kind.about} Lengths in m, angles in rad; missing numbers are null. Keys may be added.",
-        **kind.schema(shared),
-        "$defs": shared,
-    }
-
-
 # Read a stored result.
 
 RESULT_LIMIT = 256 * 2**20

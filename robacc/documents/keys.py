@@ -21,12 +21,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robacc.errors import Note
-from robacc.robots.arm import Arm, skeleton, typical_pose
+from robacc.robots.arm import Arm, outline
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    from robacc.fitting.parameters import ParameterCovariance
     from robacc.geometry import Array
     from robacc.measurements import Measurements
     from robacc.robots.description import Robot
@@ -276,8 +275,6 @@ QUANTITIES = (("m", "position"), ("rad", "orientation"))
 """Quantities with the units of their keys."""
 _DECIMALS = 12
 """Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document."""
-_COVARIANCE_DIGITS = 8
-"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
 def rounded(values: Array | None) -> Array | None:
@@ -638,11 +635,11 @@ def robot_document(robot: Robot | None, q: Array | None, registered: Robot | Non
     """
     if robot is None:
         return None
-    outline = None
+    drawn = None
     if q is not None and q.shape[1]:
-        typical = q[:, typical_pose(q)]
-        outline = {"q": typical, "line_m": rounded(skeleton(Arm.of(registered or robot), typical))}
-    return ROBOT.write(robot, outline=outline)
+        typical, line = outline(Arm.of(registered or robot), q)
+        drawn = {"q": typical, "line_m": rounded(line)}
+    return ROBOT.write(robot, outline=drawn)
 
 
 _POSES = {
@@ -767,14 +764,6 @@ CURVE = part(
 )
 
 
-def _lower_triangle(covariance: ParameterCovariance) -> list[list[float]]:
-    """Return the lower triangle of the covariance, which tells all, in few digits."""
-    return [
-        [*(float(f"{value:.{_COVARIANCE_DIGITS}g}") for value in row[:i]), float(row[i])]
-        for i, row in enumerate(covariance.matrix.tolist())
-    ]
-
-
 COVARIANCE = part(
     {
         "names": Key(array(text), "Names of the coefficients, as in parameters."),
@@ -784,7 +773,11 @@ COVARIANCE = part(
                 "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
                 "units; eight significant digits. The roots of the diagonal are the standard errors."
             ),
-            _lower_triangle,
+            # Eight digits: sums of 500 coefficients keep their variances to 2e-7 of their size.
+            lambda covariance: [
+                [*(float(f"{value:.8g}") for value in row[:i]), float(row[i])]
+                for i, row in enumerate(covariance.matrix.tolist())
+            ],
         ),
     }
 )

@@ -24,7 +24,7 @@ import numpy as np
 from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
-from robacc.geometry import Array
+from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
@@ -324,22 +324,14 @@ _MOST_POSES = 1000
 """The errors of all poses are correlated: one matrix of all of them is made."""
 
 
-class QuickTest(NamedTuple):
-    """Outcome of a quick test."""
-
-    changes: tuple[ArmChange, ...]
-    detection_limits: tuple[Limit, ...]
-    """Change of each coefficient that such poses show with a probability of 95 %."""
-    hidden: tuple[str, ...]
-    """Coefficients that the poses cannot distinguish from the set-up."""
-    rms: float
-    """Rms position error of the model with base and target registered, m."""
-
-
 def quick_test(
     robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float, dates: tuple[float, float]
-) -> QuickTest:
+) -> tuple[tuple[ArmChange, ...], tuple[Limit, ...], tuple[str, ...], float]:
     """Return which coefficients of the model ``robot`` moved since its fit.
+
+    Beside them are the change of each coefficient that such poses show with a probability of 95 %, the coefficients
+    that the poses cannot distinguish from the set-up, and the rms position error of the model with base and target
+    registered, m.
 
     Args:
         robot: Model that a fit wrote.
@@ -432,4 +424,4 @@ def quick_test(
     least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
     limits = tuple(Limit(name, least / math.sqrt(sizes[name]), terms[name].unit) for name in known)
     hidden = tuple(name for name in terms if name not in (*known, *found) and not name.startswith(SETUP))
-    return QuickTest(changes, limits, hidden, float(np.sqrt(np.mean(np.sum(np.square(error[:3]), axis=0)))))
+    return changes, limits, hidden, rms_length(error[:3])

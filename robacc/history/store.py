@@ -210,12 +210,6 @@ def rows(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> lis
     return db.execute(f"{both} ORDER BY 4, 1, 2, 8", [arm, key]).fetchall()
 
 
-def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
-    """Return the keys of the figures and coefficients of an arm or of all."""
-    one = "SELECT DISTINCT t.key FROM {} t JOIN results r ON r.id = t.result WHERE ifnull(r.arm = ?1, 1)"
-    return [key for (key,) in db.execute(f"{one.format('figures')} UNION {one.format('coefficients')}", [arm])]
-
-
 def counted(own: Sequence[Test]) -> list[Test]:
     """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
     latest = {test.command in FITS or test.command: test.model for test in own}

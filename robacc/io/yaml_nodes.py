@@ -12,7 +12,7 @@ from typing import Any, cast
 
 import yaml
 
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
@@ -79,9 +79,7 @@ def compose(text: str, file: str) -> yaml.Node:
         line = text.count("\n", 0, error.position) + 1
         message = f"cannot be read as YAML: the character U+{ord(text[error.position]):04X} is not allowed"
         raise InputError(Problem(message, file, line)) from None
-    if node is None:
-        raise InputError(Problem("the file is empty", file))
-    return node
+    return given(node, Problem("the file is empty", file))
 
 
 def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> YamlSection:
@@ -385,7 +383,9 @@ class _Edits:
         between = f"\n{' ' * node.start_mark.column}"
         if _is_block(node):
             lines = between.join(text for _, text in items)
-            start = node.start_mark.index if place is None else self.end_of_line(place)
+            # The end of the last line of a value is behind a comment in that line.
+            start = node.start_mark.index if place is None else self.text.index("\n", self.end(place))
+            start -= place is not None and self.text[start - 1] == "\r"
             text = f"{lines}{between}" if place is None else f"{between}{lines}"
         else:
             start = node.start_mark.index + 1 if place is None else self.end(place)
@@ -403,11 +403,6 @@ class _Edits:
         while end > node.start_mark.index and self.text[end - 1] in " \t\r\n":
             end -= 1
         return int(end)
-
-    def end_of_line(self, node: yaml.Node) -> int:
-        """Return the index of the end of a node's last line, behind a comment in that line."""
-        end = self.text.index("\n", self.end(node))
-        return end - 1 if self.text[end - 1] == "\r" else end
 
 
 def _is_block(node: yaml.Node) -> bool:

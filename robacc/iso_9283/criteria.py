@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
@@ -172,8 +172,7 @@ def visits_of(
     Raises:
         InputError: There are no poses.
     """
-    if data.n == 0:
-        raise InputError(Problem("has no measured poses", source))
+    refuse((data.n == 0, Problem("has no measured poses", source)))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
     ids = data.groups() if data.pose is None else data.pose
     targets = np.zeros(data.n) if data.target is None else data.target

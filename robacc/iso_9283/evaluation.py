@@ -16,7 +16,7 @@ from robacc.accuracy.estimation import (
     register,
     too_far,
 )
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array
 from robacc.iso_9283.criteria import (
@@ -258,8 +258,7 @@ def iso9283(
         for poses in nominal_poses
         if len(poses) > _MAX_POSES
     ]
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     alignments = [register(data, robot, align) for data in files] if align else []
     poses_by_file = nominal_poses
     # Registered robots were measured in different frames: positions move from the registered to the nominal base.

@@ -269,14 +269,6 @@ class CampaignPlan:
             _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg), cycle=np.array(cycle)
         )
 
-    def validation_poses(self) -> Measurements:
-        """Return the validation poses in the order of their visits.
-
-        Raises:
-            UsageError: The plan has none.
-        """
-        return given(self.validation, "the plan has no validation poses; give their number as `validation`")
-
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
     """Return unmeasured poses at ``q`` ``(J, n)`` in their order, with direction and speed of approach."""

@@ -21,8 +21,6 @@ _CHANNEL = re.compile(r"\d+\s*<(.*)>")
 """Name of a channel behind its number, as loggers write it: ``101 <Trk X>``."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
-_ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
-
 _COMMANDED = frozenset(
     [
         "cmd",
@@ -259,11 +257,6 @@ def heading_of(name: str) -> Heading:
         stem = match[1]
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
-
-
-def is_of_ros(heading: Heading) -> bool:
-    """Return whether a name is the path of a ROS message's field, whose unit is SI (REP 103)."""
-    return bool(_ROS_FIELD.search(heading.name))
 
 
 def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:

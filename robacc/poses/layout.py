@@ -34,7 +34,6 @@ from robacc.poses.columns import (
     Kind,
     Meaning,
     heading_of,
-    is_of_ros,
     labelled,
     meaning_of,
     source_of,
@@ -456,6 +455,8 @@ def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals
     return [item for item in result if item.place not in used and not (item.rival and has_commands)]
 
 
+_ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
+"""Path of a ROS message's field, whose unit is SI (REP 103)."""
 _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"})
 """Words beside the name of a joint that make it another quantity."""
 
@@ -593,7 +594,7 @@ def _column(
         table.log.add(f"found unit {unit} for {key}, {expected}", table.line, heading.name)
         unit = None
     if quantity and unit is None:
-        is_si = meaning.family == "ur" or (not meaning.family and is_of_ros(heading))
+        is_si = meaning.family == "ur" or (not meaning.family and _ROS_FIELD.search(heading.name))
         si_unit = ("m" if quantity == "length" else "rad") if is_si else None
         unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
@@ -620,7 +621,11 @@ def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -
 
     parts = []
     for _, group in itertools.groupby(enumerate(taken), run):
-        pairs = [(column.name, _taken_for(column)) for _, column in group]
+        pairs = [
+            (column.name, "time_s" if column.key in TIME_KEYS else f"{column.label}{factor}")
+            for _, column in group
+            for factor in [f" times {column.coverage:g}" if column.coverage != 1 else ""]
+        ]
         if len(pairs) > 2:
             pairs = [(f"{pairs[0][0]} … {pairs[-1][0]}", f"{pairs[0][1]} … {pairs[-1][1]}")]
         parts += [f"{name} -> {key}" for name, key in pairs]
@@ -636,12 +641,6 @@ def documented_name(name: str) -> str | None:
     key = meaning.full_key
     takes_unit = FIXED_KINDS[key] in ("length", "angle") and heading.unit in NAME_UNITS
     return f"{key}_{heading.unit}" if takes_unit else key
-
-
-def _taken_for(column: Column) -> str:
-    if column.key in TIME_KEYS:
-        return "time_s"
-    return column.label + (f" times {column.coverage:g}" if column.coverage != 1 else "")
 
 
 def compact(names: Sequence[str]) -> str:

@@ -35,8 +35,7 @@ _FEWEST = 4
 def _about(axes: Sequence[int], angles: Array) -> Array:
     """Return the rotations ``(3, 3, N)`` about these moving axes by ``angles`` ``(3, N)``, rad."""
     first, second, third = (exp_so3(np.eye(3)[:, axis, None] * angle) for axis, angle in zip(axes, angles, strict=True))
-    turned: Array = np.einsum("ijn,jkn,kln->iln", first, second, third)
-    return turned
+    return np.asarray(np.einsum("ijn,jkn,kln->iln", first, second, third))
 
 
 CONVENTIONS: Mapping[str, Callable[[Array], Array]] = {
@@ -98,8 +97,7 @@ def _turns(rotation: Array, fours: Array) -> Array:
     left = np.einsum("ian,ibn->abn", first, second)
     right = np.einsum("ian,ibn->abn", third, fourth)
     trace = np.einsum("abn,ban->n", left, right)
-    result: Array = np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0))
-    return result
+    return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 
 # Column maps: YAML files that say which column of an export is which, and what its names leave open.

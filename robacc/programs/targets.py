@@ -80,8 +80,8 @@ def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
     """
     numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
     rows = [program.targets[i].values for i in numbers]
-    if len({len(row) for row in rows}) > 1:
-        raise ValueError("the joint targets have different numbers of joints")
+    is_mixed = len({len(row) for row in rows}) > 1
+    refuse((is_mixed, "the joint targets have different numbers of joints"), error=ValueError)
     return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
 
 

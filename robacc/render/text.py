@@ -106,11 +106,6 @@ def warnings_below(warnings: Iterable[str]) -> Iterator[None]:
         say_warnings(warnings)
 
 
-def width_of(stream: TextIO) -> int:
-    """Return the columns for text: a terminal's up to 100, beyond which reading is hard; else :data:`PLAIN_WIDTH`."""
-    return min(shutil.get_terminal_size().columns, 100) if stream.isatty() else PLAIN_WIDTH
-
-
 def write_lines(lines: Iterable[tuple[str, Style]], stream: TextIO) -> None:
     """Write lines with their styles, which only a terminal shows, and with unprintable characters escaped.
 
@@ -416,7 +411,9 @@ class ReportHeadline(NamedTuple):
 def draw(sections: Iterable[Section], stream: TextIO | None = None) -> None:
     """Write sections as text to ``stream``, or to standard output."""
     page = stream or sys.stdout
-    write_lines(lines_of(sections, width_of(page)), page)
+    # Beyond 100 columns reading is hard.
+    width = min(shutil.get_terminal_size().columns, 100) if page.isatty() else PLAIN_WIDTH
+    write_lines(lines_of(sections, width), page)
     page.flush()
 
 

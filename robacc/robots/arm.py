@@ -29,7 +29,7 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, Poses, compose, cross, log_so3, rms_length, transpose
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Frame, Joint, Robot, Vector
 
@@ -461,26 +461,22 @@ class Arm:
         return self.robot.tool.xyz
 
 
-def skeleton(arm: Arm, q: Array) -> Array:
-    """Return corners ``(3, P)`` of the line from base to tool at joint variables ``q`` ``(J,)``, measuring frame, m.
+def outline(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Return a typical pose ``(J,)`` of all ``(J, N)``, and the corners ``(3, P)`` of the line from base to tool there.
 
-    The line begins at the base, wherever the instrument stands.
-
-    Every translation of the chain is a straight piece, so the corners include the shoulder and elbow of a DH table.
+    It is the pose nearest to the median of all, each joint scaled by its range. The line, in the measuring frame, m,
+    begins at the base, wherever the instrument stands. Every translation of the chain is a straight piece, so the
+    corners include the shoulder and elbow of a DH table.
     """
-    counts = list(range(sum(motion.owner == BASE for motion in arm.chain.motions), len(arm.chain.motions) + 1))
-    frames = arm.chain.sweep(arm.chain.scalars(q[:, None]), 1, (), counts).frames
-    points = np.concatenate([frame.translation for frame in frames], axis=1)
-    is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
-    return points[:, np.concatenate(([True], is_new))]
-
-
-def typical_pose(q: Array) -> int:
-    """Return the index of the pose nearest to the median of all poses ``(J, N)``, each joint scaled by its range."""
-    median = np.median(q, axis=1, keepdims=True)
     ranges = np.ptp(q, axis=1, keepdims=True)
     ranges[ranges == 0] = 1.0
-    return int(np.argmin(np.sum(np.square((q - median) / ranges), axis=0)))
+    distance = np.sum(np.square((q - np.median(q, axis=1, keepdims=True)) / ranges), axis=0)
+    typical = q[:, [int(np.argmin(distance))]]
+    counts = list(range(sum(motion.owner == BASE for motion in arm.chain.motions), len(arm.chain.motions) + 1))
+    frames = arm.chain.sweep(arm.chain.scalars(typical), 1, (), counts).frames
+    points = np.concatenate([frame.translation for frame in frames], axis=1)
+    is_new = np.any(np.abs(np.diff(points, axis=1)) > 1e-9, axis=0)
+    return typical[:, 0], points[:, np.concatenate(([True], is_new))]
 
 
 # Inverse kinematics: damped Newton steps on an exact Jacobian, for nominal arms and for models of real ones.
@@ -522,8 +518,7 @@ def joint_ranges(
         for joint in joints
         if joint.limits is None and joint.type == "prismatic"
     ]
-    if problems:
-        raise InputError(problems)
+    refuse((problems, problems))
     low, high = np.array([joint.limits or (-endless, endless) for joint in joints]).T
     return low, high
 

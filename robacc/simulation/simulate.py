@@ -14,7 +14,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import RobaccError, UsageError, refuse
+from robacc.errors import RobaccError, given, refuse
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
@@ -193,11 +193,10 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     if planned is None:
         ids, n = _pose_ids(np.arange(plan.poses)), plan.poses
         planned = Measurements(position=np.zeros((3, n)), q=joint_samples(robot, plan), pose=ids)
-    if planned.q is None:
-        raise UsageError("the poses to visit have no joint columns")
+    q = given(planned.q, "the poses to visit have no joint columns")
     pose_of_visit, visit = np.tile(np.arange(planned.n), plan.cycles), np.arange(visits).repeat(len(targets))
     ids = _pose_ids(planned.groups()) if planned.pose is None else planned.pose
-    direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
+    direction, speed = motion_between_rows(q[:, pose_of_visit])
     cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
         again = "the poses to visit have cycles already: leave out `cycles`, or their column cycle"
@@ -214,7 +213,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     pose = pose_of_visit[visit]
     return Measurements(
         position=np.zeros((3, visit.size)),
-        q=planned.q[:, pose],
+        q=q[:, pose],
         pose=ids[pose],
         cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),

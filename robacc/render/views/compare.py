@@ -308,27 +308,21 @@ def paired_view(document: Document, names: tuple[str, str]) -> list[Section]:
                         f"{_LOADED[loaded['verdict']]}: the targets moved by {100 * loaded['slope']:.0f} % of the "
                         f"planned displacement of {three_digits(loaded['planned_rms_m'] * IN_MM)} mm rms, 95 % "
                         f"interval {100 * loaded['lower']:.0f} to {100 * loaded['upper']:.0f} %",
-                        _promise(document["promise"], document["after"]["rms_m"]),
+                        *(
+                            f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
+                            f"{three_digits(document['after']['rms_m'] * IN_MM)} mm rms measured, "
+                            f"{three_digits(promise['promised_rms_m'] * IN_MM)} mm rms predicted with measurement "
+                            f"noise; chi-square {promise['chi_square']:.4g} on {promise['degrees_of_freedom']} degrees "
+                            f"of freedom, {p_value(promise['p_value'])}"
+                            for promise in [document["promise"]]
+                            if promise is not None
+                        ),
                         *document["notes"],
                     ]
                 )
             ],
         ),
     ]
-
-
-def _promise(promise: Document | None, rms: float) -> str:
-    """Return whether the error after a correction is that of the model; empty without a model."""
-    return (
-        ""
-        if promise is None
-        else (
-            f"the error after {'agrees' if promise['kept'] else 'does not agree'} with the model: "
-            f"{three_digits(rms * IN_MM)} mm rms measured, {three_digits(promise['promised_rms_m'] * IN_MM)} mm rms "
-            f"predicted with measurement noise; chi-square {promise['chi_square']:.4g} on "
-            f"{promise['degrees_of_freedom']} degrees of freedom, {p_value(promise['p_value'])}"
-        )
-    )
 
 
 # Gate outcomes as text: the same wording in a table, a page, a job summary, an annotation and JUnit.

@@ -98,7 +98,25 @@ def changes_view(document: Document) -> list[Section]:
         for section in (
             Section(
                 f"{arm['arm']}: {len(own) or 'no'} change{'s' * (len(own) != 1)} in {arm['n_tests']} tests",
-                [change_table(own), Listing([*_remarks(own), *nothing, *arm["notes"]])],
+                [
+                    change_table(own),
+                    Listing(
+                        [
+                            *(
+                                f"{one['key']}: {', '.join(one['alternatives'])} would explain the tests as well"
+                                for one in own
+                                if one["alternatives"]
+                            ),
+                            *(
+                                f"{one['key']}: only the last test shows it; repeat the test"
+                                for one in own
+                                if not one["confirmed"]
+                            ),
+                            *nothing,
+                            *arm["notes"],
+                        ]
+                    ),
+                ],
             ),
             _limits(arm),
         )
@@ -147,15 +165,6 @@ def change_table(changes: Sequence[Document]) -> Grid:
         for change in changes
     ]
     return Grid(("changed", "how", "first seen", "by", "95 % interval", "p"), rows, left=(0, 1, 2))
-
-
-def _remarks(changes: Sequence[Document]) -> list[str]:
-    """Return what else could explain each change, and which only one test shows."""
-    others = ((one["key"], ", ".join(one["alternatives"])) for one in changes if one["alternatives"])
-    return [
-        *(f"{key}: {names} would explain the tests as well" for key, names in others),
-        *(f"{one['key']}: only the last test shows it; repeat the test" for one in changes if not one["confirmed"]),
-    ]
 
 
 def _day(date: str) -> str:

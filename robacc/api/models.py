@@ -287,9 +287,11 @@ def export(
     controller = made.controller or start
     remaining = remaining_error(complete, controller)
     effects = [f"effect {name}" for name in (*refitted, *excluded)]
-    not_carried = (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
-    if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT:
-        not_carried = ()
+    not_carried = (
+        ()
+        if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
+        else (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
+    )
     default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")
     fit = model_fit(robot)
     return Exported(

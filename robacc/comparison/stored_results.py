@@ -407,9 +407,11 @@ def _common_keys(first: ErrorSet, second: ErrorSet) -> Keys | None:
     Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
     same positions.
     """
-    joints = None
-    if first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]:
-        joints = first.q, second.q
+    joints = (
+        (first.q, second.q)
+        if first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
+        else None
+    )
     # No targets are an array without axes.
     if first.groups.size == second.groups.size and np.array_equal(np.array(first.target), np.array(second.target)):
         same_files = bool(first.files) and first.files == second.files

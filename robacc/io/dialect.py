@@ -185,9 +185,11 @@ class TableDialect:
         """
         if self.separator is None:
             return line.split()
-        fields = line.split(self.separator)
-        if '"' in line:
-            fields = next(csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True))
+        fields = (
+            next(csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True))
+            if '"' in line
+            else line.split(self.separator)
+        )
         return [part.strip() for part in fields]
 
     def fields(self, line: str) -> list[str]:

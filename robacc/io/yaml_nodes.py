@@ -289,9 +289,7 @@ def describe(node: yaml.Node) -> str:
         return "keys with values"
     if isinstance(node, yaml.SequenceNode):
         return f"a list of {len(node.value)}"
-    if is_null(node):
-        return "nothing"
-    return clip(str(node.value))
+    return "nothing" if is_null(node) else clip(str(node.value))
 
 
 def nearest(name: str, known: Sequence[str]) -> str | None:

@@ -193,9 +193,11 @@ def visits_of(
             wanted = rotation[..., :1] if orientation is None else orientation
             angles = rpy_from_rotation(wanted)
             reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
-            turn = wrapped(rpy_from_rotation(rotation) - angles)
-            if at_pole:
-                turn = log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+            turn = (
+                log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+                if at_pole
+                else wrapped(rpy_from_rotation(rotation) - angles)
+            )
         label = f"pose {index + 1}" if data.pose is None else str(own)
         poses.append(
             CommandedPose(
@@ -534,9 +536,11 @@ def separation(
     means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
     distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    angles = None
-    if group_angles is not None:
-        angles = _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+    angles = (
+        _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+        if group_angles is not None
+        else None
+    )
     return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
@@ -731,9 +735,7 @@ def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArr
 
 def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEstimate, ...] | None:
     """Return the mean of each row of ``distances`` ``(3, n)`` less the commanded one; None where they are not known."""
-    if distances is None or commanded is None:
-        return None
-    return tuple(map(mean, distances, np.abs(commanded).tolist()))
+    return None if distances is None or commanded is None else tuple(map(mean, distances, np.abs(commanded).tolist()))
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.
@@ -773,9 +775,11 @@ def drift(
         turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
         if is_commanded and pose.deviation is not None:
             # AP_a = ā - a_c changes as ā does.
-            angles = None
-            if turns is not None and pose.oriented:
-                angles = _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
+            angles = (
+                _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
+                if turns is not None and pose.oriented
+                else None
+            )
             accurate.append(_drift_place(pose, _accuracy_changes([pose.deviation[:, part] for part in rows]), angles))
         spreads = [position_repeatability(part, (seed, *pose.stream, i)) for i, part in enumerate(attained)]
         angles = None

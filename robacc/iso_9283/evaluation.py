@@ -75,9 +75,11 @@ def protocol(
     n_poses = sorted({sum(pose.number == number for pose in poses) for number in range(len(files))})
     n_visits = sorted({pose.n for pose in poses})
     five_poses = f"{' and '.join(map(str, n_poses))} commanded pose{'s' * (n_poses != [1])}"
-    cycles = f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
-    if len(n_visits) == 1:
-        cycles = f"{n_visits[0]} visit{'s' * (n_visits[0] > 1)} of each commanded pose"
+    cycles = (
+        f"{n_visits[0]} visit{'s' * (n_visits[0] > 1)} of each commanded pose"
+        if len(n_visits) == 1
+        else f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
+    )
     diagonal, corner_distance = _cube([pose for pose in poses if pose.number == 0], robot)
     no_sigma = "no columns sigma_x, sigma_y, sigma_z"
     findings: tuple[tuple[str, str, Finding], ...] = (

@@ -565,9 +565,11 @@ def compare_with_measured(
     tests, scale, verdict = consistency(statistics, seed=seed)
     # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
     is_far_larger = scale is not None and scale["factor"] >= 20.0
-    cause = "units, joint signs or the order of the joints, not from tolerances"
-    if alignment is None:
-        cause = 'frames that do not agree; try `align="base_frame,tool_frame"`'
+    cause = (
+        'frames that do not agree; try `align="base_frame,tool_frame"`'
+        if alignment is None
+        else "units, joint signs or the order of the joints, not from tolerances"
+    )
     registered = alignment and {
         "what": alignment.effects,
         "degrees_of_freedom": statistics.n_aligned,

@@ -343,9 +343,11 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         for c, k in np.argwhere(is_new).tolist():
             number = targets[k].numbers[c]
             resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
-            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
-            if program.dialect == "rapid" and number.unit == 1.0:
-                decimals = 8
+            decimals = (
+                8
+                if program.dialect == "rapid" and number.unit == 1.0
+                else max(0, round(-float(np.log10(resolution / number.unit))))
+            )
             decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)

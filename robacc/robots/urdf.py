@@ -310,9 +310,11 @@ _LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in r
 def _read_joint(tree: _Tree, element: Element) -> Joint:
     """Return the joint of an element; reduced URDFs let fixed joints follow others, which says nothing."""
     link, rule, kind = _link_of(element, "child"), element.find("mimic"), str(element.get("type"))
-    mimic = None
-    if rule is not None and kind != "fixed":
-        mimic = Mimic(str(rule.get("joint")), *_numbers(rule, "multiplier", "1"), *_numbers(rule, "offset", "0"))
+    mimic = (
+        Mimic(str(rule.get("joint")), *_numbers(rule, "multiplier", "1"), *_numbers(rule, "offset", "0"))
+        if rule is not None and kind != "fixed"
+        else None
+    )
     axis = None if kind == "fixed" else unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0"))
     mass = tree.links[link].find("inertial/mass")
     limits = _stated_limits(element)
@@ -349,9 +351,11 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
             limits = _stated_limits(element)
         lower, upper = limits or (0.0, 0.0)
         too_large = finite_limits(joint.type, limits)[1] if limits else None
-        unknown = f"unknown joint type {joint.type!r}"
-        if joint.type in ("floating", "planar"):
-            unknown = f"a {joint.type} joint cannot be part of a serial chain"
+        unknown = (
+            f"a {joint.type} joint cannot be part of a serial chain"
+            if joint.type in ("floating", "planar")
+            else f"unknown joint type {joint.type!r}"
+        )
         no_axis = joint.type != "fixed" and unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0")) is None
         infinite = math.isinf(lower) or math.isinf(upper)
         one_infinite = f"one limit is infinite, the other is not ({lower:g}, {upper:g})"

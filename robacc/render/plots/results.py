@@ -566,9 +566,11 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         return
     points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
     unit = unit_of("m", *(point["total_rms_m"] for point in points))
-    ending = "Ten more poses still reduce it by more than 10 %."
-    if knee is not None:
-        ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+    ending = (
+        f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+        if knee is not None
+        else "Ten more poses still reduce it by more than 10 %."
+    )
     n = numbers(point["n_poses"] for point in points)
     series = [
         Series((n, unit.factor * numbers(own[key] for own in points)), role, label, marker=marker, line=line, size=3.4)

@@ -253,9 +253,11 @@ def fit_view(
         "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
         "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
     )
-    tables: list[Block] = [note, *parameter_tables(document["parameters"])]
-    if not document["parameters"]:
-        tables = [Text("No coefficient was fitted.")]
+    tables: list[Block] = (
+        [Text("No coefficient was fitted.")]
+        if not document["parameters"]
+        else [note, *parameter_tables(document["parameters"])]
+    )
     return [Section("Causes", _causes(document, None)), *parts, Section("Coefficients", tables)]
 
 

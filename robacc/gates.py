@@ -84,14 +84,6 @@ def is_known(key: str) -> bool:
     return key in KEYS or re.fullmatch(r"(iso9283|history)(\.[A-Za-z]\w*)+", key) is not None
 
 
-def nearest_key(key: str) -> str:
-    """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
-    known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
-    similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
-    examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
-    return f"did you mean {similar[0]}?" if similar else examples
-
-
 # Gates and their criteria: a limit, a decision rule and the reason for the limit.
 
 Rule = Literal["bound", "simple", "guard_band", "guarded_rejection"]
@@ -204,7 +196,10 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     if reason is not None and not isinstance(reason, ScalarNode):
         section.report("reason", "expected text: the reason for the limit")
     if key is not None and not is_known(key):
-        section.report("key", f"no result has the key {key!r}", nearest_key(key))
+        known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
+        similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
+        examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+        section.report("key", f"no result has the key {key!r}", f"did you mean {similar[0]}?" if similar else examples)
     if key is None or not is_known(key):
         return None
     baseline, kind = section.text("baseline"), KEYS.get(key)
@@ -791,7 +786,13 @@ def _evaluate(
         compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
-        ratio = _instrument_ratio(criterion, document)
+        noise, noise_std = document.get("noise"), None
+        if isinstance(noise, Mapping) and noise.get("source") != "residual":
+            noise_std = finite_number(
+                noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
+            )
+        # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
+        ratio = None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
     other = (
         f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
         f"{figure.dimension}"
@@ -878,17 +879,6 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
         value=str(grade.get("grade")),
         n_poses=own[0]["n_poses"] if own else None,
     )
-
-
-def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
-    """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
-    noise, noise_std = document.get("noise"), None
-    if isinstance(noise, Mapping) and noise.get("source") != "residual":
-        noise_std = finite_number(
-            noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
-        )
-    # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
-    return None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

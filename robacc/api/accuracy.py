@@ -51,15 +51,13 @@ from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
 from robacc.errors import Note, refuse
 from robacc.iso_9283.criteria import Iso9283Result
-from robacc.iso_9283.cube import Proposal, planned_poses, propose
-from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
+from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
 from robacc.poses.reading import PoseFile
 from robacc.quantities import optional_size
 from robacc.render.text import Section
-from robacc.render.views.accuracy import estimate_view
-from robacc.render.views.robot import proposal_comments, proposal_view
+from robacc.render.views.accuracy import estimate_view, proposal_comments, proposal_view
 from robacc.robots.description import Robot
 
 _MOST_ROWS = 5000

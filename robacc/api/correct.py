@@ -506,7 +506,17 @@ def correct_program(
         if group == numbers:
             new = [tuple(column) for column in result.q.T.tolist()]
         else:
-            result = _in_configuration(program, group, result)
+            stated = [program.targets[number] for number in group]
+            other = "the corrected joints have another configuration than that of the program"
+            refusals = tuple(
+                Refusal(Cause.configuration, f"{other}, {target.configuration}")
+                if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
+                else refusal
+                for target, refusal, nominal, q in zip(
+                    stated, result.refusals, result.wanted.q.T, result.q.T, strict=True
+                )
+            )
+            result = replace(result, refusals=refusals)
             new = values_at(program, group, result.setting.from_measuring(result.commanded))
         results.append(result)
         for index, value, refusal in zip(group, new, result.refusals, strict=True):
@@ -574,16 +584,3 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
         elif last is not None:
             before.setdefault(index, last)
     return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
-
-
-def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:
-    """Return the correction without the targets whose corrected joints have another configuration than stated."""
-    stated = [program.targets[number] for number in numbers]
-    other = "the corrected joints have another configuration than that of the program"
-    refusals = tuple(
-        Refusal(Cause.configuration, f"{other}, {target.configuration}")
-        if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
-        else refusal
-        for target, refusal, nominal, q in zip(stated, result.refusals, result.wanted.q.T, result.q.T, strict=True)
-    )
-    return replace(result, refusals=refusals)

@@ -47,9 +47,10 @@ from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
-from robacc.poses.columns import AXES, RPY
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
+    AXES,
+    RPY,
     UNKNOWN_ROBOT,
     KnownRobot,
     PoseFile,

@@ -54,8 +54,20 @@ from robacc.documents.history import (
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import store
-from robacc.history.changes import ArmChange, Limit, Spread, find_changes, level_of, quick_test, slope_of
-from robacc.history.fleet import Entry, arm_fit, fleet_of, joint_tolerances, typical_robot
+from robacc.history.changes import (
+    ArmChange,
+    Entry,
+    Limit,
+    Spread,
+    arm_fit,
+    find_changes,
+    fleet_of,
+    joint_tolerances,
+    level_of,
+    quick_test,
+    slope_of,
+    typical_robot,
+)
 from robacc.history.store import add, arm_of, counted, document_of, opened, series_of, tests
 from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit

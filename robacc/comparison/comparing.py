@@ -34,7 +34,7 @@ from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_uncertainty import ModelFit, completed, fitted_jacobian, model_fit, model_uncertainty
+from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile
@@ -569,7 +569,19 @@ def _against_model(
     alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
     firsts = np.array([own[0] for own in rows[1]])
     separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
-    used = _noise(fit, noise, files[1].stated_noise[0])
+    stated = files[1].stated_noise[0]
+    # Noise within the unexplained error of the model is only its lower bound.
+    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
+    if noise is not None:
+        position, source = size(noise, "length", "`noise`"), "given"
+    elif stated is not None:
+        position, source = stated, "file"
+    used: dict[str, Any] = {
+        "position_m": position,
+        "source": source,
+        "treatment": "added" if fit.noise_is_separate else "contained",
+    }
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
     variance = (used["position_m"] ** 2 / np.array([len(own) for own in rows[1]]))[:, None]
@@ -581,22 +593,6 @@ def _against_model(
     return predicted - planned_from, promise_test(
         measured - predicted, jacobian[:3, :, firsts], covariance, total, used
     )
-
-
-def _noise(fit: ModelFit, option: str | float | None, stated: float | None) -> dict[str, Any]:
-    """Return the measurement noise: given, of the poses after the correction, or of the model's fit."""
-    # Noise within the unexplained error of the model is only its lower bound.
-    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
-    if option is not None:
-        position, source = size(option, "length", "`noise`"), "given"
-    elif stated is not None:
-        position, source = stated, "file"
-    return {
-        "position_m": position,
-        "source": source,
-        "treatment": "added" if fit.noise_is_separate else "contained",
-    }
 
 
 def promise_test(

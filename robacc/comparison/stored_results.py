@@ -299,6 +299,30 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     own = grade.get("grade")
     if own is not None:
         own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
+    confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
+    held_out = fitted_to_these = None
+    effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
+    alignment = f"{' and '.join(effects)} registered" if effects else "none"
+    if command in FITS:
+        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
+        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
+        if _at(document, "after.held_out") is None:
+            held_out = "nothing (errors of calibration poses)"
+    fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
+    if fitted_to is not None:
+        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
+        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
+    aspects = {
+        "command": command,
+        "robacc version": document["robacc"],
+        "frame": document.get("frame"),
+        "alignment": alignment,
+        "grade scale": _at(document, "grade.scale"),
+        "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
+        "held out": held_out,
+        "robot file": fitted_to_these,
+        "targets": None if targets is None else ", ".join(sorted(set(targets))),
+    }
     return ComparedResult(
         name=name,
         command=command,
@@ -307,7 +331,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         robot=_at(document, "robot.name"),
         figures=figures,
         errors={start: errors for start, place in places.items() if (errors := errors_behind(document, place))},
-        provenance=_provenance(document, command, figures),
+        provenance={aspect: text for aspect, text in aspects.items() if text is not None},
         grade=own,
         scale=scale,
         scale_name=grade.get("scale"),
@@ -347,35 +371,6 @@ def _figures(document: Document, command: str, places: Mapping[str, str]) -> Ite
             variance = _at(document, f"{place}.centred_covariance_{unit_of(start)}2.{i}.{i}")
             if variance is not None:
                 yield f"{start}.sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
-
-
-def _provenance(document: Document, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:
-    """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
-    confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
-    held_out = fitted_to_these = None
-    effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
-    alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    if command in FITS:
-        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
-        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
-        if _at(document, "after.held_out") is None:
-            held_out = "nothing (errors of calibration poses)"
-    fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
-    if fitted_to is not None:
-        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
-        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
-    aspects = {
-        "command": command,
-        "robacc version": document["robacc"],
-        "frame": document.get("frame"),
-        "alignment": alignment,
-        "grade scale": _at(document, "grade.scale"),
-        "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": held_out,
-        "robot file": fitted_to_these,
-        "targets": None if targets is None else ", ".join(sorted(set(targets))),
-    }
-    return {aspect: text for aspect, text in aspects.items() if text is not None}
 
 
 # Pairing of two results by commanded pose.

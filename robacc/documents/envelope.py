@@ -71,33 +71,24 @@ def significant_document(value: Any) -> Any:
     if isinstance(value, str | int | None):
         return value
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        return _significant_array(value)
+        result = np.array(value, dtype=np.float64)
+        for start in range(0, len(result), BLOCK):
+            values = result[start : start + BLOCK]
+            size = np.abs(np.where(np.isfinite(values), values, 0.0))
+            with np.errstate(divide="ignore"):
+                places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+            exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+            power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+            rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
+            inexact = ~exact & (size > 0.0)
+            rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
+            values[...] = rounded
+        return result
     if isinstance(value, Later):
         return value.map(significant_document)
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
     return [significant_document(item) for item in value] if isinstance(value, Sequence) else value
-
-
-def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
-    """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
-
-    An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
-    number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
-    """
-    result = np.array(array, dtype=np.float64)
-    for start in range(0, len(result), BLOCK):
-        values = result[start : start + BLOCK]
-        size = np.abs(np.where(np.isfinite(values), values, 0.0))
-        with np.errstate(divide="ignore"):
-            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
-        rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
-        inexact = ~exact & (size > 0.0)
-        rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
-        values[...] = rounded
-    return result
 
 
 # CSV text from columns.

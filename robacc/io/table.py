@@ -277,7 +277,13 @@ class TextTable(Table):
         self._report_widths(body_rows=body.lines.size)
         for message, line in self._not_text if self.dialect.is_documented else ():
             self.log.add(message, line, fix="save the file as UTF-8")
-        self._warn_of_cut(last)
+        cells = [self.dialect.split(line)[-1] for line in last if self.dialect.is_row(line) and '"' not in line]
+        sign = "," if self.dialect.decimal_comma else "."
+        *above, ending = [len(cell.partition(sign)[2]) for cell in cells] or [0]
+        is_number = bool(cells) and self.dialect.is_number(cells[-1])
+        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and ending < min(above):
+            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
+            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
         self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._encoding == "UTF-8" else self._encoding,
@@ -286,16 +292,6 @@ class TextTable(Table):
         ]
         self.sha256 = self.sha256 or self._digest.hexdigest()
         return body.without(self.log.gaps)
-
-    def _warn_of_cut(self, lines: list[str]) -> None:
-        """Warn of a last row without a line end whose last number has fewer decimals than those above."""
-        cells = [self.dialect.split(line)[-1] for line in lines if self.dialect.is_row(line) and '"' not in line]
-        sign = "," if self.dialect.decimal_comma else "."
-        *above, last = [len(cell.partition(sign)[2]) for cell in cells] or [0]
-        is_number = bool(cells) and self.dialect.is_number(cells[-1])
-        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and last < min(above):
-            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
-            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
 
     def _parsed(self, first: int, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return the rows among lines, of which the first has the number ``first``."""

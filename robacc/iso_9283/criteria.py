@@ -376,7 +376,17 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         @cache
         def excess(length: float) -> float:
             """Return the normal quantile's excess, which rises nearly linearly through zero with the true length."""
-            share = length_probability(value, _likeliest_mean(components, variances, length), widened)
+            scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
+            low, high = 1e-12, 1e9
+            for _ in range(60):
+                # The length is even in the logarithm of 1 + lambda.
+                middle = math.sqrt(low * high)
+                likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
+                low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
+            size = math.hypot(*likeliest)
+            share = length_probability(
+                value, np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size), widened
+            )
             return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
@@ -398,22 +408,6 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         )
 
     return IntervalEstimate(value, interval_at)
-
-
-def _likeliest_mean(components: Array, variances: Array, length: float) -> Array:
-    """Return the mean ``(3,)`` of that length under which ``components`` are likeliest, in principal axes.
-
-    The mean is c_i / (1 + lambda v_i); its length falls with lambda, from infinity at -1 / (largest v) to nearly zero.
-    """
-    scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
-    low, high = 1e-12, 1e9
-    for _ in range(60):
-        # The length is even in the logarithm of 1 + lambda.
-        middle = math.sqrt(low * high)
-        likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
-        low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
-    size = math.hypot(*likeliest)
-    return np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size)
 
 
 # Position repeatability RP_l = mean l + 3 S_l with its interval.

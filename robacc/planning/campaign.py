@@ -500,7 +500,15 @@ def plan_campaign(
     )
     accuracy = worth = power = None
     if purpose == "acceptance":
-        chosen = _spread(region, pool, count, seed)
+        n = pool.n_poses
+        position, q = pool.position[:, :n], pool.q[:, :n]
+        allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
+        text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+        refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
+        # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
+        chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
+            np.arange(count) % pool.n_payloads
+        )
     elif purpose == "trace":
         problem, power_criterion = power_problem(model, rows_of_pool, errors, measured)
         chosen = choose_for_power(problem, count, seed)
@@ -590,19 +598,6 @@ def _count(count: int | None, default: int, demands: Sequence[Mapping[str, Any]]
     number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
     refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
     return int(count)
-
-
-def _spread(region: Zone | None, candidates: CandidatePoses, count: int, seed: int) -> NDArray[np.int64]:
-    """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
-    n = candidates.n_poses
-    position, q = candidates.position[:, :n], candidates.q[:, :n]
-    allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
-    text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-    refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
-    # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
-    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
-        np.arange(count) % candidates.n_payloads
-    )
 
 
 def _validation(

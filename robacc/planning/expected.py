@@ -487,18 +487,15 @@ def power_problem(
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]
     chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
     flat = rows.reshape(-1, scale.size)
-    criterion = PowerCriterion(
-        np.array([chance[value] for value in log_priors]), _rivals(flat[:, :n_free], flat[:, n_free:])
-    )
-    return DesignProblem(rows, information, criterion), criterion
-
-
-def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
-    """Return ``(K,)`` the coefficient whose column is most similar over all candidates, exact equals excepted."""
-    new = _without(free, columns)
+    columns = flat[:, n_free:]
+    new = _without(flat[:, :n_free], columns)
     size = np.linalg.norm(new, axis=0)
     is_new = size > np.sqrt(_EXACT) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     new = new / np.where(is_new, size, np.inf)
     similarity = np.square(new.T @ new)
     similarity[similarity > 1.0 - _EXACT] = 0.0
-    return np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size))
+    criterion = PowerCriterion(
+        np.array([chance[value] for value in log_priors]),
+        np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size)),
+    )
+    return DesignProblem(rows, information, criterion), criterion

@@ -16,27 +16,25 @@ from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements
-from robacc.poses.columns import (
+from robacc.poses.layout import QUANTITY, Values, compact, listing
+from robacc.poses.reading import (
+    AGREES,
     AXES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
+    CONVENTIONS,
     JOINT_COLUMN,
     QUATERNION,
     ROTATION_VECTOR,
     RPY,
     SIGMAS,
     Column,
-    is_documented,
-)
-from robacc.poses.layout import QUANTITY, Values, compact, listing
-from robacc.poses.reading import (
-    AGREES,
-    CONVENTIONS,
     JointLimits,
     KnownPoses,
     KnownRobot,
     PoseAt,
     Reading,
+    is_documented,
     is_ruled_out,
     try_conventions,
 )

@@ -36,35 +36,33 @@ from robacc.poses.checks import (
     with_repetitions,
     with_units,
 )
-from robacc.poses.columns import (
+from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, listing, read_layout
+from robacc.poses.motion import check_visits, motion_of, numbered, numbered_visits, read_times
+from robacc.poses.reading import (
+    AS_NAMED,
     AXES,
     CIRCUMSTANCES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
     FIXED_KINDS,
     JOINT_COLUMN,
+    OPEN,
     QUATERNION,
     SIGMAS,
     TEXTS,
     TIME_KEYS,
     UNITS,
+    UNKNOWN_ROBOT,
     Column,
     Heading,
-    heading_of,
-    is_documented,
-    labelled,
-    source_of,
-)
-from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, listing, read_layout
-from robacc.poses.motion import check_visits, motion_of, numbered, numbered_visits, read_times
-from robacc.poses.reading import (
-    AS_NAMED,
-    OPEN,
-    UNKNOWN_ROBOT,
     KnownPoses,
     KnownRobot,
     Reading,
+    heading_of,
+    is_documented,
+    labelled,
     reading_of,
+    source_of,
     table_options,
 )
 from robacc.poses.reshaped_tables import (

@@ -18,7 +18,8 @@ from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.measurements import MOVES_UNUSED
-from robacc.poses.columns import (
+from robacc.poses.reading import (
+    AS_NAMED,
     AXES,
     COMMANDED_AXES,
     FIXED_KINDS,
@@ -32,7 +33,10 @@ from robacc.poses.columns import (
     Column,
     Heading,
     Kind,
+    KnownRobot,
     Meaning,
+    Reading,
+    RowKeys,
     heading_of,
     labelled,
     meaning_of,
@@ -40,7 +44,6 @@ from robacc.poses.columns import (
     split_unit,
     time_column,
 )
-from robacc.poses.reading import AS_NAMED, KnownRobot, Reading, RowKeys
 from robacc.poses.reshaped_tables import advice_on_points
 
 _MAX_LISTED = 6
@@ -127,7 +130,7 @@ class Layout:
     """Columns in use, by key, and what the names of an export leave open."""
 
     columns: Mapping[str, Column]
-    """By key; for times, the keys of :data:`~robacc.poses.columns.TIME_KEYS`; joints outside the chain have the keys
+    """By key; for times, the keys of :data:`~robacc.poses.reading.TIME_KEYS`; joints outside the chain have the keys
     ``branch_q1 …``."""
     names: Names
     unused: Sequence[str] = ()
@@ -186,7 +189,16 @@ def read_layout(
         log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
     names = Names.of([(reading.columns or {}).get(name, name) for name in table.names], robot)
     layout = documented_columns(table, names, reading)
-    if reading.columns is None and (not table.dialect.is_documented or _lacks_a_pose(layout, attained, commands)):
+    has_commands = any(
+        key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
+        for key in layout.columns
+    )
+    is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
+    if reading.columns is None and (
+        not table.dialect.is_documented
+        or (attained and not layout.has(AXES))
+        or not (has_commands or not commands or is_repeated)
+    ):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
@@ -255,16 +267,6 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
     return Column(label, index, key, kind, unit or reading.unit_of.get(QUANTITY.get(kind, "")), coverage)
 
 
-def _lacks_a_pose(layout: Layout, attained: bool, commands: bool) -> bool:
-    """Return whether the attained position or any command is missing, so that other names may stand for them."""
-    has_commands = any(
-        key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
-        for key in layout.columns
-    )
-    is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
-    return (attained and not layout.has(AXES)) or not (has_commands or not commands or is_repeated)
-
-
 def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool, commands: bool) -> None:
     """Log sets of columns that are incomplete or given twice, and what the file lacks."""
     log, line, columns, joint_names, count = table.log, table.line, layout.columns, robot.joint_names, layout.n_joints
@@ -284,7 +286,24 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
             log.add(f"{counts}{are_missing} missing", line, fix=fix + unknown)
 
     commanded = any(key.startswith("cmd_") for key in columns)
-    check_set(AXES, "the attained position", attained, _advice(layout.unused) if attained else "")
+    words = {word for name in layout.unused for word in (name.lower(), *heading_of(name).words)}
+    forms = (
+        (True, advice_on_points(layout.unused)),
+        (
+            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
+            "the file has angles and distances of an instrument; export X, Y and Z",
+        ),
+        (
+            words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"},
+            "the file has one row for each axis; export one row for each point, with its X, Y and Z",
+        ),
+    )
+    check_set(
+        AXES,
+        "the attained position",
+        attained,
+        next((text for applies, text in forms if applies and text), "") if attained else "",
+    )
     check_set(COMMANDED_AXES, "the commanded position", commanded)
     check_set(SIGMAS, "the measuring uncertainty of a position")
     for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
@@ -318,23 +337,6 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
             last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
             log.add(f"the column belongs to joint {match[2]}, but {last}", line, column.name)
-
-
-def _advice(unused: Sequence[str]) -> str:
-    """Return what to do about a file without a position that has another form; empty for other files."""
-    words = {word for name in unused for word in (name.lower(), *heading_of(name).words)}
-    forms = (
-        (True, advice_on_points(unused)),
-        (
-            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
-            "the file has angles and distances of an instrument; export X, Y and Z",
-        ),
-        (
-            words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"},
-            "the file has one row for each axis; export one row for each point, with its X, Y and Z",
-        ),
-    )
-    return next((text for applies, text in forms if applies and text), "")
 
 
 def listing(names: Sequence[str]) -> str:

@@ -16,8 +16,8 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.columns import COMMANDED_AXES, Column
 from robacc.poses.layout import Values, listing
+from robacc.poses.reading import COMMANDED_AXES, Column
 
 # Dates and times of day as seconds.
 

@@ -16,17 +16,18 @@ from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import (
+from robacc.poses.reading import (
     AXES,
     QUATERNION,
     SAY_LITTLE,
     UNITS,
+    UNKNOWN_ROBOT,
+    KnownRobot,
     heading_of,
     is_point_name,
     labelled,
     source_of,
 )
-from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
 

@@ -646,11 +646,19 @@ def fit_record(
     known = fit.identifiability.columns
     known = known[np.all(np.isfinite(fit.covariance[np.ix_(known, known)]), axis=1)]
     stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
+    changed = {
+        before.name: {
+            name: float(before.parameters.get(name, 0.0))
+            for name in sorted({*fitted.parameters, *before.parameters})
+            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
+        }
+        for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True)
+    }
     record = ModelFit(
         effects=fit.model.free,
         coefficients=tuple(fit.names[i] for i in known),
         covariance=fit.covariance[np.ix_(known, known)],
-        nominal=_changed_numbers(robot, nominal),
+        nominal={name: numbers for name, numbers in changed.items() if numbers},
         repeatability=stds,
         unexplained=np.zeros((fit.residual.shape[0],) * 2),
         noise=(fit.noise.position, fit.noise.orientation),
@@ -717,19 +725,6 @@ def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
         for joint in robot.joints
     )
     return dataclasses.replace(robot, joints=joints, effects=())
-
-
-def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
-    """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
-    changed = {
-        before.name: {
-            name: float(before.parameters.get(name, 0.0))
-            for name in sorted({*fitted.parameters, *before.parameters})
-            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
-        }
-        for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True)
-    }
-    return {name: numbers for name, numbers in changed.items() if numbers}
 
 
 def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:

@@ -532,7 +532,15 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
     for _ in range(12):
         if np.max(excess) <= 1.0:
             break
-        factors = _optimal_factors(shares, target_variances).tolist()
+        multipliers = np.ones(2)
+        for _ in range(2000):
+            # A price of at most one leaves the tolerance unchanged.
+            factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
+            change = (shares @ np.square(factors) / target_variances) ** 1.5
+            multipliers = multipliers * change
+            if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
+                break
+        factors = factors.tolist()
         tightened = [
             dataclasses.replace(parameter, sd=parameter.sd * factor)
             for parameter, factor in zip(prediction.parameters, factors, strict=True)
@@ -565,23 +573,6 @@ def _relative_excess(prediction: Prediction, limits: tuple[float, float | None])
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
     errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
     return np.array([getattr(part, statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
-
-
-def _optimal_factors(shares: Array, target_variances: Array) -> Array:
-    """Return the optimal factors ``(P,)`` for ``shares`` ``(2, P)`` and ``target_variances`` ``(2,)``.
-
-    With prices λ A_p + μ B_p above one, the sums fall as the multipliers to the power of -2/3; so a multiplier is
-    changed by the excess of its sum to the power of 3/2 until it is zero or its limit is met.
-    """
-    multipliers = np.ones(2)
-    for _ in range(2000):
-        # A price of at most one leaves the tolerance unchanged.
-        factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
-        change = (shares @ np.square(factors) / target_variances) ** 1.5
-        multipliers = multipliers * change
-        if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
-            break
-    return factors
 
 
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.

@@ -147,15 +147,6 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
             # The best so far stays among the trials, so a step never reduces the reach.
             trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
             best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
-    return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
-
-
-def _distance(chain: Chain, q: Array) -> Array:
-    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))
-
-
-def _bound(chain: Chain, low: Array, high: Array) -> float:
-    """Return the sum of lengths between rotations; motions between two rotations are one vector at its longest."""
     travel: dict[int, list[float]] = {}
     for drive in chain.drives:
         limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
@@ -167,4 +158,8 @@ def _bound(chain: Chain, low: Array, high: Array) -> float:
             run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
         elif motion.value != 0.0 or k in travel:
             total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
-    return total + float(np.hypot.reduce(run))
+    return Reach(float(_distance(chain, best)[0]), total + float(np.hypot.reduce(run)))
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))

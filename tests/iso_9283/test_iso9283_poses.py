@@ -12,7 +12,7 @@ from arms import CONFIGS, CONFIGURED, arm
 
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
-from robacc.iso_9283.cube import ORIENTATIONS, PLANES, corners, fit_cube, five_points, planned_poses, propose
+from robacc.iso_9283.evaluation import ORIENTATIONS, PLANES, corners, fit_cube, five_points, planned_poses, propose
 from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.robots.description import Frame, Robot

@@ -540,9 +540,28 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
     settings, joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
     if "part" in settings:
         joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
+    errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
+    turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
+    parameters, masses = _without_masses(finding["parameters"])
     return [
         Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}"),
-        Listing(_details(finding)),
+        Listing(
+            [
+                # A result may name an effect of another package, which is not loaded here.
+                REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
+                finding.get("statement") or "",
+                p_value(finding["p_value"]),
+                ""
+                if None in errors
+                else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
+                *(
+                    []
+                    if finding["harmonics"]
+                    else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]
+                ),
+                *map(_alternative, finding["alternatives"]),
+            ]
+        ),
         Grid(
             ("order per turn", "amplitude", "standard error", "phase", "standard error"),
             [
@@ -555,23 +574,6 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
             ],
         ),
         Listing(finding["warnings"], "warning"),
-    ]
-
-
-def _details(finding: Document) -> list[str]:
-    errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
-    turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
-    parameters, masses = _without_masses(finding["parameters"])
-    return [
-        # A result may name an effect of another package, which is not loaded here.
-        REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
-        finding.get("statement") or "",
-        p_value(finding["p_value"]),
-        ""
-        if None in errors
-        else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
-        *([] if finding["harmonics"] else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]),
-        *map(_alternative, finding["alternatives"]),
     ]
 
 

@@ -777,7 +777,23 @@ def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
 ) -> Evaluation:
     if criterion.kind == "word":
-        return _evaluate_word(criterion, document)
+        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
+        word = value_at(document, criterion.key)[0]
+        word = str(word).lower() if isinstance(word, bool | np.bool_) else word
+        refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
+        outcome: Outcome = "pass" if word in criterion.accepted else "fail"
+        warnings, why = tuple[str, ...](), None
+        if criterion.key == "verdict" and outcome == "pass":
+            after = document.get("after")
+            if isinstance(after, Mapping) and after.get("held_out") is None:
+                outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
+            elif (document.get("noise") or {}).get("source") == "residual":
+                warnings = (
+                    "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
+                    "says that no structure remains, not how large the remaining error is; add a limit on "
+                    "after.held_out.position.p95",
+                )
+        return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
     compared, ratio = None, None
@@ -813,26 +829,6 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
         else decide_largest(criterion, figure.value, figure.n)
     )
     return {**found, "value": figure.value, "n_poses": figure.n}
-
-
-def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
-    """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
-    value = value_at(document, criterion.key)[0]
-    word = str(value).lower() if isinstance(value, bool | np.bool_) else value
-    refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
-    outcome: Outcome = "pass" if word in criterion.accepted else "fail"
-    warnings, why = tuple[str, ...](), None
-    if criterion.key == "verdict" and outcome == "pass":
-        after = document.get("after")
-        if isinstance(after, Mapping) and after.get("held_out") is None:
-            outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
-        elif (document.get("noise") or {}).get("source") == "residual":
-            warnings = (
-                "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
-                "that no structure remains, not how large the remaining error is; add a limit on "
-                "after.held_out.position.p95",
-            )
-    return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -25,7 +24,7 @@ SHOWN = {
 """Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Grouping:
     """Assignment of rows to commanded poses."""
 
@@ -40,7 +39,7 @@ class Grouping:
         return None if self.numbers.max(initial=-1) + 1 == self.numbers.size else self.numbers
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Measurements:
     """N measured poses. A column that the file lacks is None; the others have no missing value."""
 

@@ -26,7 +26,6 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, fields_of
 from robacc.correction import (
-    Cause,
     Correction,
     Limits,
     Refusal,
@@ -205,7 +204,7 @@ class NothingCorrectedError(InputError):
 
     def __init__(self, result: Corrected) -> None:
         """Store each reason as a problem, and the advice once."""
-        advice = _ADVICE_OUTSIDE if result.causes.get(Cause.out_of_range) == result.n_targets else _ADVICE
+        advice = _ADVICE_OUTSIDE if result.causes.get("out_of_range") == result.n_targets else _ADVICE
         super().__init__(_problems(result.unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 
@@ -345,7 +344,7 @@ def correct(
     outside = [
         (i, refusal.reason)
         for i, refusal in enumerate(body.refusals)
-        if refusal is not None and refusal.cause is Cause.out_of_range
+        if refusal is not None and refusal.cause == "out_of_range"
     ]
     if strict_range and outside:
         first, reason = outside[0]
@@ -509,7 +508,7 @@ def correct_program(
             stated = [program.targets[number] for number in group]
             other = "the corrected joints have another configuration than that of the program"
             refusals = tuple(
-                Refusal(Cause.configuration, f"{other}, {target.configuration}")
+                Refusal("configuration", f"{other}, {target.configuration}")
                 if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
                 else refusal
                 for target, refusal, nominal, q in zip(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +49,7 @@ from robacc.modelling.validity import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,
-    Demand,
+    needed,
     plan_campaign,
 )
 from robacc.planning.candidates import (
@@ -256,8 +255,7 @@ def predict(
     arm = inputs.robot(robot, poses if against is None else against)
     toleranced, meaning = arm, NORMAL
     if tolerances is not None:
-        parse = partial(parse_tolerances, robot=arm)
-        toleranced, meaning = inputs.text(tolerances, "tolerances", parse)
+        toleranced, meaning = inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
     grades = inputs.scale() or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
@@ -516,7 +514,7 @@ def plan(
         no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
         urdf = given(path_of(robot) if described.convention == "urdf" else None, no_shapes)
         links = plug_in("robacc.collisions", "fcl")(urdf, described)
-    demands = _demands(inputs, gate, grade)
+    demands = _demands(inputs, gate, grade, optional_size(expected, "length", "`expected`"))
     needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
     refuse((demands and purpose != "acceptance", needs_acceptance))
     body = plan_campaign(
@@ -545,7 +543,6 @@ def plan(
         validation=validation,
         target=optional_size(target_error, "length", "`target_error`"),
         demands=demands,
-        expected=optional_size(expected, "length", "`expected`"),
         n_candidates=n_candidates,
         payloads=_payloads(payload),
         seed=seed,
@@ -575,30 +572,33 @@ def _sight(
     refuse((instrument is None and (reflector is not None or distance is not None), lacking))
     if instrument is None:
         return None
-    near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
+    near_far = (0.0, np.inf) if distance is None else parse_distance(distance, "distance")
     axis = None if reflector is None else parse_vector(reflector, "reflector")
     refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
     return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
 
 
-def _demands(inputs: Inputs, gate: StrPath | None, grade: str | None) -> tuple[Demand, ...]:
-    """Return the limits of a gate and of a grade on the position, which the measurement is to decide."""
-    demands: list[Demand] = []
+def _demands(
+    inputs: Inputs, gate: StrPath | None, grade: str | None, expected: float | None
+) -> list[Mapping[str, Any]]:
+    """Return the limits of a gate and of a grade on the position, with the numbers of poses that decide them."""
+    demands: list[Mapping[str, Any]] = []
     if gate is not None:
         loaded, _, records = read_gate(os.fspath(gate))
         inputs.records += records
         for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                name = cast(Statistic, statistic)
-                demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
+                limit = criterion.limit, criterion.confidence, criterion.share
+                demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))
         refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))
     if grade is not None:
         steps = inputs.scale() or default_scale()
         limits = {step.grade: step.position for step in steps.steps}
         unknown = f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}"
-        demands.append(Demand(f"grade {grade}", steps.statistic, given(limits.get(grade), unknown), steps.confidence))
-    return tuple(demands)
+        limit_of_grade = given(limits.get(grade), unknown)
+        demands.append(needed(f"grade {grade}", steps.statistic, limit_of_grade, steps.confidence, expected=expected))
+    return demands
 
 
 def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:

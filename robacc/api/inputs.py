@@ -429,12 +429,8 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     return replace(data, **fields)
 
 
-Wrong = Iterator[tuple[str, str, str | None]]
-"""Name of a field, what is wrong with it, and the advice."""
-
-
-def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
-    """Yield what is wrong with the shapes and the values of arrays."""
+def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Iterator[tuple[str, str, str | None]]:
+    """Yield what is wrong with the shapes and the values of arrays: a field, what is wrong with it, and the advice."""
     position = arrays["position"]
     is_transposed = position.ndim == 2 and position.shape[1] == 3 != position.shape[0]
     n = position.shape[0 if is_transposed else -1] if position.ndim else 0
@@ -467,7 +463,7 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wr
             yield name, "expected standard deviations above 0", None
 
 
-def _wrong_units(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
+def _wrong_units(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Iterator[tuple[str, str, str | None]]:
     """Yield each array that is in mm or degrees, as far as its values show it."""
     if not arrays["position"].size:
         return

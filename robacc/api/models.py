@@ -178,8 +178,7 @@ def simulate(
     try:
         body = simulate_poses(arm, plan, planned)
     except MissingColumnError as error:
-        message = f"{error}; `time_step`, `temperature` and `payload` add such columns"
-        raise MissingColumnError(message) from error
+        raise MissingColumnError(f"{error}; `time_step`, `temperature` and `payload` add such columns") from error
     inputs.campaign(described, body.data, measured=False, digests=())
     options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
     return Simulated(**fields_of(body), robot=arm, plan=plan, made=inputs.made()._replace(options=options))

@@ -74,8 +74,7 @@ class Help(NamedTuple):
 
 def meanings(declared: Callable[..., Any]) -> dict[str, tuple[Any, Help]]:
     """Return the type and the meaning of each parameter of a function or a class."""
-    module = vars(sys.modules[declared.__module__])
-    names = {**vars(builtins), "Sequence": Sequence, **globals(), **module}
+    names = {**vars(builtins), "Sequence": Sequence, **globals(), **vars(sys.modules[declared.__module__])}
     # A name that is not known, such as a class of a module not imported, is any type.
     hints = get_type_hints(declared, {}, defaultdict(lambda: Any, names), include_extras=True)
     return {
@@ -174,8 +173,7 @@ def length_and_angle(
         UsageError: The value is not one or two sizes of at least zero.
     """
     parts = value.split(",") if isinstance(value, str) else [value] if isinstance(value, float | int) else value or ()
-    expected = f"`{name}`: expected a length and perhaps an angle, as in {example}, found {value!r}"
-    refuse((len(parts) > 2, expected))
+    refuse((len(parts) > 2, f"`{name}`: expected a length and perhaps an angle, as in {example}, found {value!r}"))
     length, angle = (*parts, None, None)[:2]
     return optional_size(length, "length", f"`{name}`"), optional_size(angle, "angle", f"`{name}`")
 

@@ -172,8 +172,7 @@ class Result:
         from robacc.render.plots.results import chart_of
 
         need("matplotlib")
-        chart = chart_of(self._plain(), kind or "", number)
-        figure = as_figure(chart)
+        figure = as_figure(chart_of(self._plain(), kind or "", number))
         if path is not None:
             figure.savefig(path)
         return figure

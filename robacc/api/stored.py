@@ -10,7 +10,6 @@ from dataclasses import dataclass
 from datetime import UTC, datetime
 from hashlib import sha256
 from itertools import groupby
-from operator import itemgetter
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
@@ -57,7 +56,6 @@ from robacc.history import store
 from robacc.history.changes import (
     ArmChange,
     Entry,
-    Limit,
     Spread,
     arm_fit,
     find_changes,
@@ -542,7 +540,7 @@ def history_trend(
         keys = "" if rows else ", ".join(dict.fromkeys(row[3] for row in store.rows(base, arm)))
     refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
-    for name, group in groupby(rows, key=itemgetter(0)):
+    for name, group in groupby(rows, key=lambda row: row[0]):
         own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
         known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
         is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
@@ -618,7 +616,7 @@ class Health(HistoryResult):
     rms: float
     level: float
     changes: tuple[ArmChange, ...]
-    detection_limits: tuple[Limit, ...]
+    detection_limits: Sequence[Entry]
     hidden: tuple[str, ...]
 
 

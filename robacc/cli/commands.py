@@ -871,20 +871,12 @@ def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     from robacc.io.files import make_folder
     from robacc.poses.csv_file import propose_columns
 
-    proposal = propose_columns(export, PurePath(path).name)
+    text, steps = propose_columns(export, path)
     exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
     refuse((os.path.exists(path) and not force, exists))
     make_folder(folder)
-    write(path, proposal.text)
-    commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
-    print(
-        f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})",
-        "next:",
-        *([f"  fill in {' and '.join(proposal.open_statements)} in {path}"] if proposal.open_statements else []),
-        *(f"  decide in {path}: {question}" for question in proposal.open_columns),
-        f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}",
-        sep="\n",
-    )
+    write(path, text)
+    print(*steps, sep="\n")
 
 
 def _check_free(files: list[str], urdf: str | None, force: bool) -> None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
 from typing import Any
@@ -469,32 +468,6 @@ def paired_targets(
             error.
         MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
     """
-    names, *rows = _shared_targets(first, second)
-    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
-    if stated[0][0] is stated[1][0] is None:
-        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
-        robot = given(nominal if first.q is not None else None, lacking)
-        stated[0] = (predict(dataclasses.replace(robot, effects=()), first).translation, rows[0])
-    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
-    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
-    # Without a model, the best guess of the plan is that the whole error goes.
-    note = "without a model, the planned displacement is the error before, measurement noise included"
-    planned, promise = wanted - before, None
-    if model is not None:
-        planned, promise = _against_model(model, (first, second), rows, after, noise)
-    return PairedTargets(
-        names,
-        before - wanted,
-        after - wanted,
-        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
-        _loaded(after - before, planned),
-        promise,
-        (note,) if model is None else (),
-    )
-
-
-def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
-    """Return the targets of both files, paired by their ``pose``, or by their order without such a column."""
     apart = f"{first.n} and {second.n} rows without a column pose cannot be paired"
     fix = "add a column pose to both files"
     refuse(
@@ -504,12 +477,33 @@ def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[st
         ),
         (first.pose is None and first.n != second.n, Problem(apart, second.source, fix=fix)),
     )
-    before, after = (rows_of_targets(data) for data in (first, second))
-    common = [key for key in before if key in after]
+    rows_of = [rows_of_targets(data) for data in (first, second)]
+    common = [key for key in rows_of[0] if key in rows_of[1]]
     message = f"the files share {len(common)} targets, {_FEWEST} are needed"
     fix = "give the files of the same targets before and after the correction"
     refuse((len(common) < _FEWEST, Problem(message, second.source, fix=fix)))
-    return tuple(map(" ".join, common)), [before[key] for key in common], [after[key] for key in common]
+    rows = [[own[key] for key in common] for own in rows_of]
+    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
+    if stated[0][0] is stated[1][0] is None:
+        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
+        robot = given(nominal if first.q is not None else None, lacking)
+        stated[0] = (predict(replace(robot, effects=()), first).translation, rows[0])
+    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
+    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
+    # Without a model, the best guess of the plan is that the whole error goes.
+    note = "without a model, the planned displacement is the error before, measurement noise included"
+    planned, promise = wanted - before, None
+    if model is not None:
+        planned, promise = _against_model(model, (first, second), rows, after, noise)
+    return PairedTargets(
+        tuple(map(" ".join, common)),
+        before - wanted,
+        after - wanted,
+        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
+        _loaded(after - before, planned),
+        promise,
+        (note,) if model is None else (),
+    )
 
 
 def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
@@ -566,7 +560,7 @@ def _against_model(
     before, after = (completed(fit, file, 0) for file in files)
     planned_from = _means(Model.of(arm).bind(before).poses(np.zeros(0)).translation, rows[0])
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
-    alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
+    alone = replace(fit, covariance=0.0 * fit.covariance)
     firsts = np.array([own[0] for own in rows[1]])
     separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
     stated = files[1].stated_noise[0]

@@ -61,8 +61,7 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             known = set(node)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in known), "")
-            lacking = f"a result of robacc {document.get('command', '?')} has no {path}"
-            refuse((not name, lacking), error=NoValueError)
+            refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         why = holder.get("why")
         reason = f": {why}" if isinstance(why, str) else ""
@@ -379,7 +378,6 @@ _SAME_JOINT = 1e-6
 """Largest difference of equal joint commands, rad or m: below any encoder's step, above the rounding of a file."""
 _SAME_POSITION = 1e-4
 """Largest distance of equal commanded positions, m, for arms or alignments that differ."""
-Keys = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] | None:
@@ -396,7 +394,7 @@ def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] |
     return ErrorSet(first.vectors[:, rows[0]], numbers[0]), ErrorSet(second.vectors[:, rows[1]], numbers[1])
 
 
-def _common_keys(first: ErrorSet, second: ErrorSet) -> Keys | None:
+def _common_keys(first: ErrorSet, second: ErrorSet) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Return numbers of commanded poses with the same meaning in both results; None if nothing relates the poses.
 
     Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
@@ -433,7 +431,7 @@ def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
     return bool(np.all(np.abs(first - second) <= tolerance))
 
 
-def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> Keys:
+def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return a number for each row of two arrays, the same for equal rows."""
     numbers = np.unique(np.concatenate((first, second)), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
     return numbers[: len(first)], numbers[len(first) :]

@@ -6,7 +6,6 @@ outcome of a gate is a part of any result; a gate file is read with the baseline
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -14,7 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any
@@ -345,11 +344,10 @@ def _checked(document: Any, name: str) -> str:
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.
 
-Columns = dict[str, NDArray[Any]]
 _LABELS = ("line", "pose", "cycle", "target", "time_s", "temperature_c", "payload_kg", "used")
 
 
-def pose_columns(document: Document) -> Columns:
+def pose_columns(document: Document) -> dict[str, NDArray[Any]]:
     """Return the columns of the poses: ids, circumstances, joints, positions in m, errors in m and rad.
 
     Every column has as many entries as there are rows. A result without poses gives no column.
@@ -357,7 +355,7 @@ def pose_columns(document: Document) -> Columns:
     poses = document.get("poses")
     if not isinstance(poses, Mapping) or poses.get("line") is None:
         return {}
-    columns: Columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
+    columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
     columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses.get("q") or [], dtype=float).T)}
     places, errors = {"cmd_{}_m": poses.get("commanded_m"), "{}_m": poses.get("attained_m")}, {}
     for unit, quantity, name in (("m", "position", "error"), ("rad", "orientation", "turn")):
@@ -408,7 +406,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+OUTCOME = replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
 
 GATE_RESULT = part(
     {
@@ -540,11 +538,7 @@ def gate_document(outcome: GateOutcome) -> Document:
 # Read a gate file and the baselines that it names.
 
 
-Baselines = Mapping[str, Mapping[str, Any]]
-"""Documents of the baselines, by their paths in the gate."""
-
-
-def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
+def read_gate(path: str) -> tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]:
     """Return the gate of a file, its baselines, and the records of all these files.
 
     Paths of baselines start from the folder of the gate file.

@@ -8,27 +8,21 @@ A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the d
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
-from types import NoneType
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.errors import Note
+from robacc.geometry import Array
+from robacc.measurements import Measurements
 from robacc.robots.arm import Arm, outline
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from robacc.geometry import Array
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
+from robacc.robots.description import Robot
 
 _TYPES: dict[str, tuple[str, frozenset[type]]] = {
     "string": ("text", frozenset({str})),
@@ -89,7 +83,7 @@ class Kind:
 
     def __or__(self, other: None) -> Kind:
         """Return the kind of values that may be null."""
-        return dataclasses.replace(self, null=True)
+        return replace(self, null=True)
 
     def write(self, record: Any, **given: Any) -> Document:
         """Return the object of a record; ``given`` are values of keys that the record does not have.
@@ -154,7 +148,7 @@ class Kind:
             return is_typed and self.words.keys() == {"type"}
         lengths = {self.words[name] for name in ("minItems", "maxItems") if name in self.words}
         is_list = set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
-        return is_list and self.items.fits_all([*chain.from_iterable(values)])
+        return is_list and self.items.fits_all([item for value in values for item in value])
 
     @property
     def _types(self) -> Sequence[str]:
@@ -165,7 +159,7 @@ class Kind:
     @property
     def _accepted(self) -> frozenset[type]:
         """Types of Python that a value may have."""
-        return frozenset({NoneType} if self.null else ()).union(*(_TYPES[name][1] for name in self._types))
+        return frozenset({type(None)} if self.null else ()).union(*(_TYPES[name][1] for name in self._types))
 
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the kind; parts with a name are added to ``shared``."""
@@ -227,10 +221,7 @@ def part(keys: Mapping[str, Key], name: str = "", about: str = "", *, has_others
 
 def within(path: str, keys: Mapping[str, Key]) -> dict[str, Key]:
     """Return keys whose record is the attribute ``path`` of the owner's record."""
-    return {
-        key: dataclasses.replace(entry, source=f"{path}.{entry.source or _UNIT.sub('', key)}")
-        for key, entry in keys.items()
-    }
+    return {key: replace(entry, source=f"{path}.{entry.source or _UNIT.sub('', key)}") for key, entry in keys.items()}
 
 
 def array(kind: Kind, length: int | None = None, least: int | None = None) -> Kind:
@@ -264,9 +255,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = dataclasses.replace(array(number, 3), name="vector3")
-rows3 = dataclasses.replace(array(array(number | None, 3)), name="rows3")
-matrix3 = dataclasses.replace(array(vector3, 3), name="matrix3")
+vector3 = replace(array(number, 3), name="vector3")
+rows3 = replace(array(array(number | None, 3)), name="rows3")
+matrix3 = replace(array(vector3, 3), name="matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.

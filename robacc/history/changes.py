@@ -14,10 +14,9 @@ values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical 
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -191,23 +190,18 @@ def level_of(times: Array) -> float:
     return min(_MOST_LEVEL, FALSE_ALARMS * float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-class Limit(NamedTuple):
-    """Detection limit of a series: the change that the next test finds with a probability of 95 %."""
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Entry]]:
+    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits.
 
-    key: str
-    limit: float
-    unit: str
-
-
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Limit]]:
-    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits."""
+    A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
+    """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
     changes: list[ArmChange] = []
-    limits: list[Limit] = []
+    limits: list[Entry] = []
     for one in series:
         found, limit = _changes(one, level, len(series), spread)
         changes += found
-        limits.append(Limit(one.key, limit, one.unit))
+        limits.append({"key": one.key, "limit": limit, "unit": one.unit})
     return sorted(changes, key=lambda change: change.p_value), limits
 
 
@@ -217,11 +211,6 @@ def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, fl
     fit = _Fit(series, np.column_stack([np.ones(len(times)), (times - times.mean()) / YEAR]), Spread(1.0, 0.0))
     value, half = float(fit.coefficients[1]), student_quantile(0.975, fit.dof) * fit.std(1)
     return value, value - half, value + half
-
-
-def _n_candidates(n: int) -> int:
-    """Return the number of steps, ramps and single tests of a series of ``n`` tests."""
-    return max(1, 3 * n - 5)
 
 
 def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[ArmChange], float]:
@@ -248,7 +237,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
         return (int(shape), int(at)) if gains[shape, at] > 0.0 else None
 
     found: list[tuple[int, int]] = []
-    count, whole = n_series * _n_candidates(n), fitted(found)
+    # Steps, ramps and single tests of a series of n tests.
+    count, whole = n_series * max(1, 3 * n - 5), fitted(found)
     more: list[tuple[int, int]] = []
     # One more change, or two where one alone leaves a rest that does not look like noise: up, and down again.
     while len(more) < 2 and n > len(base) + len(found) + len(more):
@@ -279,7 +269,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
     if has_heat and whole.p_value(1) * n_series < level:
         tests = series.times[[-1, 0, -1]]
         changes.append(_change(series, whole, 1, 1.0, "temperature", tests, n_series, True, []))
-    critical = student_quantile(1.0 - 0.5 * level / (n_series * _n_candidates(n + 1)), max(whole.dof, 1.0))
+    # Of one test more.
+    critical = student_quantile(1.0 - 0.5 * level / (n_series * max(1, 3 * n - 2)), max(whole.dof, 1.0))
     # The next test against all: its own variance and that of the mean.
     variance = whole.factor * (float(whole.inverse[0, 0]) + float(np.median(np.square(series.stds))))
     return changes, (critical + normal_quantile(POWER)) * math.sqrt(variance)
@@ -329,7 +320,7 @@ _MOST_POSES = 1000
 
 def quick_test(
     robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float, dates: tuple[float, float]
-) -> tuple[tuple[ArmChange, ...], tuple[Limit, ...], tuple[str, ...], float]:
+) -> tuple[tuple[ArmChange, ...], Sequence[Entry], tuple[str, ...], float]:
     """Return which coefficients of the model ``robot`` moved since its fit.
 
     Beside them are the change of each coefficient that such poses show with a probability of 95 %, the coefficients
@@ -425,7 +416,7 @@ def quick_test(
         for i, name in enumerate(found, setup.shape[1])
     )
     least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
-    limits = tuple(Limit(name, least / math.sqrt(sizes[name]), terms[name].unit) for name in known)
+    limits = [{"key": name, "limit": least / math.sqrt(sizes[name]), "unit": terms[name].unit} for name in known]
     hidden = tuple(name for name in terms if name not in (*known, *found) and not name.startswith(SETUP))
     return changes, limits, hidden, rms_length(error[:3])
 
@@ -579,5 +570,5 @@ def typical_robot(robot: Robot, coefficients: Sequence[Entry]) -> Robot:
     robot = absorbed(
         robot, [JointOffset(names), LinkGeometry(names)], {one["key"]: one["mean"] for one in coefficients}
     )
-    joints = (dataclasses.replace(joint, tolerance=own.get(joint.name, {})) for joint in robot.joints)
-    return dataclasses.replace(robot, joints=tuple(joints))
+    joints = (replace(joint, tolerance=own.get(joint.name, {})) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))

@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import operator
 import os
 import re
 import sqlite3
@@ -231,7 +230,7 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series = []
-    for (key, unit), group in itertools.groupby(found, key=operator.itemgetter(0, 1)):
+    for (key, unit), group in itertools.groupby(found, key=lambda row: row[:2]):
         times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
         if len(times) > 1:
             series.append(ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))

@@ -361,8 +361,7 @@ class _Edits:
                 is_new = key in self.rewritten and not _is_alike(place, value, longer=True)
                 (self.replace if is_new else self.value)(place, value)
             elif not _is_zero(value):
-                entry = _entry(key, value, node.start_mark.column)
-                self.add(node, place, [(_flow({key: value})[1:-1], entry)])
+                self.add(node, place, [(_flow({key: value})[1:-1], _entry(key, value, node.start_mark.column))])
 
     def replace(self, node: yaml.Node, value: Any) -> None:
         """Write a value in place of a node."""

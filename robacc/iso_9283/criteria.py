@@ -300,11 +300,10 @@ def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimat
         ends = [(part.lower or 0.0, part.upper or 0.0) for part in (later, earlier)]
         lower, upper = difference_limits(after.value, ends[0], before.value, ends[1])
         bounds = (0.0, later.upper_bound), (two_sided or 0.0, 0.0)
-        bound = difference_limits(after.value, bounds[0], before.value, bounds[1])[1]
         return Interval(
             lower,
             upper,
-            bound,
+            difference_limits(after.value, bounds[0], before.value, bounds[1])[1],
             confidence,
             "from the intervals of both estimates (method of variance estimates recovery)",
         )
@@ -686,7 +685,11 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
     accurate, repeatable = [], []
     is_commanded = all(pose.commanded is not None for pose in poses)
     for pose_a, pose_b in pairs:
-        rows_a, rows_b = _matched_visits(pose_a, pose_b)
+        # Visits of the same cycle match, else the j-th of one with the j-th of the other.
+        rows_a = rows_b = np.arange(min(pose_a.n, pose_b.n))
+        cycles = [pose.cycle for pose in (pose_a, pose_b) if pose.cycle is not None]
+        if len(cycles) == 2 and [np.unique(cycle).size for cycle in cycles] == [pose_a.n, pose_b.n]:
+            _, rows_a, rows_b = np.intersect1d(cycles[0], cycles[1], return_indices=True)
         if rows_a.size == 0:
             continue
         why, why_accuracy = "every pair of commanded poses was visited once: RD needs cycles", NO_COMMAND
@@ -715,16 +718,6 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
         characteristic("AD", accurate, confidence, why_accuracy, notes),
         characteristic("RD", repeatable, confidence, why, notes),
     )
-
-
-def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the matching visits of two poses: of the same cycle, else the j-th with the j-th."""
-    if pose_a.cycle is not None and pose_b.cycle is not None:
-        _, rows_a, rows_b = np.intersect1d(pose_a.cycle, pose_b.cycle, return_indices=True)
-        if np.unique(pose_a.cycle).size == pose_a.n and np.unique(pose_b.cycle).size == pose_b.n:
-            return rows_a.astype(np.int64), rows_b.astype(np.int64)
-    rows = np.arange(min(pose_a.n, pose_b.n))
-    return rows, rows
 
 
 def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEstimate, ...] | None:

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any, Literal
 
@@ -76,11 +75,6 @@ class CubeFit:
         # Tolerance of the standard on `FROM_CORNER`.
         preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - self.half / edge - FROM_CORNER) <= 0.02)
         return next(preferred, self.half / (0.5 - FROM_CORNER))
-
-    @property
-    def from_corner(self) -> float:
-        """Distance of the outer points from the corners of that cube, as a fraction of the diagonal."""
-        return 0.5 - self.half / self.edge
 
 
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
@@ -249,13 +243,18 @@ def propose(
     name = target or next(iter(robot.targets), None)
     tool = robot.tool if name is None else robot.targets[name]
     # In the base's axes, to which the cube's edges are parallel.
-    arm = Arm.of(dataclasses.replace(robot, tool=tool, targets={}, base=Frame(), effects=()))
+    arm = Arm.of(replace(robot, tool=tool, targets={}, base=Frame(), effects=()))
     edges = PREFERRED_EDGES if edge is None else (edge,)
     # A smaller cube with one orientation is preferred to a larger cube without.
     preferred = (ORIENTATIONS[:3], ORIENTATIONS[3:]) if orientation is None else ((orientation,),)
     centres = cache(partial(reachable_centres, arm))
-    for size, kind in ((size, kind) for kinds in preferred for size in edges for kind in kinds):
-        proposal = _best_proposal(arm, centres(size), size, plane, kind)
+    tried = ((size, kind, at) for kinds in preferred for size in edges for kind in kinds for at in centres(size).T)
+    for size, kind, centre in tried:
+        proposals = [
+            _best_plane(arm, centre, size, plane, kind, rotation) for rotation in _rotations(arm, kind, centre)
+        ]
+        # The tool rotation that is furthest from the joint limits.
+        proposal = max(filter(None, proposals), key=lambda one: round(one.margin, 6), default=None)
         if proposal is not None:
             base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
             first = target is None and len(robot.targets) > 1
@@ -274,7 +273,7 @@ def propose(
                 (found == "own", "the arm cannot point the tool down or forward at all five poses of a preferred cube"),
             )
             texts = tuple(note for applies, note in notes if applies)
-            return dataclasses.replace(proposal, poses=base @ proposal.poses, notes=texts, target=name)
+            return replace(proposal, poses=base @ proposal.poses, notes=texts, target=name)
     cube = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
     required = [f"the plane {plane}"] if plane else []
     required += [ORIENTATION_TEXT[orientation]] if orientation else []
@@ -297,16 +296,6 @@ def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None)
         target=None if proposal.target is None else np.full(visit.size, proposal.target),
         payload=None if payload is None else np.full(visit.size, payload),
     )
-
-
-def _best_proposal(arm: Arm, centres: Array, edge: float, plane: Plane | None, kind: Orientation) -> Proposal | None:
-    """Return the proposal at the first feasible centre, with the tool rotation furthest from the joint limits."""
-    for centre in centres.T:
-        tried = [_best_plane(arm, centre, edge, plane, kind, rotation) for rotation in _rotations(arm, kind, centre)]
-        proposals = [proposal for proposal in tried if proposal is not None]
-        if proposals:
-            return max(proposals, key=lambda proposal: round(proposal.margin, 6))
-    return None
 
 
 def _rotations(arm: Arm, kind: Orientation, centre: Array) -> Iterator[Array | None]:
@@ -461,11 +450,11 @@ def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
         return "unknown", "there is no RP to compare it with"
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
     share = expanded / min(values) if min(values) > 0.0 else np.inf
-    reason = (
-        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
-    )
     # Largest measuring uncertainty as a fraction of the criterion.
-    return "met" if share <= 0.25 else "not_met", reason
+    return (
+        "met" if share <= 0.25 else "not_met",
+        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed",
+    )
 
 
 def _load(loads: list[Array], rated: float | None) -> Finding:
@@ -520,7 +509,7 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
         plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
     edge = f"a cube of {fit.edge * 1e3:.0f} mm"
     if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
-        return plane, ("met", f"{100 * fit.from_corner:.1f} % in {edge}")
+        return plane, ("met", f"{100 * (0.5 - fit.half / fit.edge):.1f} % in {edge}")
     return plane, ("unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
 
 
@@ -655,7 +644,18 @@ def _notes(
     shift: Characteristic,
 ) -> tuple[str, ...]:
     effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
-    tails = _heavy_tails(poses)
+    # The scatter of the visits, sphered for each pose, may have longer tails than a Gaussian.
+    sphered = []
+    for pose in poses:
+        values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
+        if values[0] > 1e-12 * values[-1]:
+            sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
+    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
+    p_value = 1.0 if test is None or test.p_value is None else test.p_value
+    tails = (
+        f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {p_value:.1g}): the "
+        "intervals of RP assume a Gaussian and are too narrow"
+    )
     notes: tuple[tuple[bool, str], ...] = (
         (
             True,
@@ -689,26 +689,10 @@ def _notes(
             bool(shift.position.interval.lower),
             "the robot drifted during the run by more than the scatter explains: AP and RP include the drift",
         ),
-        (bool(tails), tails),
+        # p-value below which a note says that the scatter is not Gaussian.
+        (p_value <= 0.01, tails),
     )
     return tuple(dict.fromkeys(note for applies, note in notes if applies))
-
-
-def _heavy_tails(poses: Sequence[CommandedPose]) -> str:
-    """Return a note if the scatter of the visits, sphered for each pose, has longer tails than a Gaussian."""
-    sphered = []
-    for pose in poses:
-        values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
-        if values[0] > 1e-12 * values[-1]:
-            sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
-    test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
-    # p-value below which a note says that the scatter is not Gaussian.
-    if test is None or test.p_value is None or test.p_value > 0.01:
-        return ""
-    return (
-        f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {test.p_value:.1g}): the "
-        "intervals of RP assume a Gaussian and are too narrow"
-    )
 
 
 def _warnings(

@@ -5,11 +5,10 @@ The linear model has the whitened columns of the coefficients at planned poses, 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -56,7 +55,7 @@ class ExpectedNoise:
     def reduced(self, visits: int, readings: int) -> ExpectedNoise:
         """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
         share = 1.0 / np.sqrt(visits * readings)
-        return dataclasses.replace(
+        return replace(
             self,
             position=self.position * share,
             orientation=None if self.orientation is None else self.orientation * share,
@@ -100,7 +99,7 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     targets = tuple(robot.targets)
     if not targets:
         return poses
-    return dataclasses.replace(
+    return replace(
         poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
     )
 
@@ -108,7 +107,7 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
     """Return ``(6, P, N)`` columns of the model's free coefficients, then of ``more`` terms, for the rows of data."""
     bound = model.bind(data)
-    extended = dataclasses.replace(bound, terms=(*bound.terms, *more))
+    extended = replace(bound, terms=(*bound.terms, *more))
     return extended.linearise(np.zeros(len(extended.terms)))[1]
 
 
@@ -457,7 +456,7 @@ _EXACT = 1e-6
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` different candidates, chosen among some drawn at random."""
     pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
-    part = dataclasses.replace(problem, rows=problem.rows[pool])
+    part = replace(problem, rows=problem.rows[pool])
     return pool[choose(part, part.best(count), seed, 100)]
 
 
@@ -481,7 +480,7 @@ def power_problem(
     if already is not None:
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
-        terms = [available.get(key, (dataclasses.replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
+        terms = [available.get(key, (replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
     dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]

@@ -7,7 +7,6 @@ the mount only, the photos are to show the lens. For several cameras, ``cameras`
 
 from __future__ import annotations
 
-import math
 import os
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
@@ -183,7 +182,7 @@ def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> tuple[list[Pho
             found.append(each)
     refuse((not found, f"no photo shows {FEWEST_POINTS} points of a board that are not in a line"), error=ValueError)
     spare = sum(2 * each.rows.size - 6 for each in found)
-    return found, math.sqrt(sum(each.squares for each in found) / max(spare, 1))
+    return found, float(np.sqrt(sum(each.squares for each in found) / max(spare, 1)))
 
 
 def three_points(points: Array) -> Array:

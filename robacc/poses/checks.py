@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import difflib
 import itertools
 import math
@@ -29,10 +28,8 @@ from robacc.poses.reading import (
     RPY,
     SIGMAS,
     Column,
-    JointLimits,
     KnownPoses,
     KnownRobot,
-    PoseAt,
     Reading,
     is_documented,
     is_ruled_out,
@@ -173,7 +170,9 @@ _MOSTLY = 0.8
 """Least share of the rows of a stretch that show its unit."""
 
 
-def check_units(values: Values, limits: JointLimits | None) -> tuple[frozenset[str], frozenset[str]]:
+def check_units(
+    values: Values, limits: Sequence[tuple[float, float] | None] | None
+) -> tuple[frozenset[str], frozenset[str]]:
     """Check columns without a unit in their names; problems and warnings go to the log.
 
     Args:
@@ -403,7 +402,7 @@ def _convention(keys: Sequence[str], stated: str | None) -> str:
 
 
 def conventions(
-    values: Values, reading: Reading, pose_at: PoseAt | None, known_poses: KnownPoses | None
+    values: Values, reading: Reading, robot: KnownRobot, known_poses: KnownPoses | None
 ) -> Mapping[str, str]:
     """Return the convention of attained and commanded angles, by prefix: as stated, as named, or as the data show.
 
@@ -425,8 +424,8 @@ def conventions(
     def known_orientations(prefix: str) -> Array | None:
         """Return orientations of the rows that do not depend on the angles in question; None where there are none."""
         q, other = values.column_set(layout.joints()), "" if prefix else "cmd_"
-        if pose_at is not None and q is not None:
-            return pose_at(q[:, rows]).rotation
+        if robot.pose_at is not None and q is not None:
+            return robot.pose_at(q[:, rows]).rotation
         if known_poses is not None:
             known = known_poses(values.keys)[1]
             return None if known is None else known[..., rows]
@@ -507,7 +506,7 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
         f"by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
         of_file=True,
     )
-    return dataclasses.replace(data, pose=ids)
+    return replace(data, pose=ids)
 
 
 def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]:
@@ -609,10 +608,9 @@ def _are_copies(position: Array, equal: int) -> bool:
     distinct = np.unique(position, axis=1)
     # m; size of the cells in which positions that nearly agree are counted.
     cells = np.unique(np.floor(distinct / 5e-6), axis=1, return_counts=True)[1]
-    near = float(np.sum(cells * (cells - 1)) / 2)
     # Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
     # gives, at a resolution of 1 um.
-    return near < 25.0 * equal
+    return float(np.sum(cells * (cells - 1)) / 2) < 25.0 * equal
 
 
 QUATERNION_TOLERANCE = 1e-3

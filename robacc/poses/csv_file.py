@@ -9,7 +9,7 @@ import os
 import statistics
 from bisect import bisect_left
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -199,7 +199,7 @@ def read_poses(
             )
         check_rows(values, robot, wrong_joints, ignore_limits)
         check_visits(values, ordered)
-        angles = conventions(values, reading, robot.pose_at, known_poses)
+        angles = conventions(values, reading, robot, known_poses)
         log.raise_if_any()
         data = _measurements(values, ordered, angles)
         data = with_repetitions(data, log) if attained else data
@@ -586,25 +586,10 @@ _CERTAIN = ("fixed-xyz",)
 """Conventions of angles whose names leave no other."""
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnProposal:
-    """A column map, as text, and what it leaves open."""
+def propose_columns(path: str | os.PathLike[str], map_path: str) -> tuple[str, list[str]]:
+    """Return a column map for an export, to be written to ``map_path``, and lines that say what it has and leaves open.
 
-    text: str
-    open_statements: tuple[str, ...]
-    """Keys that the user has to fill in."""
-    open_columns: tuple[str, ...]
-    """What the names of columns leave open, such as Q1 … Q4 beside joints, and what to do about it."""
-    n_columns: int
-    """Columns with a meaning."""
-    n_named: int
-    """All columns with a name."""
-    has_commands: bool
-    """Whether the file has joint variables or commanded poses beside the measured ones."""
-
-
-def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnProposal:
-    """Return a column map for an export; statements that its names leave open stand as ``unknown``.
+    Statements that the names of the columns leave open stand as ``unknown``.
 
     Raises:
         InputError: The file cannot be read as a table.
@@ -645,16 +630,22 @@ def propose_columns(path: str | os.PathLike[str], map_name: str) -> ColumnPropos
     lines = [
         f"# Column map of {os.path.basename(name)} for robacc: a column's name in the file, and its documented name.",
         "# Correct it where it is wrong, then add to any command:",
-        f"#   --columns {map_name}",
+        f"#   --columns {os.path.basename(map_path)}",
         "",
         "robacc_columns: 1",
         *(f"{key}: {value:<22} # {comment}" for key, (value, comment) in stated.items()),
         *(f"# open: {question}" for question in questions),
         *(["columns:", *entries] if table is plain else [f"# {table.log.remark}"]),
     ]
-    unanswered = tuple(key for key, (value, _) in stated.items() if value == OPEN)
-    n_named = sum(map(bool, table.names))
-    return ColumnProposal("\n".join(lines) + "\n", unanswered, tuple(questions), len(columns), n_named, has_commands)
+    unanswered = [key for key, (value, _) in stated.items() if value == OPEN]
+    commands = "" if has_commands else " --commanded PROGRAM_OR_TABLE"
+    return "\n".join(lines) + "\n", [
+        f"wrote {map_path} (reads {len(columns)} of {sum(map(bool, table.names))} columns of {name})",
+        "next:",
+        *([f"  fill in {' and '.join(unanswered)} in {map_path}"] if unanswered else []),
+        *(f"  decide in {map_path}: {question}" for question in questions),
+        f"  robacc estimate {name} --columns {map_path} --robot robot.yaml{commands}",
+    ]
 
 
 def _meaning(column: Column, found: Layout) -> str:

@@ -525,7 +525,11 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     is_open = {key: item.meaning.expanded and reading.coverage is None for key, item in chosen.items()}
     expanded = dict.fromkeys(item.heading.name for key, item in chosen.items() if is_open[key])
     chosen = {key: item for key, item in chosen.items() if not is_open[key]}
-    of_preamble, remark = _unit_of_preamble(table)
+    of_preamble, remark = None, ""
+    # A line above the table may state the unit of length.
+    if stated_unit := next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None):
+        of_preamble = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(stated_unit["unit"].lower()[:3], "in")
+        remark = f"lengths in {of_preamble}, as {stated_unit[0].strip(' ([')!r} says"
     columns = {
         **known.columns,
         **{key: _column(key, item, known.names, reading, of_preamble, table) for key, item in chosen.items()},
@@ -601,15 +605,6 @@ def _column(
         unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
     return Column(heading.name, candidate.place, key, kind, unit, coverage)
-
-
-def _unit_of_preamble(table: Table) -> tuple[str | None, str]:
-    """Return the unit of length that a line above the table states, and a remark."""
-    match = next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None)
-    if match is None:
-        return None, ""
-    unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(match["unit"].lower()[:3], "in")
-    return unit, f"lengths in {unit}, as {match[0].strip(' ([')!r} says"
 
 
 def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:

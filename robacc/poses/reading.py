@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import itertools
-import math
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -307,8 +305,8 @@ _FORMS = _ORIENTED | {"pose", "position", "pos", "point", "translation", "trans"
 """Words that say no more than the axis beside them."""
 _PART_OF = {
     **{name: meaning.key for name, meaning in _COORDINATES.items() if meaning.key in AXES},
-    **dict.fromkeys(itertools.chain(ROTATION_VECTOR, QUATERNION, RPY, *_FAMILIES.values()), "turn"),
-    **dict.fromkeys(("rw", "phix", "phiy", "phiz"), "turn"),
+    **dict.fromkeys((*ROTATION_VECTOR, *QUATERNION, *RPY, "rw", "phix", "phiy", "phiz"), "turn"),
+    **{name: "turn" for names in _FAMILIES.values() for name in names},
 }
 """Axis that a word of a coordinate's name stands for, ``turn`` for an angle."""
 
@@ -392,7 +390,7 @@ UNITS: Mapping[str, tuple[str, float]] = {
     "in": ("length", 1.0 / 0.0254),
     "rad": ("angle", 1.0),
     "mrad": ("angle", 1e3),
-    "deg": ("angle", 180.0 / math.pi),
+    "deg": ("angle", 180.0 / np.pi),
     "s": ("time", 1.0),
     "ms": ("time", 1e3),
     "us": ("time", 1e6),
@@ -569,9 +567,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
 def _turns(rotation: Array, fours: Array) -> Array:
     """Return the angle of the rotation R_i^T R_j R_k^T R_l of each four poses ``(4, M)``, rad."""
     first, second, third, fourth = (rotation[..., rows] for rows in fours)
-    left = np.einsum("ian,ibn->abn", first, second)
-    right = np.einsum("ian,ibn->abn", third, fourth)
-    trace = np.einsum("abn,ban->n", left, right)
+    trace = np.einsum("abn,ban->n", np.einsum("ian,ibn->abn", first, second), np.einsum("ian,ibn->abn", third, fourth))
     return np.asarray(np.arccos(np.clip((trace - 1) / 2, -1.0, 1.0)))
 
 
@@ -637,11 +633,6 @@ def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str |
 
 # What the reader of a pose file knows of the robot that the poses are of.
 
-JointLimits = Sequence[tuple[float, float] | None]
-"""Lowest and highest value of each joint, rad or m; None for a joint without limits."""
-PoseAt = Callable[[Array], Poses]
-"""Nominal poses of the robot at joint variables ``(J, N)``."""
-
 
 class RowKeys(NamedTuple):
     """What rows of one file are joined to those of another by."""
@@ -669,8 +660,8 @@ class KnownRobot:
     """Joints in chain order; their names stand for ``q1 … qN``. None: no robot is known."""
     joint_types: Sequence[str] | None = None
     """``revolute`` or ``prismatic`` of each joint; None: a joint's unit may be an angle or a length."""
-    limits: JointLimits | None = None
-    """Limits of each joint; None: unknown."""
+    limits: Sequence[tuple[float, float] | None] | None = None
+    """Lowest and highest value of each joint, rad or m, None for a joint without limits; None: unknown."""
     target_names: Sequence[str] | Literal["any"] | None = None
     """Targets of the robot file, empty for a robot with one tool; None: no robot is known, and any name is valid.
     ``any``: several targets are valid although the robot has one tool, as columns ``x1 … z2`` too."""
@@ -678,8 +669,9 @@ class KnownRobot:
     """Joints outside the chain that move mass; each stands at its position where it has no column."""
     outside: Mapping[str, str] = field(default_factory=dict)
     """Joints outside the chain that a joint variable follows, and the rule by which it does."""
-    pose_at: PoseAt | None = None
-    """Nominal poses of the robot, which show units and the convention of angles that names leave open."""
+    pose_at: Callable[[Array], Poses] | None = None
+    """Nominal poses of the robot at joint variables ``(J, N)``, which show units and the convention of angles that
+    names leave open."""
 
     @property
     def targets(self) -> tuple[str, ...]:

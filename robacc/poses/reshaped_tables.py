@@ -215,8 +215,7 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
     # Entries are rounded.
     rotation = nearest_rotation(np.moveaxis(np.where(wrong, identity, matrix), 2, 0))
-    quaternion = quaternion_from_rotation(np.moveaxis(rotation, 0, 2))
-    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
+    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion_from_rotation(np.moveaxis(rotation, 0, 2))])
 
 
 _AXIS_NAMES = frozenset(

@@ -6,10 +6,9 @@ with mean zero and covariance V_d or V_δ; over poses it is their mixture in equ
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -164,7 +163,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         return {**own, **{name: value / divisor for file in files for name, value in file.items()}}
 
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
             tolerance=replaced(
                 joint.tolerance,
@@ -176,7 +175,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     )
     base = replaced(robot.base_tolerance, given.get("base", {}))
     tool = replaced(robot.tool_tolerance, given.get("tool", {}))
-    return dataclasses.replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
+    return replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -214,7 +213,7 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
     return Configurations(
         given(data.q, Problem(message, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
-        Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal,
+        Model.of(replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),
         f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}",
     )
@@ -248,7 +247,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
             notes.append(
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
             )
-        robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
+        robot = replace(robot, tool=robot.targets[name], targets={})
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     labels = tuple(f"sample {i}" for i in range(1, n + 1))
     return Configurations(q, tuple(Arm.of(robot).chain.scalars(q)), labels, source, tuple(notes))
@@ -542,7 +541,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
                 break
         factors = factors.tolist()
         tightened = [
-            dataclasses.replace(parameter, sd=parameter.sd * factor)
+            replace(parameter, sd=parameter.sd * factor)
             for parameter, factor in zip(prediction.parameters, factors, strict=True)
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)

@@ -62,7 +62,19 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     """
     modules, draft = (source, *others), Draft(source, "rapid")
     for module in modules:
-        _check_blocks(module)
+        copy, opened, blocks = "copy it from the controller again", [("", 0)], mask(module.text, _HIDDEN)
+        for match in _BLOCK.finditer(blocks):
+            word, at = match[1].upper(), match.start(1)
+            if not word.startswith("END"):
+                opened.append((word, at))
+            elif opened.pop()[0] != word[3:]:
+                raise InputError(module.problem(f"{word} ends no {word[3:]}", at, copy))
+        word, at = opened[-1]
+        no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
+        refuse(
+            (not _BLOCK.search(blocks), no_module),
+            (word, module.problem(f"is truncated: this {word} has no END{word}", at, copy)),
+        )
     text, end = mask("\n".join(module.text for module in modules), _HIDDEN), len(source.text)
     borders = [match.start() for match in _BLOCK.finditer(text) if not match[1].upper().endswith("MODULE")]
     """Places where routines begin and end."""
@@ -125,23 +137,6 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
         draft.note(match.span(), reason)
     return draft.program()
-
-
-def _check_blocks(module: ProgramSource) -> None:
-    """Raise an error of a module or a routine without its end."""
-    copy, opened = "copy it from the controller again", [("", 0)]
-    for match in _BLOCK.finditer(mask(module.text, _HIDDEN)):
-        word, place = match[1].upper(), match.start(1)
-        if not word.startswith("END"):
-            opened.append((word, place))
-        elif opened.pop()[0] != word[3:]:
-            raise InputError(module.problem(f"{word} ends no {word[3:]}", place, copy))
-    word, place = opened[-1]
-    no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
-    refuse(
-        (not _BLOCK.search(mask(module.text, _HIDDEN)), no_module),
-        (word, module.problem(f"is truncated: this {word} has no END{word}", place, copy)),
-    )
 
 
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:

@@ -479,8 +479,7 @@ def write_program(
         texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == "fanuc") for value in values]
         entries = [layout["number"].format(key=key, value=text) for key, text in enumerate(texts, start=1)]
         halves = (layout["comma"].join(half) for half in (entries[:3], entries[3:]) if half)
-        comment = re.sub(r"[^\x20-\x7e]", "?", target)[:60]
-        words = {"k": k, "numbers": layout["half"].join(halves), "comment": comment}
+        words = {"k": k, "numbers": layout["half"].join(halves), "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}
         data.append(layout["data"].format(**words))
         moves += [*layout["move"].format(**words).split("\n"), layout["wait"]]
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"

@@ -361,9 +361,8 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
         one_infinite = f"one limit is infinite, the other is not ({lower:g}, {upper:g})"
         far = max(map(abs, joint.com or ZERO))
         travel = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
-        other_chain = "choose a chain without it with `base_link` and `tip_link`"
         problems = [
-            (joint.type not in _TYPES, unknown, other_chain),
+            (joint.type not in _TYPES, unknown, "choose a chain without it with `base_link` and `tip_link`"),
             (no_axis, "the joint's axis is zero and has no direction", None),
             (infinite, one_infinite, None),
             (lower > upper and not infinite, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),
@@ -608,8 +607,7 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
     for branch in robot.branches:
         writer.link, writer.tail = writer.carriers[branch.parent]
         writer.place_joint(branch.joint, "urdf")
-    is_flange = np.array_equal(tail.matrices(), np.eye(4))
-    frames = {} if robot.tool == Frame() and is_flange else {TOOL_LINK: robot.tool}
+    frames = {} if robot.tool == Frame() and np.array_equal(tail.matrices(), np.eye(4)) else {TOOL_LINK: robot.tool}
     for name, frame in (robot.targets or frames).items():
         writer.link = flange
         writer.connect(writer.unused_name(f"to_{name}"), "fixed", tail @ frame.pose, writer.unused_name(name))

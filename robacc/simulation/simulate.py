@@ -6,9 +6,7 @@ seed, with a stream for each purpose, so that adding noise does not change the p
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
@@ -100,12 +98,8 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     direction = rng.normal(size=(3, plan.outliers))
     position[:, outliers] += plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
     turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
-    nominal = (
-        _predicted(dataclasses.replace(robot, effects=()), data)
-        if plan.commanded
-        else _planned_poses(planned, plan, data.n)
-    )
-    measured = dataclasses.replace(
+    nominal = _predicted(replace(robot, effects=()), data) if plan.commanded else _planned_poses(planned, plan, data.n)
+    measured = replace(
         data,
         position=position,
         rotation=rotation if plan.orientation else None,
@@ -199,8 +193,7 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     direction, speed = motion_between_rows(q[:, pose_of_visit])
     cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
-        again = "the poses to visit have cycles already: leave out `cycles`, or their column cycle"
-        refuse((cycle is not None, again))
+        refuse((cycle is not None, "the poses to visit have cycles already: leave out `cycles`, or their column cycle"))
         cycle = np.repeat(np.arange(1, plan.cycles + 1), planned.n).astype(str)
     if plan.payloads:
         groups = planned.groups()
@@ -385,5 +378,5 @@ def _example_rows(robot: Robot) -> list[str]:
     if data.q is None or data.target is not None:
         return []
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    columns = np.vstack((data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None], data.position * 1e3)).T
+    columns = np.vstack((data.q * np.where(revolute, 180.0 / np.pi, 1e3)[:, None], data.position * 1e3)).T
     return [",".join([f"P{i + 1}", *(f"{value:.4f}" for value in row)]) for i, row in enumerate(columns)]

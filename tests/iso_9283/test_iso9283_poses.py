@@ -107,14 +107,14 @@ def test_a_cube_is_recognised_in_any_order(plane: str) -> None:
     mixed = np.array([3, 1, 4, 0, 2])
     fit = fit_cube(points[:, mixed])
     assert (fit.centre, fit.plane) == (3, plane)
-    assert (fit.edge, fit.from_corner) == pytest.approx((0.63, 0.1))
+    assert (fit.edge, 0.5 - fit.half / fit.edge) == pytest.approx((0.63, 0.1))
 
 
 def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
     fit = fit_cube(five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4)
-    assert (fit.edge, fit.from_corner) == pytest.approx((0.4, 0.085))
+    assert (fit.edge, 0.5 - fit.half / fit.edge) == pytest.approx((0.4, 0.085))
     other_fit = fit_cube(five_points(np.zeros(3), 0.5, "y-"))
-    assert (other_fit.edge, other_fit.from_corner) == pytest.approx((0.5, 0.1))
+    assert (other_fit.edge, 0.5 - other_fit.half / other_fit.edge) == pytest.approx((0.5, 0.1))
 
 
 GOOD = five_points(np.zeros(3), 0.4, "x+")

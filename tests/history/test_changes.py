@@ -41,7 +41,7 @@ def moved(series, key, change):
 
 
 def limit_of(series, key):
-    return next(limit.limit for limit in find_changes(series, LEVEL)[1] if limit.key == key)
+    return next(limit["limit"] for limit in find_changes(series, LEVEL)[1] if limit["key"] == key)
 
 
 @pytest.mark.parametrize("kind", [{}, {"between": 3.0}, {"heat": 1.0}, {"tails": 5}])

@@ -23,20 +23,6 @@ if TYPE_CHECKING:
     from robacc.api.correct import Corrected as Corrected, correct as correct
     from robacc.api.expected import Planned as Planned, Predicted as Predicted, plan as plan, predict as predict
     from robacc.api.fitting import Calibrated as Calibrated, Traced as Traced, calibrate as calibrate, trace as trace
-    from robacc.api.history import (
-        Fleet as Fleet,
-        Health as Health,
-        HistoryAdded as HistoryAdded,
-        HistoryChanges as HistoryChanges,
-        HistoryShown as HistoryShown,
-        HistoryTrend as HistoryTrend,
-        fleet as fleet,
-        health as health,
-        history_add as history_add,
-        history_changes as history_changes,
-        history_show as history_show,
-        history_trend as history_trend,
-    )
     from robacc.api.inputs import (
         read_poses as read_poses,
         read_result as read_result,
@@ -61,9 +47,21 @@ if TYPE_CHECKING:
         Checked as Checked,
         Compared as Compared,
         ComparedTargets as ComparedTargets,
+        Fleet as Fleet,
+        Health as Health,
+        HistoryAdded as HistoryAdded,
+        HistoryChanges as HistoryChanges,
+        HistoryShown as HistoryShown,
+        HistoryTrend as HistoryTrend,
         check as check,
         compare as compare,
         compare_paired as compare_paired,
+        fleet as fleet,
+        health as health,
+        history_add as history_add,
+        history_changes as history_changes,
+        history_show as history_show,
+        history_trend as history_trend,
     )
     from robacc.errors import (
         InputError as InputError,

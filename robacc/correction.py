@@ -6,12 +6,10 @@ G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reac
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
-from enum import StrEnum
-from typing import Literal
+from dataclasses import dataclass, replace
+from typing import Literal, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,9 +26,8 @@ from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
-from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import (
+from robacc.robots.arm import (
+    Arm,
     Evaluate,
     JointSolution,
     JointSpace,
@@ -41,6 +38,7 @@ from robacc.robots.inverse_kinematics import (
     pose_jacobian,
     solve,
 )
+from robacc.robots.description import Robot
 from robacc.statistics.distributions import normal_quantile
 
 # Circumstances of targets other than the joints, and the two arms of a correction in common frames.
@@ -113,7 +111,7 @@ class CorrectionSetting:
         """Return the poses of all targets, or of those ``index``, at commands ``q`` ``(J, M)``."""
         index = np.arange(q.shape[1]) if index is None else index
         direction, speed = (None if part is None else part[:, index] for part in motion)
-        return dataclasses.replace(
+        return replace(
             self.columns.subset(index), position=np.zeros((3, index.size)), q=q, direction=direction, speed=speed
         )
 
@@ -153,18 +151,15 @@ def setting_of(
         InputError: Their effects cannot be read.
     """
     model = absorb_constants(model)
-    nominal = dataclasses.replace(nominal, effects=(), effect_units=(1.0, 1.0))
+    nominal = replace(nominal, effects=(), effect_units=(1.0, 1.0))
     if frame == "base":
-        com = Arm.of(model).payload_com
-        model = dataclasses.replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=com)
-    nominal = dataclasses.replace(nominal, base=model.base, tool=model.tool, targets=model.targets)
+        model = replace(model, tool=nominal.tool, targets=nominal.targets, payload_com=Arm.of(model).payload_com)
+    nominal = replace(nominal, base=model.base, tool=model.tool, targets=model.targets)
     full = Model.of(model)
     known = tuple(entry for entry in full.known if not entry.effect.traits.is_of_measurement)
     left_out = tuple(entry.effect for entry in full.known if entry.effect.traits.is_of_measurement)
     visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
-    return CorrectionSetting(
-        dataclasses.replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits
-    )
+    return CorrectionSetting(replace(full, known=known), Arm.of(nominal), frame, left_out, columns, ordered, visits)
 
 
 def check_same_joints(model: Robot, nominal: Robot) -> None:
@@ -272,7 +267,7 @@ def pose_evaluator(
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
         data = setting.at(q, motion, targets[index])
-        rigid = dataclasses.replace(Model(model.arm).bind(data), terms=terms)
+        rigid = replace(Model(model.arm).bind(data), terms=terms)
         poses, jacobian = rigid.linearise(np.zeros(len(terms)))
         if model.known:
             poses = model.bind(data).poses(np.zeros(0))
@@ -303,27 +298,15 @@ class Limits:
 
 # Reasons for which a target is not corrected.
 
-_TOLERANCE = 1e-6
-"""m and rad"""
 _AMPLIFICATION = 30.0
 """Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
 _NOTICEABLE = np.radians(0.5)
 """rad: turn of a joint below which a singular pose does no harm."""
-_MARGIN = 0.05
-"""Share of a range by which a target may exceed it."""
 _DEGREES = 180.0 / np.pi
 
 
-class Cause(StrEnum):
-    """Cause of a refusal."""
-
-    unreached = "unreached"
-    limit = "limit"
-    approach = "approach"
-    singular = "singular"
-    configuration = "configuration"
-    too_large = "too_large"
-    out_of_range = "out_of_range"
+Cause = Literal["unreached", "limit", "approach", "singular", "configuration", "too_large", "out_of_range"]
+"""Cause of a refusal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -340,19 +323,19 @@ def refusals(
     """Return the reason of each target that is refused, the first that applies; None for the others."""
     names, n_joints = setting.model.arm.names, solution.q.shape[0]
     configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
-    unreached = f"the nominal robot does not reach the wanted pose{configuration}"
     rules: list[tuple[NDArray[np.bool_], Cause, str | Callable[[int], str]]] = [
-        (~wanted.reached, Cause.unreached, unreached)
+        (~wanted.reached, "unreached", f"the nominal robot does not reach the wanted pose{configuration}")
     ]
     if not limits.beyond_range:
-        rules += [(outside, Cause.out_of_range, reason) for outside, reason in _out_of_range(setting, wanted, limits)]
+        rules += [(outside, "out_of_range", reason) for outside, reason in _out_of_range(setting, wanted, limits)]
 
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
     failed = ~solution.converged | np.any(at_limit, axis=0)
     if not wanted.oriented or n_joints >= 6:
-        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > _TOLERANCE
+        # m and rad
+        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6
     remaining = _amounts(solution.error)
     # Near a singular pose joints turn far or change the configuration.
     correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
@@ -371,21 +354,21 @@ def refusals(
     approach = "a joint moves less than its play since the previous target, so its direction of approach is unknown"
     converges = "near a singular pose the correction does not converge"
     rules += [
-        (failed & np.any(at_limit, axis=0), Cause.limit, limited),
-        (failed & setting.follows_order & solution.converged, Cause.approach, approach),
-        (failed, Cause.singular, lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain"),
-        ((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), Cause.singular, moves),
+        (failed & np.any(at_limit, axis=0), "limit", limited),
+        (failed & setting.follows_order & solution.converged, "approach", approach),
+        (failed, "singular", lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain"),
+        ((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), "singular", moves),
     ]
     if wanted.oriented and n_joints == 6:
         before, after = (
             np.linalg.det(np.moveaxis(pose_jacobian(setting.nominal, q)[1], 2, 0)) for q in (wanted.q, solution.q)
         )
         passes = "the correction would pass a singular pose into another configuration"
-        rules.append((before * after < 0.0, Cause.configuration, passes))
+        rules.append((before * after < 0.0, "configuration", passes))
     most = (limits.position, limits.orientation if wanted.oriented else None)
     far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
     allowed = f"is larger than {_sizes(limits.position, limits.orientation)}, see `most`"
-    rules.append((far, Cause.too_large, lambda i: f"the correction of {_sizes(*correction[:, i])} {allowed}"))
+    rules.append((far, "too_large", lambda i: f"the correction of {_sizes(*correction[:, i])} {allowed}"))
     result: list[Refusal | None] = [None] * solution.q.shape[1]
     for refused, cause, reason in reversed(rules):
         for i in np.flatnonzero(refused).tolist():
@@ -407,7 +390,8 @@ def _out_of_range(
         columns["temperature_c"] = data.temperature
     for name, (low, high) in (limits.ranges or {}).items():
         if (values := columns.get(name)) is not None:
-            margin = _MARGIN * (high - low)
+            # Share of a range by which a target may exceed it.
+            margin = 0.05 * (high - low)
             outside = (values < low - margin) | (values > high + margin)
             yield outside, f"{name} is outside the range that the model was fitted on"
 
@@ -424,8 +408,6 @@ def _sizes(position: float | None, angle: float | None) -> str:
     return " and ".join(parts)
 
 
-_SAME_POSE = 1e-10
-"""m and rad: change of a pose with its approach that is not worth another solution."""
 _ROUNDS = 5
 """Rounds over all targets until directions and speeds of approach agree with the corrected commands."""
 
@@ -447,7 +429,8 @@ def _solved(
         nonlocal motion, index
         previous, motion = motion, setting.motion(q)
         now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
-        index = np.flatnonzero(np.any(np.abs(now - then) > _SAME_POSE, axis=0) & chosen)
+        # m and rad: change of a pose with its approach that is not worth another solution.
+        index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
 
     def evaluator() -> Evaluate:
         return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
@@ -607,7 +590,7 @@ class Correction:
     def causes(self) -> dict[Cause, int]:
         """Number of refused targets by cause, the causes in their order."""
         causes = [refusal.cause for refusal in self.refusals if refusal is not None]
-        return {cause: causes.count(cause) for cause in Cause if cause in causes}
+        return {cause: causes.count(cause) for cause in get_args(Cause) if cause in causes}
 
 
 def correction(

@@ -84,14 +84,6 @@ def is_known(key: str) -> bool:
     return key in KEYS or re.fullmatch(r"(iso9283|history)(\.[A-Za-z]\w*)+", key) is not None
 
 
-def nearest_key(key: str) -> str:
-    """Return a hint with the known key most similar to an unknown key, or with examples of keys."""
-    known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
-    similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
-    examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
-    return f"did you mean {similar[0]}?" if similar else examples
-
-
 # Gates and their criteria: a limit, a decision rule and the reason for the limit.
 
 Rule = Literal["bound", "simple", "guard_band", "guarded_rejection"]
@@ -204,7 +196,10 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     if reason is not None and not isinstance(reason, ScalarNode):
         section.report("reason", "expected text: the reason for the limit")
     if key is not None and not is_known(key):
-        section.report("key", f"no result has the key {key!r}", nearest_key(key))
+        known = [*KEYS, "iso9283.AP.max", "iso9283.RP.max"]
+        similar = [name for name in known if name.startswith(key)] or difflib.get_close_matches(key, known, 1, 0.5)
+        examples = "for example position.p95, orientation.max, after.held_out.position.rms, gain, grade, verdict"
+        section.report("key", f"no result has the key {key!r}", f"did you mean {similar[0]}?" if similar else examples)
     if key is None or not is_known(key):
         return None
     baseline, kind = section.text("baseline"), KEYS.get(key)
@@ -784,7 +779,23 @@ def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
 ) -> Evaluation:
     if criterion.kind == "word":
-        return _evaluate_word(criterion, document)
+        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
+        word = value_at(document, criterion.key)[0]
+        word = str(word).lower() if isinstance(word, bool | np.bool_) else word
+        refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
+        outcome: Outcome = "pass" if word in criterion.accepted else "fail"
+        warnings, why = tuple[str, ...](), None
+        if criterion.key == "verdict" and outcome == "pass":
+            after = document.get("after")
+            if isinstance(after, Mapping) and after.get("held_out") is None:
+                outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
+            elif (document.get("noise") or {}).get("source") == "residual":
+                warnings = (
+                    "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
+                    "says that no structure remains, not how large the remaining error is; add a limit on "
+                    "after.held_out.position.p95",
+                )
+        return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
     compared, ratio = None, None
@@ -793,7 +804,13 @@ def _evaluate(
         compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
-        ratio = _instrument_ratio(criterion, document)
+        noise, noise_std = document.get("noise"), None
+        if isinstance(noise, Mapping) and noise.get("source") != "residual":
+            noise_std = finite_number(
+                noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
+            )
+        # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
+        ratio = None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
     other = (
         f"the limit has the dimension {criterion.kind}, but {criterion.key} of the result has the dimension "
         f"{figure.dimension}"
@@ -814,26 +831,6 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
         else decide_largest(criterion, figure.value, figure.n)
     )
     return {**found, "value": figure.value, "n_poses": figure.n}
-
-
-def _evaluate_word(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
-    """Evaluate a word; an accepted verdict of a trace is inconclusive without held-out poses to confirm it."""
-    value = value_at(document, criterion.key)[0]
-    word = str(value).lower() if isinstance(value, bool | np.bool_) else value
-    refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
-    outcome: Outcome = "pass" if word in criterion.accepted else "fail"
-    warnings, why = tuple[str, ...](), None
-    if criterion.key == "verdict" and outcome == "pass":
-        after = document.get("after")
-        if isinstance(after, Mapping) and after.get("held_out") is None:
-            outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
-        elif (document.get("noise") or {}).get("source") == "residual":
-            warnings = (
-                "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict says "
-                "that no structure remains, not how large the remaining error is; add a limit on "
-                "after.held_out.position.p95",
-            )
-    return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:
@@ -880,17 +877,6 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
         value=str(grade.get("grade")),
         n_poses=own[0]["n_poses"] if own else None,
     )
-
-
-def _instrument_ratio(criterion: GateCriterion, document: Mapping[str, Any]) -> float | None:
-    """Return the expanded measurement uncertainty along an axis over the limit; None if the result has none."""
-    noise, noise_std = document.get("noise"), None
-    if isinstance(noise, Mapping) and noise.get("source") != "residual":
-        noise_std = finite_number(
-            noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
-        )
-    # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
-    return None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
 
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:

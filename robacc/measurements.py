@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 import zlib
-from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -24,9 +23,6 @@ SHOWN = {
     **dict.fromkeys(IMAGES, (True, True, False)),
 }
 """Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
-_SAME_COMMAND = 1e-3
-"""rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints that
-were read back. An arm's error changes by about a thousandth of itself over such a distance."""
 
 
 class Grouping(NamedTuple):
@@ -43,7 +39,7 @@ class Grouping(NamedTuple):
         return None if self.numbers.max(initial=-1) + 1 == self.numbers.size else self.numbers
 
 
-@dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True)
 class Measurements:
     """N measured poses. A column that the file lacks is None; the others have no missing value."""
 
@@ -307,7 +303,9 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
         return Grouping(number)
     last = np.empty(names.size, dtype=np.int64)
     last[number] = np.arange(number.size)
-    differ = np.any([np.abs(row - row[last[number]]) > _SAME_COMMAND for row in commands], axis=0)
+    # rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints
+    # that were read back. An arm's error changes by about a thousandth of itself over such a distance.
+    differ = np.any([np.abs(row - row[last[number]]) > 1e-3 for row in commands], axis=0)
     rows = (np.bincount(number, weights=differ) > 0.0)[number]
     if not rows.any():
         return Grouping(number)

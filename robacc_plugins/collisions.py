@@ -21,9 +21,8 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array, Poses
-from robacc.robots.arm import Arm, Chain
+from robacc.robots.arm import Arm, Chain, low_discrepancy
 from robacc.robots.description import Robot
-from robacc.robots.library import low_discrepancy
 
 # Collision shapes of a URDF's links, each fixed to a link of the chain.
 

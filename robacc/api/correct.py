@@ -26,7 +26,6 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, fields_of
 from robacc.correction import (
-    Cause,
     Correction,
     Limits,
     Refusal,
@@ -57,9 +56,8 @@ from robacc.programs.targets import (
     with_targets,
 )
 from robacc.quantities import size
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, part_of
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, part_of
 
 _TWICE = 2.0
 """Largest correction, as a multiple of the largest on the poses of the fit."""
@@ -206,7 +204,7 @@ class NothingCorrectedError(InputError):
 
     def __init__(self, result: Corrected) -> None:
         """Store each reason as a problem, and the advice once."""
-        advice = _ADVICE_OUTSIDE if result.causes.get(Cause.out_of_range) == result.n_targets else _ADVICE
+        advice = _ADVICE_OUTSIDE if result.causes.get("out_of_range") == result.n_targets else _ADVICE
         super().__init__(_problems(result.unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 
@@ -346,7 +344,7 @@ def correct(
     outside = [
         (i, refusal.reason)
         for i, refusal in enumerate(body.refusals)
-        if refusal is not None and refusal.cause is Cause.out_of_range
+        if refusal is not None and refusal.cause == "out_of_range"
     ]
     if strict_range and outside:
         first, reason = outside[0]
@@ -507,7 +505,17 @@ def correct_program(
         if group == numbers:
             new = [tuple(column) for column in result.q.T.tolist()]
         else:
-            result = _in_configuration(program, group, result)
+            stated = [program.targets[number] for number in group]
+            other = "the corrected joints have another configuration than that of the program"
+            refusals = tuple(
+                Refusal("configuration", f"{other}, {target.configuration}")
+                if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
+                else refusal
+                for target, refusal, nominal, q in zip(
+                    stated, result.refusals, result.wanted.q.T, result.q.T, strict=True
+                )
+            )
+            result = replace(result, refusals=refusals)
             new = values_at(program, group, result.setting.from_measuring(result.commanded))
         results.append(result)
         for index, value, refusal in zip(group, new, result.refusals, strict=True):
@@ -576,16 +584,3 @@ def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
         elif last is not None:
             before.setdefault(index, last)
     return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
-
-
-def _in_configuration(program: Program, numbers: Sequence[int], result: Corrected) -> Corrected:
-    """Return the correction without the targets whose corrected joints have another configuration than stated."""
-    stated = [program.targets[number] for number in numbers]
-    other = "the corrected joints have another configuration than that of the program"
-    refusals = tuple(
-        Refusal(Cause.configuration, f"{other}, {target.configuration}")
-        if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
-        else refusal
-        for target, refusal, nominal, q in zip(stated, result.refusals, result.wanted.q.T, result.q.T, strict=True)
-    )
-    return replace(result, refusals=refusals)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 import os
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -50,7 +49,7 @@ from robacc.modelling.validity import resolve_campaign
 from robacc.planning.campaign import (
     DEFAULT_CANDIDATES,
     CampaignPlan,
-    Demand,
+    needed,
     plan_campaign,
 )
 from robacc.planning.candidates import (
@@ -329,7 +328,8 @@ class Planned(CsvResult, CampaignPlan):
             f"# Validation poses planned by robacc plan for {self.robot.name}; nothing was measured.\n"
             "# Use them only to check a fit (`holdout`), never in the fit.\n"
         )
-        return head + format_poses(self.validation_poses(), attained=False)
+        missing = "the plan has no validation poses; give their number as `validation`"
+        return head + format_poses(given(self.validation, missing), attained=False)
 
     def programs(self, path: StrPath) -> dict[str, str]:
         """Return the visits as robot programs in the language of the suffix of ``path``: text by file name.
@@ -518,13 +518,9 @@ def plan(
         no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
         urdf = given(path_of(robot) if described.convention == "urdf" else None, no_shapes)
         links = plug_in("robacc.collisions", "fcl")(urdf, described)
-    demands = _demands(inputs, gate, grade)
-    refuse(
-        (
-            demands and purpose != "acceptance",
-            "`gate` and `grade` set the number of acceptance poses; give purpose acceptance",
-        )
-    )
+    demands = _demands(inputs, gate, grade, optional_size(expected, "length", "`expected`"))
+    needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
+    refuse((demands and purpose != "acceptance", needs_acceptance))
     body = plan_campaign(
         arm,
         purpose,
@@ -551,7 +547,6 @@ def plan(
         validation=validation,
         target=optional_size(target_error, "length", "`target_error`"),
         demands=demands,
-        expected=optional_size(expected, "length", "`expected`"),
         n_candidates=n_candidates,
         payloads=_payloads(payload),
         seed=seed,
@@ -585,30 +580,33 @@ def _sight(
     )
     if instrument is None:
         return None
-    near_far = (0.0, math.inf) if distance is None else parse_distance(distance, "distance")
+    near_far = (0.0, np.inf) if distance is None else parse_distance(distance, "distance")
     axis = None if reflector is None else parse_vector(reflector, "reflector")
     refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
     return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
 
 
-def _demands(inputs: Inputs, gate: StrPath | None, grade: str | None) -> tuple[Demand, ...]:
-    """Return the limits of a gate and of a grade on the position, which the measurement is to decide."""
-    demands: list[Demand] = []
+def _demands(
+    inputs: Inputs, gate: StrPath | None, grade: str | None, expected: float | None
+) -> list[Mapping[str, Any]]:
+    """Return the limits of a gate and of a grade on the position, with the numbers of poses that decide them."""
+    demands: list[Mapping[str, Any]] = []
     if gate is not None:
         loaded, _, records = read_gate(os.fspath(gate))
         inputs.records += records
         for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
             if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
-                name = cast(Statistic, statistic)
-                demands.append(Demand(criterion.name, name, criterion.limit, criterion.confidence, criterion.share))
+                limit = criterion.limit, criterion.confidence, criterion.share
+                demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))
         refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))
     if grade is not None:
         steps = inputs.scale() or default_scale()
         limits = {step.grade: step.position for step in steps.steps}
         unknown = f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}"
-        demands.append(Demand(f"grade {grade}", steps.statistic, given(limits.get(grade), unknown), steps.confidence))
-    return tuple(demands)
+        limit_of_grade = given(limits.get(grade), unknown)
+        demands.append(needed(f"grade {grade}", steps.statistic, limit_of_grade, steps.confidence, expected=expected))
+    return demands
 
 
 def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:

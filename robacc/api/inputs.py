@@ -46,9 +46,11 @@ from robacc.measurements import IMAGES, Measurements, commanded_groups
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
-from robacc.poses.columns import AXES, RPY
+from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
+    AXES,
+    RPY,
     UNKNOWN_ROBOT,
     KnownRobot,
     PoseFile,
@@ -60,7 +62,6 @@ from robacc.poses.reading import (
     table_options,
 )
 from robacc.poses.reshaped_tables import unit_of_positions
-from robacc.poses.units import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
@@ -424,8 +425,6 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
 _JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
 _TEXT_FIELDS = ("pose", "cycle", "visit", "target", "payload_group")
-_ROTATION_TOLERANCE = 1e-3
-"""Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit length."""
 
 
 def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units: bool = True) -> Measurements:
@@ -452,12 +451,8 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     return replace(data, **fields)
 
 
-Wrong = Iterator[tuple[str, str, str | None]]
-"""Name of a field, what is wrong with it, and the advice."""
-
-
-def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
-    """Yield what is wrong with the shapes and the values of arrays."""
+def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Iterator[tuple[str, str, str | None]]:
+    """Yield what is wrong with the shapes and the values of arrays: a field, what is wrong with it, and the advice."""
     position = arrays["position"]
     is_transposed = position.ndim == 2 and position.shape[1] == 3 != position.shape[0]
     n = position.shape[0 if is_transposed else -1] if position.ndim else 0
@@ -481,14 +476,16 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wr
             yield name, f"pose {pose + 1} has a value that is not finite", None
         elif name.endswith("rotation") and array.ndim == 3:
             deviation = np.abs(np.einsum("kin,kjn->ijn", array, array) - np.eye(3)[..., None]).max(axis=(0, 1))
-            invalid = (deviation > _ROTATION_TOLERANCE) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
+            # Largest deviation of ``R @ R.T`` from the identity; files allow quaternions the same deviation from unit
+            # length.
+            invalid = (deviation > 1e-3) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
             if np.any(invalid):
                 yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
         elif name.startswith("sigma") and np.any(array <= 0):
             yield name, "expected standard deviations above 0", None
 
 
-def _wrong_units(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Wrong:
+def _wrong_units(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> Iterator[tuple[str, str, str | None]]:
     """Yield each array that is in mm or degrees, as far as its values show it."""
     if not arrays["position"].size:
         return
@@ -550,10 +547,6 @@ def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Meas
 _SHOWN = 6
 """Names that a message lists."""
 _DAY = 86400.0
-_FEWEST_SMOOTH = 8
-"""Rows of joints from which it shows whether the arm moves evenly between them."""
-_SMOOTH = 0.2
-"""Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1."""
 
 
 def _with_commands(
@@ -785,10 +778,12 @@ def _by_time(time: Array, clock: Array, planned: Measurements) -> tuple[Measurem
     nearest = np.where(time - clock[right - 1] < clock[right] - time, right - 1, right)
     found = np.abs(clock[nearest] - time) <= np.median(np.diff(clock)) / 2
     at = order[nearest]
-    if planned.q is not None and clock.size > _FEWEST_SMOOTH and np.diff(clock).min() > 0:
+    # Rows of joints from which it shows whether the arm moves evenly between them.
+    if planned.q is not None and clock.size > 8 and np.diff(clock).min() > 0:
         q = planned.q[:, order]
         first, second = (np.median(np.abs(np.diff(q, k)).max(axis=0)) for k in (1, 2))
-        if second < _SMOOTH * first:
+        # Typical second difference of such joints, at most, as a share of the first: poses at random have more than 1.
+        if second < 0.2 * first:
             from scipy.interpolate import CubicSpline
 
             planned = replace(planned.subset(at), q=CubicSpline(clock, q, axis=1)(time), time=time)

@@ -26,13 +26,12 @@ from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.documents.accuracy import ISO9283, ISO9283_POSES
 from robacc.errors import refuse
 from robacc.iso_9283.criteria import Iso9283Result
-from robacc.iso_9283.cube import Proposal, planned_poses, propose
-from robacc.iso_9283.evaluation import iso9283 as evaluate_criteria
+from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import pose_pieces
 from robacc.quantities import optional_size
 from robacc.render.text import Section
-from robacc.render.views.robot import proposal_comments, proposal_view
+from robacc.render.views.accuracy import proposal_comments, proposal_view
 from robacc.robots.description import Robot
 
 

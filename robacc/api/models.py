@@ -40,9 +40,6 @@ from robacc.quantities import size
 from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_poses
 
-_FIRST_ROW = 4
-"""Line of the first row in a file with outliers, below two comments and the header."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Simulated(CsvResult, Simulation):
@@ -61,7 +58,8 @@ class Simulated(CsvResult, Simulation):
     @property
     def outlier_lines(self) -> list[int]:
         """Lines of :meth:`csv` with outliers."""
-        return [int(row) + _FIRST_ROW for row in self.outliers]
+        # Line of the first row in a file with outliers, below two comments and the header.
+        return [int(row) + 4 for row in self.outliers]
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the text of :meth:`csv` in pieces."""
@@ -288,9 +286,11 @@ def export(
     controller = made.controller or start
     remaining = remaining_error(complete, controller)
     effects = [f"effect {name}" for name in (*refitted, *excluded)]
-    not_carried = (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
-    if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT:
-        not_carried = ()
+    not_carried = (
+        ()
+        if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
+        else (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
+    )
     default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")
     fit = model_fit(robot)
     return Exported(

@@ -18,7 +18,8 @@ from robacc.documents.envelope import (
     pose_columns,
     read_gate,
     read_identity,
-    result_schema,
+    result_kind,
+    schema_version,
 )
 from robacc.documents.keys import Kind
 from robacc.errors import UsageError, refuse
@@ -258,4 +259,13 @@ def schema(name: str) -> dict[str, Any]:
         'Measured poses (rows).'
     """
     refuse((name not in MODULES, f"no schema {name!r}; choose one of {', '.join(schema_names())}"))
-    return result_schema(name)
+    kind, version = result_kind(name), schema_version(name)
+    shared: dict[str, Any] = {}
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": f"urn:robacc:schema:{name}:{version}",
+        "title": f"robacc.{name}/{version}",
+        "description": f"{kind.about} Lengths in m, angles in rad; missing numbers are null. Keys may be added.",
+        **kind.schema(shared),
+        "$defs": shared,
+    }

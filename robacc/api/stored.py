@@ -1,26 +1,79 @@
-"""Calls of ``robacc check``, ``robacc compare`` and ``robacc compare --paired``: results against others."""
+"""Calls that use stored results: check, compare, pairs of targets, and the results of arms over time."""
 
 from __future__ import annotations
 
 import json
 import os
+import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from datetime import UTC, datetime
 from hashlib import sha256
+from itertools import groupby
 from pathlib import PurePath
 from typing import Annotated, Any, ClassVar
 
+import numpy as np
+
 from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, read_result
-from robacc.api.parameters import Confidence, Help, PosesSource, RobotSource, Seed, StrPath, call
+from robacc.api.parameters import (
+    ArmName,
+    BaseLink,
+    Confidence,
+    Database,
+    Help,
+    IgnoreLimits,
+    NeededRobot,
+    OptionalRobot,
+    Ordered,
+    Poses,
+    PosesSource,
+    RobotSource,
+    Seed,
+    StrPath,
+    TipLink,
+    call,
+)
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
-from robacc.comparison.stored_results import ComparedResult, read_compared_result
+from robacc.comparison.stored_results import FITS, ComparedResult, read_compared_result
 from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import CHECK, StoredResult, read_gate, understood
-from robacc.errors import InputError, Problem, refuse
+from robacc.documents.envelope import CHECK, StoredResult, csv_text, read_gate, understood
+from robacc.documents.history import (
+    FLEET,
+    HEALTH,
+    HISTORY_ADD,
+    HISTORY_CHANGES,
+    HISTORY_SHOW,
+    HISTORY_TREND,
+    TEST,
+    date_text,
+)
+from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
+from robacc.history import store
+from robacc.history.changes import (
+    ArmChange,
+    Entry,
+    Spread,
+    arm_fit,
+    find_changes,
+    fleet_of,
+    joint_tolerances,
+    level_of,
+    quick_test,
+    slope_of,
+    typical_robot,
+)
+from robacc.history.store import add, arm_of, counted, document_of, opened, series_of, tests
+from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
+from robacc.render.text import Section
+from robacc.render.views import history as views
+from robacc.robots.description import Robot
+from robacc.robots.yaml_robot import robot_to_yaml
+from robacc.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -78,8 +131,6 @@ def stored_result(source: StrPath | Result | StoredResult) -> StoredResult:
 
 
 Source = StrPath | Result | StoredResult
-_START = 256
-"""Bytes of a file in which its first sign is looked for."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -196,7 +247,8 @@ def _are_poses(source: Source) -> bool:
     if not os.path.isfile(source):
         return os.path.isdir(source)
     with open(source, "rb") as file:
-        return not file.read(_START).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
+        # Bytes of a file in which its first sign is looked for.
+        return not file.read(256).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
 
 
 def _names(results: Sequence[Source]) -> list[str]:
@@ -302,3 +354,445 @@ def compare_paired(
         doubts += (*noise_doubts(body.promise["noise"]), *(() if fit is None else fit.warnings))
     made = inputs.made("before", "after", "model", "nominal")
     return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)
+
+
+# Calls of ``robacc history`` and its forms: a database of results, and what changed between them.
+
+
+def _time(text: str | None) -> float | None:
+    """Return a date as s since 1970; without a zone, it is UTC."""
+    if text is None:
+        return None
+    try:
+        date = datetime.fromisoformat(text)
+        refuse((not 1970 < date.year < 3000, ""), error=ValueError)
+    except ValueError:
+        raise UsageError(f"`at`: expected a date such as 2026-05-31 or 2026-05-31T14:30, found {text!r}") from None
+    return (date if date.tzinfo else date.replace(tzinfo=UTC)).timestamp()
+
+
+def _own_date(path: str | None) -> float:
+    """Return when a file was last changed, s since 1970; the present for a pipe and for what was no file."""
+    return os.path.getmtime(path) if path and os.path.isfile(path) else time.time()
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryResult(Result):
+    """Result from a database or over many arms."""
+
+    warnings: tuple[str, ...] = ()
+
+    def view(self) -> list[Section]:
+        """Return what the command shows."""
+        return views.VIEWS[self.command](self.payload())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryAdded(HistoryResult):
+    """Results that were added to a database."""
+
+    command: ClassVar[str] = "history-add"
+    keys = HISTORY_ADD
+    added: int
+    known: int
+    n_results: int
+    arms: tuple[str, ...]
+
+
+@call
+def history_add(
+    *results: Annotated[
+        Source, Help("Results stored as JSON; - reads standard input.", "RESULT [RESULT …]", "Or results of calls.")
+    ],
+    db: Database,
+    at: Annotated[
+        str | None, Help("Date of the tests, such as 2026-05-31; default: that of each file's last change.", "DATE")
+    ] = None,
+    arm: Annotated[
+        str | None, Help("Arm that was tested; default: serial number of the robot file, else its name.", "NAME")
+    ] = None,
+) -> HistoryAdded:
+    """Add results to a database, which is made if there is none; a result that it has already changes nothing.
+
+    Returns:
+        ``added`` and ``known``, the numbers of new results and of those that the database had.
+
+    Raises:
+        InputError: A result cannot be read, or the database cannot be written; nothing is added then.
+        UsageError: A result is of a command without figures to compare, or the date is none.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     print(robacc.history_add(result, db=f"{folder}/arm.db", at="2026-05-31").added)
+        1
+    """
+    refuse((not results, "name the results to add"))
+    inputs, when, added = Inputs({"at": at, "arm": arm}), _time(at), 0
+    with opened(os.fspath(db), writes=True) as base:
+        for source in results:
+            stored = stored_result(source)
+            added += add(base, stored, _own_date(path_of(source)) if when is None else when, arm)
+            inputs.records.append(stored.record)
+        found = tests(base, None)
+    return HistoryAdded(
+        added=added,
+        known=len(results) - added,
+        n_results=len(found),
+        arms=tuple(dict.fromkeys(test.arm for test in found)),
+        made=inputs.made(),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryShown(HistoryResult):
+    """Results of a database."""
+
+    command: ClassVar[str] = "history-show"
+    keys = HISTORY_SHOW
+    results: Sequence[Mapping[str, Any]]
+    db: str
+    arm: str | None
+
+    def table(self, path: StrPath) -> None:
+        """Write every figure and coefficient, one a line, as a CSV or, by the ending of the name, as Parquet.
+
+        Raises:
+            InputError: The file cannot be written.
+            UsageError: The name ends in .parquet, and pyarrow is not installed.
+        """
+        from robacc.io.files import write_text
+
+        with opened(self.db) as base:
+            columns = dict(zip(store.COLUMNS, zip(*store.rows(base, self.arm), strict=True), strict=False))
+        columns["at"] = tuple(map(date_text, columns["at"]))
+        if os.fspath(path).endswith(".parquet"):
+            plug_in("robacc.readers", "parquet").write(path, columns)
+            return
+        texts = {name: ["" if cell is None else cell for cell in column] for name, column in columns.items()}
+        write_text(path, csv_text(texts))
+
+
+@call
+def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
+    """Show the results of a database by arm and date.
+
+    Returns:
+        ``results`` with date, command, rms error and grade.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: The database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_show(db=f"{folder}/arm.db").results[0]["command"])
+        estimate
+    """
+    with opened(os.fspath(db)) as base:
+        errors = {row[-1]: row[4] for row in store.rows(base, arm, "position.rms")}
+        results = [TEST.write(test, rms_m=errors.get(test.id)) for test in tests(base, arm)]
+    return HistoryShown(results=results, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryTrend(HistoryResult):
+    """One figure or coefficient over time."""
+
+    command: ClassVar[str] = "history-trend"
+    keys = HISTORY_TREND
+    key: str
+    unit: str
+    trends: Sequence[Mapping[str, Any]]
+
+
+@call
+def history_trend(
+    key: Annotated[str, Help("Figure or coefficient, such as position.rms or joint_offset.j3.", "KEY")],
+    *,
+    db: Database,
+    arm: ArmName = None,
+) -> HistoryTrend:
+    """Show one figure or coefficient over time, with its slope.
+
+    Returns:
+        ``trends``: the values of each arm, and the slope of a straight line with its 95 % interval.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: No result has the key, or the database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_trend("position.rms", db=f"{folder}/arm.db").unit)
+        m
+    """
+    with opened(os.fspath(db)) as base:
+        tests(base, arm)
+        rows = [row for row in store.rows(base, arm, key) if row[4] is not None]
+        keys = "" if rows else ", ".join(dict.fromkeys(row[3] for row in store.rows(base, arm)))
+    refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
+    trends = []
+    for name, group in groupby(rows, key=lambda row: row[0]):
+        own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
+        known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
+        is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
+        slope = slope_of(*known.T) if is_line else (None, None, None)
+        values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
+        trends.append(
+            {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
+        )
+    return HistoryTrend(key=key, unit=rows[0][6], trends=trends, made=Inputs({"key": key, "arm": arm}).made())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class HistoryChanges(HistoryResult):
+    """What changed in the tests of each arm."""
+
+    command: ClassVar[str] = "history-changes"
+    keys = HISTORY_CHANGES
+    arms: Sequence[Mapping[str, Any]]
+    changes: Mapping[str, Sequence[ArmChange]]
+    """Changes of each arm."""
+
+
+@call
+def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
+    """Say what changed between the tests of an arm, when, by how much, and whether by a step, a ramp or temperature.
+
+    Coefficients come from results of calibrate and trace, the rms error from those of estimate. A coefficient of
+    base_frame or tool_frame tells that the set-up changed, not the arm. A false alarm is expected once in a year.
+
+    Returns:
+        ``changes`` of each arm, the most certain first, with date, size and 95 % interval; ``arms`` with the detection
+        limits of each.
+
+    Raises:
+        InputError: The file is no database of results.
+        UsageError: The database has no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> result = robacc.estimate("sample_data/poses.csv", robot="sample_data/robot.yaml")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     print(robacc.history_changes(db=f"{folder}/arm.db").changes)
+        {'sample arm': []}
+    """
+    with opened(os.fspath(db)) as base:
+        arms, changed = [], {}
+        for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
+            own = [*group]
+            level = level_of(np.array([test.at for test in own]))
+            used = counted(own)
+            changed[name], limits = find_changes(series_of(base, used), level)
+            notes = [
+                f"{len(used)} of them count: the others have another robot file, or other effects were fitted"
+                * (len(used) < len(own)),
+                "fewer than three tests: how much tests differ without a change is not known yet" * (len(used) < 3),
+                "without a temperature in every test (column temperature_c), warmth may look like a change"
+                * any(test.temperature is None for test in used),
+            ]
+            entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
+            arms.append({**entry, "notes": [*filter(None, notes)]})
+    return HistoryChanges(arms=arms, changes=changed, made=Inputs({"arm": arm}).made())
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Health(HistoryResult):
+    """Quick test of an arm."""
+
+    command: ClassVar[str] = "health"
+    keys = HEALTH
+    arm: str
+    n_poses: int
+    rms: float
+    level: float
+    changes: tuple[ArmChange, ...]
+    detection_limits: Sequence[Entry]
+    hidden: tuple[str, ...]
+
+
+@call
+def health(
+    poses: Poses,
+    *,
+    db: Database,
+    robot: NeededRobot,
+    arm: Annotated[
+        str | None, Help("Arm of the database; default: serial number or name of the robot file.", "NAME")
+    ] = None,
+    at: Annotated[str | None, Help("Date of the test; default: that of the file's last change.", "DATE")] = None,
+    ordered: Ordered = False,
+    ignore_limits: IgnoreLimits = False,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Health:
+    """Say from a few poses whether a coefficient of an arm moved since its last full test, and which.
+
+    The robot is the model that calibrate or trace wrote at the last full test. Base and target may be set up anew. The
+    database tells how much the arm's tests differ without a change, and how often they are made.
+
+    Returns:
+        ``changes``: the coefficients that moved, with size and 95 % interval; ``detection_limits`` of the others.
+
+    Raises:
+        InputError: A file cannot be used, or the poses are too few.
+        UsageError: The robot has no fit, or the database no such arm.
+
+    Example:
+        >>> import robacc, tempfile
+        >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
+        >>> result = robacc.calibrate(poses, robot=robot, fit="base_frame,tool_frame,joint_offset,link_geometry")
+        >>> with tempfile.TemporaryDirectory() as folder:
+        ...     added = robacc.history_add(result, db=f"{folder}/arm.db")
+        ...     result.write_model(f"{folder}/model.yaml")
+        ...     print(robacc.health(poses, robot=f"{folder}/model.yaml", db=f"{folder}/arm.db").changes)
+        ()
+    """
+    inputs = Inputs(locals(), "poses")
+    model = inputs.robot(robot, poses)
+    record = given(
+        model_fit(model),
+        f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`",
+    )
+    data = inputs.poses(poses, model)
+    refuse((data.q is None, "the poses have no joint columns, which the model needs"))
+    own_name = arm or model.identity.get("serial_number") or model.name
+    with opened(os.fspath(db)) as base:
+        own = counted(tests(base, own_name))
+        series = [one for one in series_of(base, own) if not one.is_of_setup]
+        last = [test for test in own if test.command in FITS][-1:]
+        digests = {entry["sha256"] for test in last for entry in document_of(base, test)["inputs"]}
+    doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
+    level = level_of(np.array([test.at for test in own]))
+    path = path_of(poses)
+    when = _time(at) or max(_own_date(path), own[-1].at)
+    refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
+    dates = (own[-1].at, when)
+    changed, limits, hidden, rms = quick_test(model, record, data, level, Spread.of(series).factor, dates)
+    return Health(
+        arm=own_name,
+        n_poses=data.n,
+        level=level,
+        changes=changed,
+        detection_limits=limits,
+        hidden=hidden,
+        rms=rms,
+        warnings=(*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))),
+        made=inputs.made("db", poses=path, robot=path_of(robot)),
+    )
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, repr=False)
+class Fleet(HistoryResult):
+    """Coefficients over the arms of a fleet."""
+
+    command: ClassVar[str] = "fleet"
+    keys = FLEET
+    n_arms: int
+    coefficients: Sequence[Entry]
+    strangers: Sequence[Entry]
+    covariance: Entry
+    notes: tuple[str, ...]
+    robot: Robot | None
+
+    def tolerances_yaml(self) -> str:
+        """Return the standard deviations between arms as a tolerance file of ``predict``."""
+        import yaml
+
+        turns = any(one["key"].endswith((".roll", ".pitch", ".yaw")) for one in self.coefficients)
+        is_urdf = turns if self.robot is None else self.robot.convention == "urdf"
+        head = f"# Standard deviations between {self.n_arms} arms, written by robacc {__version__} fleet.\n"
+        content = {"units": {"length": "m", "angle": "rad"}, "joints": joint_tolerances(self.coefficients, is_urdf)}
+        return head + yaml.safe_dump(content, sort_keys=False)
+
+    def robot_yaml(self) -> str:
+        """Return the typical arm as a robot file: the nominal robot with the fleet's means and tolerances.
+
+        Raises:
+            UsageError: The call had no ``robot``.
+        """
+        robot = given(self.robot, "the typical arm needs `robot`, the nominal robot of the fleet")
+        text = f"Typical arm of a fleet of {self.n_arms}, written by robacc {__version__}."
+        return robot_to_yaml(typical_robot(robot, self.coefficients), [text])
+
+
+@call
+def fleet(
+    *results: Annotated[
+        Source,
+        Help("Results of calibrate or trace, one an arm; or `db`.", "[RESULT …]", "Or results of calls."),
+    ],
+    db: Annotated[
+        StrPath | None, Help("Database of results, in place of files: the latest fit of each arm counts.", "FILE")
+    ] = None,
+    robot: OptionalRobot = None,
+    base_link: BaseLink = None,
+    tip_link: TipLink = None,
+) -> Fleet:
+    """Compute mean and standard deviation of each coefficient over many arms, and name the arms unlike the others.
+
+    The standard deviations are tolerances as built: the noise of each arm's fit is taken off.
+
+    Returns:
+        ``coefficients`` with 95 % intervals, ``strangers``, the arms out of family, and the ``covariance``.
+
+    Raises:
+        InputError: A result or the database cannot be read.
+        UsageError: There are fewer than two arms, or a result is not one of calibrate or trace.
+
+    Example:
+        >>> import robacc
+        >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
+        >>> fits = [robacc.calibrate(poses, robot=robot, fit="joint_offset", folds=folds) for folds in (2, 3)]
+        >>> robacc.fleet(*fits).coefficients[0]["key"]
+        'joint_offset.j1'
+    """
+    refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
+    inputs = Inputs({"base_link": base_link, "tip_link": tip_link})
+    documents: dict[str, Mapping[str, Any]] = {}
+    if db is not None:
+        with opened(os.fspath(db)) as base:
+            latest = {test.arm: test for test in tests(base, None) if test.command in FITS}
+            documents = {name: document_of(base, test) for name, test in latest.items()}
+    for number, source in enumerate(results, 1):
+        stored = stored_result(source)
+        inputs.records.append(stored.record)
+        other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
+        refuse((stored.command not in FITS, other))
+        name = arm_of(stored.document)
+        documents[name if name not in documents else f"{name} ({number})"] = stored.document
+    is_twice = len({record.sha256 for record in inputs.records}) < len(results)
+    refuse(
+        (len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"),
+        (is_twice, "a result is named twice; name one of each arm"),
+    )
+    models = {str((document.get("robot") or {}).get("name")) for document in documents.values()}
+    arms = []
+    for name, document in documents.items():
+        with understood(name, document["command"]):
+            arms.append(arm_fit(document, name))
+    coefficients, strangers, covariance = fleet_of(arms)
+    shrunk = sum(bool(document["options"].get("shrink")) for document in documents.values())
+    notes = (
+        f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
+        * bool(shrunk),
+        f"the results are of {', '.join(sorted(models))}: are they one model of arm?" * (len(models) > 1),
+    )
+    return Fleet(
+        n_arms=len(arms),
+        coefficients=coefficients,
+        strangers=strangers,
+        covariance=covariance,
+        notes=tuple(filter(None, notes)),
+        robot=None if robot is None else inputs.robot(robot),
+        made=inputs.made(),
+    )

@@ -877,26 +877,14 @@ def _write_board(squares: str, folder: str, force: bool) -> None:
 def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     """Write the column map of an export and print the next steps."""
     from robacc.io.files import make_folder
-    from robacc.poses.column_proposal import propose_columns
+    from robacc.poses.csv_file import propose_columns
 
-    proposal = propose_columns(export, PurePath(path).name)
-    refuse(
-        (
-            os.path.exists(path) and not force,
-            f"{path} exists already; overwrite with --force, or name another file with --columns",
-        )
-    )
+    text, steps = propose_columns(export, path)
+    exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
+    refuse((os.path.exists(path) and not force, exists))
     make_folder(folder)
-    write(path, proposal.text)
-    commands = "" if proposal.has_commands else " --commanded PROGRAM_OR_TABLE"
-    print(
-        f"wrote {path} (reads {proposal.n_columns} of {proposal.n_named} columns of {export})",
-        "next:",
-        *([f"  fill in {' and '.join(proposal.open_statements)} in {path}"] if proposal.open_statements else []),
-        *(f"  decide in {path}: {question}" for question in proposal.open_columns),
-        f"  robacc estimate {export} --columns {path} --robot robot.yaml{commands}",
-        sep="\n",
-    )
+    write(path, text)
+    print(*steps, sep="\n")
 
 
 def _check_free(files: list[str], urdf: str | None, force: bool) -> None:

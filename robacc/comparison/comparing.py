@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import combinations
 from typing import Any
@@ -33,7 +32,7 @@ from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.prediction.model_uncertainty import ModelFit, completed, fitted_jacobian, model_fit, model_uncertainty
+from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf, student_quantile
@@ -415,8 +414,6 @@ def _ranking(
 
 _FEWEST = 3
 """Smallest number of shared targets."""
-_PROMISED = 0.01
-"""Probability below which the remaining error is not what was promised."""
 
 Rows = Sequence[list[int]]
 """Rows of each shared target in a file."""
@@ -470,32 +467,6 @@ def paired_targets(
             error.
         MissingColumnError: A file lacks a circumstance that an effect of the model needs, such as the approach.
     """
-    names, *rows = _shared_targets(first, second)
-    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
-    if stated[0][0] is stated[1][0] is None:
-        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
-        robot = given(nominal if first.q is not None else None, lacking)
-        stated[0] = (predict(dataclasses.replace(robot, effects=()), first).translation, rows[0])
-    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
-    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
-    # Without a model, the best guess of the plan is that the whole error goes.
-    note = "without a model, the planned displacement is the error before, measurement noise included"
-    planned, promise = wanted - before, None
-    if model is not None:
-        planned, promise = _against_model(model, (first, second), rows, after, noise)
-    return PairedTargets(
-        names,
-        before - wanted,
-        after - wanted,
-        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
-        _loaded(after - before, planned),
-        promise,
-        (note,) if model is None else (),
-    )
-
-
-def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[str, ...], Rows, Rows]:
-    """Return the targets of both files, paired by their ``pose``, or by their order without such a column."""
     apart = f"{first.n} and {second.n} rows without a column pose cannot be paired"
     fix = "add a column pose to both files"
     refuse(
@@ -505,12 +476,33 @@ def _shared_targets(first: Measurements, second: Measurements) -> tuple[tuple[st
         ),
         (first.pose is None and first.n != second.n, Problem(apart, second.source, fix=fix)),
     )
-    before, after = (rows_of_targets(data) for data in (first, second))
-    common = [key for key in before if key in after]
+    rows_of = [rows_of_targets(data) for data in (first, second)]
+    common = [key for key in rows_of[0] if key in rows_of[1]]
     message = f"the files share {len(common)} targets, {_FEWEST} are needed"
     fix = "give the files of the same targets before and after the correction"
     refuse((len(common) < _FEWEST, Problem(message, second.source, fix=fix)))
-    return tuple(map(" ".join, common)), [before[key] for key in common], [after[key] for key in common]
+    rows = [[own[key] for key in common] for own in rows_of]
+    stated = [(file.commanded_position, own) for file, own in zip((first, second), rows, strict=True)]
+    if stated[0][0] is stated[1][0] is None:
+        lacking = "the files have no wanted poses: add cmd_x, cmd_y, cmd_z, or give `nominal` and joints"
+        robot = given(nominal if first.q is not None else None, lacking)
+        stated[0] = (predict(replace(robot, effects=()), first).translation, rows[0])
+    wanted = next(_means(values, own) for values, own in reversed(stated) if values is not None)
+    before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
+    # Without a model, the best guess of the plan is that the whole error goes.
+    note = "without a model, the planned displacement is the error before, measurement noise included"
+    planned, promise = wanted - before, None
+    if model is not None:
+        planned, promise = _against_model(model, (first, second), rows, after, noise)
+    return PairedTargets(
+        tuple(map(" ".join, common)),
+        before - wanted,
+        after - wanted,
+        paired_gain(before - wanted, after - wanted, np.arange(before.shape[1])),
+        _loaded(after - before, planned),
+        promise,
+        (note,) if model is None else (),
+    )
 
 
 def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
@@ -567,10 +559,22 @@ def _against_model(
     before, after = (completed(fit, file, 0) for file in files)
     planned_from = _means(Model.of(arm).bind(before).poses(np.zeros(0)).translation, rows[0])
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
-    alone = dataclasses.replace(fit, covariance=0.0 * fit.covariance)
+    alone = replace(fit, covariance=0.0 * fit.covariance)
     firsts = np.array([own[0] for own in rows[1]])
     separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
-    used = _noise(fit, noise, files[1].stated_noise[0])
+    stated = files[1].stated_noise[0]
+    # Noise within the unexplained error of the model is only its lower bound.
+    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
+    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
+    if noise is not None:
+        position, source = size(noise, "length", "`noise`"), "given"
+    elif stated is not None:
+        position, source = stated, "file"
+    used: dict[str, Any] = {
+        "position_m": position,
+        "source": source,
+        "treatment": "added" if fit.noise_is_separate else "contained",
+    }
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
     variance = (used["position_m"] ** 2 / np.array([len(own) for own in rows[1]]))[:, None]
@@ -582,22 +586,6 @@ def _against_model(
     return predicted - planned_from, promise_test(
         measured - predicted, jacobian[:3, :, firsts], covariance, total, used
     )
-
-
-def _noise(fit: ModelFit, option: str | float | None, stated: float | None) -> dict[str, Any]:
-    """Return the measurement noise: given, of the poses after the correction, or of the model's fit."""
-    # Noise within the unexplained error of the model is only its lower bound.
-    is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
-    if option is not None:
-        position, source = size(option, "length", "`noise`"), "given"
-    elif stated is not None:
-        position, source = stated, "file"
-    return {
-        "position_m": position,
-        "source": source,
-        "treatment": "added" if fit.noise_is_separate else "contained",
-    }
 
 
 def promise_test(
@@ -626,7 +614,8 @@ def promise_test(
     expected = math.sqrt(shared + float(np.mean(np.einsum("iin->n", separate))))
     p_value = chi2_sf(chi_square, float(residual.size))
     return {
-        "kept": p_value >= _PROMISED,
+        # Probability below which the remaining error is not what was promised.
+        "kept": p_value >= 0.01,
         "chi_square": chi_square,
         "degrees_of_freedom": residual.size,
         "p_value": p_value,

@@ -291,6 +291,30 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     own = grade.get("grade")
     if own is not None:
         own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
+    confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
+    held_out = fitted_to_these = None
+    effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
+    alignment = f"{' and '.join(effects)} registered" if effects else "none"
+    if command in FITS:
+        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
+        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
+        if _at(document, "after.held_out") is None:
+            held_out = "nothing (errors of calibration poses)"
+    fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
+    if fitted_to is not None:
+        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
+        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
+    aspects = {
+        "command": command,
+        "robacc version": document["robacc"],
+        "frame": document.get("frame"),
+        "alignment": alignment,
+        "grade scale": _at(document, "grade.scale"),
+        "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
+        "held out": held_out,
+        "robot file": fitted_to_these,
+        "targets": None if targets is None else ", ".join(sorted(set(targets))),
+    }
     return ComparedResult(
         name=name,
         command=command,
@@ -299,7 +323,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         robot=_at(document, "robot.name"),
         figures=figures,
         errors={start: errors for start, place in places.items() if (errors := errors_behind(document, place))},
-        provenance=_provenance(document, command, figures),
+        provenance={aspect: text for aspect, text in aspects.items() if text is not None},
         grade=own,
         scale=scale,
         scale_name=grade.get("scale"),
@@ -341,44 +365,12 @@ def _figures(document: Document, command: str, places: Mapping[str, str]) -> Ite
                 yield f"{start}.sd_{axis}", EstimatedValue(max(variance, 0.0) ** 0.5, None)
 
 
-def _provenance(document: Document, command: str, figures: Mapping[str, EstimatedValue]) -> dict[str, str]:
-    """Return how the result was made, as text by aspect; two results that differ in an aspect give a warning."""
-    confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
-    held_out = fitted_to_these = None
-    effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
-    alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    if command in FITS:
-        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
-        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
-        if _at(document, "after.held_out") is None:
-            held_out = "nothing (errors of calibration poses)"
-    fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
-    if fitted_to is not None:
-        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
-        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
-    aspects = {
-        "command": command,
-        "robacc version": document["robacc"],
-        "frame": document.get("frame"),
-        "alignment": alignment,
-        "grade scale": _at(document, "grade.scale"),
-        "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": held_out,
-        "robot file": fitted_to_these,
-        "targets": None if targets is None else ", ".join(sorted(set(targets))),
-    }
-    return {aspect: text for aspect, text in aspects.items() if text is not None}
-
-
 # Pairing of two results by commanded pose.
 
 _SAME_JOINT = 1e-6
 """Largest difference of equal joint commands, rad or m: below any encoder's step, above the rounding of a file."""
 _SAME_POSITION = 1e-4
 """Largest distance of equal commanded positions, m, for arms or alignments that differ."""
-_ENOUGH = 0.5
-"""Smallest share of common poses, of either result's poses, for a paired comparison."""
-Keys = tuple[NDArray[np.int64], NDArray[np.int64]]
 
 
 def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] | None:
@@ -387,22 +379,25 @@ def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] |
     if keys is None:
         return None
     common = np.intersect1d(*keys)
-    if common.size < max(2, _ENOUGH * max(np.unique(numbers).size for numbers in keys)):
+    # Smallest share of common poses, of either result's poses, for a paired comparison.
+    if common.size < max(2, 0.5 * max(np.unique(numbers).size for numbers in keys)):
         return None
     rows = [np.isin(numbers, common) for numbers in keys]
     numbers = [np.searchsorted(common, key[mask]) for key, mask in zip(keys, rows, strict=True)]
     return ErrorSet(first.vectors[:, rows[0]], numbers[0]), ErrorSet(second.vectors[:, rows[1]], numbers[1])
 
 
-def _common_keys(first: ErrorSet, second: ErrorSet) -> Keys | None:
+def _common_keys(first: ErrorSet, second: ErrorSet) -> tuple[NDArray[np.int64], NDArray[np.int64]] | None:
     """Return numbers of commanded poses with the same meaning in both results; None if nothing relates the poses.
 
     Rows are matched in order if both results have the same rows; otherwise by the joints, or by ids that name the
     same positions.
     """
-    joints = None
-    if first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]:
-        joints = first.q, second.q
+    joints = (
+        (first.q, second.q)
+        if first.q is not None and second.q is not None and first.q.shape[0] == second.q.shape[0]
+        else None
+    )
     # No targets are an array without axes.
     if first.groups.size == second.groups.size and np.array_equal(np.array(first.target), np.array(second.target)):
         same_files = bool(first.files) and first.files == second.files
@@ -429,7 +424,7 @@ def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
     return bool(np.all(np.abs(first - second) <= tolerance))
 
 
-def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> Keys:
+def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
     """Return a number for each row of two arrays, the same for equal rows."""
     numbers = np.unique(np.concatenate((first, second)), axis=0, return_inverse=True)[1].ravel().astype(np.int64)
     return numbers[: len(first)], numbers[len(first) :]
@@ -447,8 +442,6 @@ def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> Keys:
 # The p-value agrees with the interval: it is below 1 - confidence exactly if the interval excludes zero.
 
 DRAWS = 2000
-FEWEST_FOR_PERCENTILE = 30
-"""With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim."""
 _ROUNDING = 1e-13
 """A standard error below this fraction of the statistic is rounding."""
 
@@ -514,7 +507,8 @@ def difference(
     else:
         values = [np.array(quantiles(part.lengths, [0.95 if statistic == "p95" else 1.0])) for part in sets]
     value = float(values[1][0] - values[0][0])
-    fewest = FEWEST_FOR_PERCENTILE if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
+    # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
+    fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
     obstacles = (
         (statistic == "max", NO_TEST_OF_MAXIMUM),
         (min(sizes) < 2, "one commanded pose shows no scatter between poses"),

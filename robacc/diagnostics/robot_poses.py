@@ -12,10 +12,9 @@ from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, Problem
 from robacc.fitting.levels import SAMPLE
 from robacc.measurements import Measurements, even_rows
-from robacc.poses.columns import BranchColumn
+from robacc.poses.checks import TURN, central_range, check_scale, thousandfold
 from robacc.poses.csv_file import read_poses
-from robacc.poses.reading import KnownRobot
-from robacc.poses.units import TURN, central_range, check_scale, thousandfold
+from robacc.poses.reading import BranchColumn, KnownRobot
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 

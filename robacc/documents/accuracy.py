@@ -10,7 +10,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from robacc.documents.envelope import GATE_KEY, GATE_RESULT, significant_document
 from robacc.documents.keys import (
@@ -50,9 +50,7 @@ from robacc.documents.keys import (
 )
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.json_text import json_text
-
-if TYPE_CHECKING:
-    from robacc.outcomes import FileOutcome
+from robacc.outcomes import FileOutcome
 
 _WORST = part(
     {

@@ -5,7 +5,6 @@ With them stand the corrected poses, and the targets of a correction as CSV.
 
 from __future__ import annotations
 
-import math
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -393,7 +392,7 @@ CORRECTED = part(
         "cause": Key(
             array(text | None),
             "Cause of the refusal; null for a corrected target.",
-            lambda targets: [None if refusal is None else refusal.cause.value for refusal in targets.refusals],
+            lambda targets: [None if refusal is None else refusal.cause for refusal in targets.refusals],
         ),
         "reason": Key(
             array(text | None),
@@ -449,7 +448,7 @@ CORRECTED = part(
 
 def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
     """Return RMS and largest length; None without any."""
-    if metrics is None or math.isnan(metrics.max):
+    if metrics is None or np.isnan(metrics.max):
         return None
     return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
 
@@ -475,15 +474,6 @@ def _expected(result: Correction, errors: ExpectedErrors) -> Document:
     return document
 
 
-def _correction(result: Correction) -> Document:
-    """Return the sizes of the correction."""
-    metrics, oriented = result.correction_metrics, result.wanted.oriented
-    return {
-        "position": _extent(metrics.position, "m"),
-        "orientation": _extent(metrics.orientation, "rad") if oriented else None,
-    }
-
-
 CORRECT = part(
     {
         "n_targets": Key(count, "Number of targets."),
@@ -496,7 +486,7 @@ CORRECT = part(
         "refused": Key(
             table(count),
             "Number of refused targets by cause.",
-            lambda result: {cause.value: count for cause, count in result.causes.items()},
+            "causes",
         ),
         "frame": Key(
             choice("measuring", "base"),
@@ -541,7 +531,12 @@ CORRECT = part(
                 }
             ),
             "Command less wanted pose, over the corrected targets.",
-            _correction,
+            lambda result: {
+                "position": _extent(result.correction_metrics.position, "m"),
+                "orientation": _extent(
+                    result.correction_metrics.orientation if result.wanted.oriented else None, "rad"
+                ),
+            },
         ),
         "expected": Key(
             part(

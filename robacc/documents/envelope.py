@@ -6,7 +6,6 @@ outcome of a gate is a part of any result; a gate file is read with the baseline
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import math
 import os
@@ -14,6 +13,7 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
+from dataclasses import replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -70,33 +70,24 @@ def significant_document(value: Any) -> Any:
     if isinstance(value, str | int | None):
         return value
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        return _significant_array(value)
+        result = np.array(value, dtype=np.float64)
+        for start in range(0, len(result), BLOCK):
+            values = result[start : start + BLOCK]
+            size = np.abs(np.where(np.isfinite(values), values, 0.0))
+            with np.errstate(divide="ignore"):
+                places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
+            exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+            power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+            rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
+            inexact = ~exact & (size > 0.0)
+            rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
+            values[...] = rounded
+        return result
     if isinstance(value, Later):
         return value.map(significant_document)
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
     return [significant_document(item) for item in value] if isinstance(value, Sequence) else value
-
-
-def _significant_array(array: NDArray[Any]) -> NDArray[np.float64]:
-    """Round each finite number of an array to :data:`SIGNIFICANT_DIGITS` significant digits, -0.0 to 0.0.
-
-    An integer below 10^12 and 10^k up to k = 22 are exact, so their quotient is the double nearest to the decimal
-    number and is written with no more digits than that. Numbers that need a larger power are rounded in a loop.
-    """
-    result = np.array(array, dtype=np.float64)
-    for start in range(0, len(result), BLOCK):
-        values = result[start : start + BLOCK]
-        size = np.abs(np.where(np.isfinite(values), values, 0.0))
-        with np.errstate(divide="ignore"):
-            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
-        rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
-        inexact = ~exact & (size > 0.0)
-        rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
-        values[...] = rounded
-    return result
 
 
 # CSV text from columns.
@@ -216,20 +207,6 @@ def result_kind(name: str) -> Kind:
         "seed": Key(count | None, "Seed of all random numbers; null if there are none."),
     }
     return part({**envelope, **(own.keys or {})}, about=own.about)
-
-
-def result_schema(name: str) -> dict[str, Any]:
-    """Return the JSON Schema (draft 2020-12) of a result."""
-    kind, version = result_kind(name), schema_version(name)
-    shared: dict[str, Any] = {}
-    return {
-        "$schema": "https://json-schema.org/draft/2020-12/schema",
-        "$id": f"urn:robacc:schema:{name}:{version}",
-        "title": f"robacc.{name}/{version}",
-        "description": f"{kind.about} Lengths in m, angles in rad; missing numbers are null. Keys may be added.",
-        **kind.schema(shared),
-        "$defs": shared,
-    }
 
 
 # Read a stored result.
@@ -366,11 +343,10 @@ def _checked(document: Any, name: str) -> str:
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.
 
-Columns = dict[str, NDArray[Any]]
 _LABELS = ("line", "pose", "cycle", "target", "time_s", "temperature_c", "payload_kg", "used")
 
 
-def pose_columns(document: Document) -> Columns:
+def pose_columns(document: Document) -> dict[str, NDArray[Any]]:
     """Return the columns of the poses: ids, circumstances, joints, positions in m, errors in m and rad.
 
     Every column has as many entries as there are rows. A result without poses gives no column.
@@ -378,7 +354,7 @@ def pose_columns(document: Document) -> Columns:
     poses = document.get("poses")
     if not isinstance(poses, Mapping) or poses.get("line") is None:
         return {}
-    columns: Columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
+    columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
     columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses.get("q") or [], dtype=float).T)}
     places, errors = {"cmd_{}_m": poses.get("commanded_m"), "{}_m": poses.get("attained_m")}, {}
     for unit, quantity, name in (("m", "position", "error"), ("rad", "orientation", "turn")):
@@ -429,7 +405,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = dataclasses.replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+OUTCOME = replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
 
 GATE_RESULT = part(
     {
@@ -561,11 +537,7 @@ def gate_document(outcome: GateOutcome) -> Document:
 # Read a gate file and the baselines that it names.
 
 
-Baselines = Mapping[str, Mapping[str, Any]]
-"""Documents of the baselines, by their paths in the gate."""
-
-
-def read_gate(path: str) -> tuple[Gate, Baselines, list[InputFile]]:
+def read_gate(path: str) -> tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]:
     """Return the gate of a file, its baselines, and the records of all these files.
 
     Paths of baselines start from the folder of the gate file.

@@ -126,7 +126,9 @@ LIMITS = Key(
 def _by_kind(changes: Sequence[Any], limits: Iterable[Any]) -> Document:
     """Return the most certain change by kind and key, as gates name it; without one 0, up to the detection limit."""
     known = {
-        (kind, limit.key): (limit.unit, 0.0, 0.0, limit.limit) for kind in ("step", "ramp", "setup") for limit in limits
+        (kind, limit["key"]): (limit["unit"], 0.0, 0.0, limit["limit"])
+        for kind in ("step", "ramp", "setup")
+        for limit in limits
     }
     for change in reversed(changes):
         low, high = sorted((abs(change.low), abs(change.high)))

@@ -8,28 +8,21 @@ A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the d
 
 from __future__ import annotations
 
-import dataclasses
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import chain
-from types import NoneType
-from typing import TYPE_CHECKING, Any, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.robots.arm import Arm, skeleton, typical_pose
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from robacc.fitting.parameters import ParameterCovariance
-    from robacc.geometry import Array
-    from robacc.measurements import Measurements
-    from robacc.robots.description import Robot
+from robacc.geometry import Array
+from robacc.measurements import Measurements
+from robacc.robots.arm import Arm, outline
+from robacc.robots.description import Robot
 
 _TYPES: dict[str, tuple[str, frozenset[type]]] = {
     "string": ("text", frozenset({str})),
@@ -90,7 +83,7 @@ class Kind:
 
     def __or__(self, other: None) -> Kind:
         """Return the kind of values that may be null."""
-        return dataclasses.replace(self, null=True)
+        return replace(self, null=True)
 
     def write(self, record: Any, **given: Any) -> Document:
         """Return the object of a record; ``given`` are values of keys that the record does not have.
@@ -155,7 +148,7 @@ class Kind:
             return is_typed and self.words.keys() == {"type"}
         lengths = {self.words[name] for name in ("minItems", "maxItems") if name in self.words}
         is_list = set(map(type, values)) == {list} and (not lengths or set(map(len, values)) == lengths)
-        return is_list and self.items.fits_all([*chain.from_iterable(values)])
+        return is_list and self.items.fits_all([item for value in values for item in value])
 
     @property
     def _types(self) -> Sequence[str]:
@@ -166,7 +159,7 @@ class Kind:
     @property
     def _accepted(self) -> frozenset[type]:
         """Types of Python that a value may have."""
-        return frozenset({NoneType} if self.null else ()).union(*(_TYPES[name][1] for name in self._types))
+        return frozenset({type(None)} if self.null else ()).union(*(_TYPES[name][1] for name in self._types))
 
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the kind; parts with a name are added to ``shared``."""
@@ -261,9 +254,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = dataclasses.replace(array(number, 3), name="vector3")
-rows3 = dataclasses.replace(array(array(number | None, 3)), name="rows3")
-matrix3 = dataclasses.replace(array(vector3, 3), name="matrix3")
+vector3 = replace(array(number, 3), name="vector3")
+rows3 = replace(array(array(number | None, 3)), name="rows3")
+matrix3 = replace(array(vector3, 3), name="matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.
@@ -272,8 +265,6 @@ QUANTITIES = (("m", "position"), ("rad", "orientation"))
 """Quantities with the units of their keys."""
 _DECIMALS = 12
 """Values of poses are rounded to 1e-12 m or rad, far below any instrument, which halves the size of the document."""
-_COVARIANCE_DIGITS = 8
-"""Significant digits of a covariance: sums of 500 coefficients keep their variances to 2e-7 of their size."""
 
 
 def rounded(values: Array | None) -> Array | None:
@@ -634,11 +625,11 @@ def robot_document(robot: Robot | None, q: Array | None, registered: Robot | Non
     """
     if robot is None:
         return None
-    outline = None
+    drawn = None
     if q is not None and q.shape[1]:
-        typical = q[:, typical_pose(q)]
-        outline = {"q": typical, "line_m": rounded(skeleton(Arm.of(registered or robot), typical))}
-    return ROBOT.write(robot, outline=outline)
+        typical, line = outline(Arm.of(registered or robot), q)
+        drawn = {"q": typical, "line_m": rounded(line)}
+    return ROBOT.write(robot, outline=drawn)
 
 
 _POSES = {
@@ -763,14 +754,6 @@ CURVE = part(
 )
 
 
-def _lower_triangle(covariance: ParameterCovariance) -> list[list[float]]:
-    """Return the lower triangle of the covariance, which tells all, in few digits."""
-    return [
-        [*(float(f"{value:.{_COVARIANCE_DIGITS}g}") for value in row[:i]), float(row[i])]
-        for i, row in enumerate(covariance.matrix.tolist())
-    ]
-
-
 COVARIANCE = part(
     {
         "names": Key(array(text), "Names of the coefficients, as in parameters."),
@@ -780,7 +763,11 @@ COVARIANCE = part(
                 "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
                 "units; eight significant digits. The roots of the diagonal are the standard errors."
             ),
-            _lower_triangle,
+            # Eight digits: sums of 500 coefficients keep their variances to 2e-7 of their size.
+            lambda covariance: [
+                [*(float(f"{value:.8g}") for value in row[:i]), float(row[i])]
+                for i, row in enumerate(covariance.matrix.tolist())
+            ],
         ),
     }
 )

@@ -7,8 +7,8 @@ from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW
 from robacc.measurements import Measurements, different
+from robacc.poses.checks import MOST_POSES, close_groups
 from robacc.poses.motion import numbered_visits
-from robacc.poses.row_checks import MOST_POSES, close_groups
 
 
 def visit_numbers(data: Measurements) -> NDArray[np.int64]:

@@ -1,4 +1,4 @@
-"""Changes of the coefficients and figures of one arm over its tests: what changed, when, by how much, and how.
+"""Stored tests: changes of one arm over its tests (what, when, by how much, and how), and differences between arms.
 
 A series is ``y = c + k T + changes + e``: the value of each test, with the temperature T where it was recorded. A
 change is a step (a collision, a new mastering, a frame set up anew) or a ramp (wear) that begins after one of the
@@ -15,14 +15,23 @@ values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical 
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
-from dataclasses import dataclass
-from typing import Literal, NamedTuple
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from robacc.geometry import Array
-from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, root, student_quantile
+from robacc.effects.frames import JointOffset, LinkGeometry
+from robacc.effects.specification import absorbed
+from robacc.errors import Problem, refuse
+from robacc.fitting.parameters import apply_fit
+from robacc.fitting.solver import fit
+from robacc.geometry import Array, rms_length
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model, residuals
+from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
+from robacc.robots.description import Robot
+from robacc.statistics.distributions import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
 
 YEAR = 365.25 * 86400.0
 """s"""
@@ -36,8 +45,6 @@ RIVAL = 3.0
 """Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
 _NEAR = 3.841
 """Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
-_FEWEST_FOR_HEAT = 3
-"""Tests beyond which a dependence on temperature is told from the values."""
 _TINY = 1e-300
 _SAME = 1e-9
 """Share of a column's square below which the other columns make it up."""
@@ -182,23 +189,18 @@ def level_of(times: Array) -> float:
     return min(_MOST_LEVEL, FALSE_ALARMS * float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-class Limit(NamedTuple):
-    """Detection limit of a series: the change that the next test finds with a probability of 95 %."""
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Entry]]:
+    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits.
 
-    key: str
-    limit: float
-    unit: str
-
-
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Limit]]:
-    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits."""
+    A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
+    """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
     changes: list[ArmChange] = []
-    limits: list[Limit] = []
+    limits: list[Entry] = []
     for one in series:
         found, limit = _changes(one, level, len(series), spread)
         changes += found
-        limits.append(Limit(one.key, limit, one.unit))
+        limits.append({"key": one.key, "limit": limit, "unit": one.unit})
     return sorted(changes, key=lambda change: change.p_value), limits
 
 
@@ -210,11 +212,6 @@ def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, fl
     return value, value - half, value + half
 
 
-def _n_candidates(n: int) -> int:
-    """Return the number of steps, ramps and single tests of a series of ``n`` tests."""
-    return max(1, 3 * n - 5)
-
-
 def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[ArmChange], float]:
     """Return the changes of a series and its detection limit.
 
@@ -223,7 +220,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
     n = len(series.values)
     times = (series.times - series.times[-1]) / YEAR
     heat = series.temperatures - np.mean(series.temperatures)
-    has_heat = n > _FEWEST_FOR_HEAT and float(np.ptp(heat)) > 0.0  # false for NaN
+    # Tests beyond which a dependence on temperature is told from the values.
+    has_heat = n > 3 and float(np.ptp(heat)) > 0.0  # false for NaN
     base = [np.ones(n), *([heat] if has_heat else [])]
     start = np.concatenate([times[:1], times[:-1]])
     order = np.arange(n)
@@ -238,7 +236,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
         return (int(shape), int(at)) if gains[shape, at] > 0.0 else None
 
     found: list[tuple[int, int]] = []
-    count, whole = n_series * _n_candidates(n), fitted(found)
+    # Steps, ramps and single tests of a series of n tests.
+    count, whole = n_series * max(1, 3 * n - 5), fitted(found)
     more: list[tuple[int, int]] = []
     # One more change, or two where one alone leaves a rest that does not look like noise: up, and down again.
     while len(more) < 2 and n > len(base) + len(found) + len(more):
@@ -269,7 +268,8 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
     if has_heat and whole.p_value(1) * n_series < level:
         tests = series.times[[-1, 0, -1]]
         changes.append(_change(series, whole, 1, 1.0, "temperature", tests, n_series, True, []))
-    critical = student_quantile(1.0 - 0.5 * level / (n_series * _n_candidates(n + 1)), max(whole.dof, 1.0))
+    # Of one test more.
+    critical = student_quantile(1.0 - 0.5 * level / (n_series * max(1, 3 * n - 2)), max(whole.dof, 1.0))
     # The next test against all: its own variance and that of the mean.
     variance = whole.factor * (float(whole.inverse[0, 0]) + float(np.median(np.square(series.stds))))
     return changes, (critical + normal_quantile(POWER)) * math.sqrt(variance)
@@ -302,3 +302,272 @@ def _change(
         confirmed=confirmed,
         alternatives=tuple(alternatives),
     )
+
+
+# Quick test of an arm: a few poses against the model of its last full fit show whether one of its coefficients moved.
+#
+# The poses cannot show all coefficients anew. But their error is known as far as nothing changed: the model's own
+# covariance, the scatter of the joints, what the fit left unexplained, and the noise. Base and target may be set up
+# anew and are free. Each coefficient in turn is put to the test with the weights of that error, and the most
+# significant one is taken, as long as one is improbable without a change.
+
+_HIDDEN = 1e-6
+"""Share of a coefficient's information, frames fixed, below which free frames hide it."""
+_MOST_POSES = 1000
+"""The errors of all poses are correlated: one matrix of all of them is made."""
+
+
+def quick_test(
+    robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float, dates: tuple[float, float]
+) -> tuple[tuple[ArmChange, ...], Sequence[Entry], tuple[str, ...], float]:
+    """Return which coefficients of the model ``robot`` moved since its fit.
+
+    Beside them are the change of each coefficient that such poses show with a probability of 95 %, the coefficients
+    that the poses cannot distinguish from the set-up, and the rms position error of the model with base and target
+    registered, m.
+
+    Args:
+        robot: Model that a fit wrote.
+        record: Record of that fit.
+        data: Poses measured now.
+        level: Probability of a false alarm.
+        factor: How much more the variance of a coefficient is from test to test than within one.
+        dates: Of the last test before, and of this one, s since 1970.
+
+    Raises:
+        InputError: Fewer measured components than the frames have parameters, or more than :data:`_MOST_POSES` poses.
+    """
+    from robacc.tracing.calibrating import default_frames
+
+    many = Problem(f"a quick test takes at most {_MOST_POSES} poses, found {data.n}", data.source, fix="use calibrate")
+    refuse((data.n > _MOST_POSES, many))
+    frames = default_frames(robot, data)
+    robot = apply_fit(fit(Model.of(robot, frames), data))
+    model = Model.of(robot, record.effects)
+    poses, jacobian, covariance = fitted_jacobian(model, record, data)
+    error = residuals(data, poses)
+    rows, n = error.shape
+    free, common, single = [], [], np.zeros((n, rows, n, rows))
+    for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
+        free.append(own[:rows])
+        common.append(correlated[:rows])
+        for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
+            # m or rad: no instrument measures finer, and exact data have no noise.
+            single[i, :, i, :] = variance + np.square(1e-9) * np.eye(rows)
+
+    def flat(columns: Array) -> Array:
+        """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""
+        return columns.transpose(2, 0, 1).reshape(n * rows, -1)
+
+    shared = flat(np.concatenate(common, axis=2))
+    shared[:, : len(covariance)] *= math.sqrt(max(1.0, factor))
+    whitener = np.linalg.cholesky(single.reshape(n * rows, n * rows) + shared @ shared.T)
+    setup, moved, rest = (
+        np.linalg.solve(whitener, flat(columns))
+        for columns in (np.concatenate(free, axis=2), jacobian[:rows], error[:, None, :])
+    )
+    setup = setup[:, np.linalg.norm(setup, axis=0) > 0.0]  # without orientations, a target has no turn
+    few = Problem(f"{n} poses say nothing beyond where base and target are; measure more", data.source)
+    refuse((n * rows < setup.shape[1] + 2, few))
+    terms = {term.name: term for term in model.bind(data).terms}
+    names = [name for name in dict.fromkeys(record.coefficients) if name in terms]
+    columns = {name: moved[:, i] for i, name in enumerate(names) if not name.startswith(SETUP)}
+    found: list[str] = []
+    rivals: dict[str, tuple[str, ...]] = {}
+    while True:
+        chosen = np.column_stack([setup, *(columns[name] for name in found)])
+        basis, triangle = np.linalg.qr(chosen)
+        left = rest[:, 0] - basis @ (basis.T @ rest[:, 0])
+        dof = left.size - chosen.shape[1] - 1
+        free_of = {name: column - basis @ (basis.T @ column) for name, column in columns.items()}
+        sizes = {name: float(column @ column) for name, column in free_of.items()}
+        known = [name for name in columns if sizes[name] > _HIDDEN * float(columns[name] @ columns[name])]
+        gains = {name: float(free_of[name] @ left) ** 2 / sizes[name] for name in known}
+        if not known or dof < 1:
+            break
+        best = max(known, key=lambda name: gains[name])
+        variance = max(1.0, (float(left @ left) - gains[best]) / dof)
+        if len(known) * f_sf(gains[best] / variance, 1.0, dof) >= level:
+            break
+        found.append(best)
+        least = gains[best] - 2.0 * RIVAL * variance
+        rivals[best] = tuple(name for name in known if name != best and gains[name] > least)
+    variance = max(1.0, float(left @ left) / (dof + 1))
+    critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))
+    values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
+    stds = np.sqrt(variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1))
+    half = student_quantile(0.975, dof + 1) * stds
+    changes = tuple(
+        ArmChange(
+            key=name,
+            kind="step",
+            at=dates[1],
+            earliest=dates[0],
+            latest=dates[1],
+            size=float(values[i]),
+            low=float(values[i] - half[i]),
+            high=float(values[i] + half[i]),
+            unit=terms[name].unit,
+            p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, dof + 1)),
+            confirmed=False,
+            alternatives=rivals[name],
+        )
+        for i, name in enumerate(found, setup.shape[1])
+    )
+    least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
+    limits = [{"key": name, "limit": least / math.sqrt(sizes[name]), "unit": terms[name].unit} for name in known]
+    hidden = tuple(name for name in terms if name not in (*known, *found) and not name.startswith(SETUP))
+    return changes, limits, hidden, rms_length(error[:3])
+
+
+# Coefficients over many arms of a model: mean and standard deviation of each, and arms unlike the others.
+#
+# The coefficient of an arm is normal about the fleet's mean, and its estimate about it with the variance of its fit.
+# The weighted sum of squares about the mean, with the variance between arms added, has a chi-square distribution: its
+# value gives the estimate of that variance and the ends of its interval, exactly for normal coefficients.
+#
+# Sources: R. C. Paule and J. Mandel, "Consensus values and weighting factors", Journal of Research of the National
+# Bureau of Standards 87, 1982; W. Viechtbauer, "Confidence intervals for the amount of heterogeneity in meta-analysis",
+# Statistics in Medicine 26, 2007; G. Knapp and J. Hartung, Statistics in Medicine 22, 2003 (interval of the mean);
+# B. Rosner, "Percentage points for a generalized ESD many-outlier procedure", Technometrics 25, 1983.
+
+_FEWEST = 4
+"""Arms from which one can be unlike the others."""
+
+
+Entry = Mapping[str, Any]
+"""Coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
+
+
+class ArmFit(NamedTuple):
+    """Coefficients of one arm."""
+
+    arm: str
+    values: Mapping[str, tuple[float, float, str]]
+    """Value, standard deviation and unit by key."""
+    covariance: Mapping[tuple[str, str], float]
+
+
+def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
+    """Return the coefficients in a result of ``calibrate`` or ``trace``; those of the set-up are left out."""
+    values = {
+        entry["name"]: (float(entry["value"]), float(entry["std"]), str(entry["unit"]))
+        for entry in document["parameters"]
+        if entry["std"] is not None and not entry["name"].startswith(SETUP)
+    }
+    stored = document.get("parameter_covariance") or {"names": [], "lower_triangle": []}
+    names = stored["names"]
+    covariance = {
+        (names[i], names[j]): float(value)
+        for i, row in enumerate(stored["lower_triangle"])
+        for j, value in enumerate(row)
+    }
+    return ArmFit(arm, values, covariance)
+
+
+def _squares(values: Array, variances: Array, between: float) -> float:
+    weights = 1.0 / (variances + between)
+    return float(weights @ np.square(values - weights @ values / weights.sum()))
+
+
+def between_variance(values: Array, variances: Array, sum_of_squares: float) -> float:
+    """Return the variance between arms at which the weighted sum of squares is ``sum_of_squares``; 0 if it is less."""
+    if _squares(values, variances, 0.0) <= sum_of_squares:
+        return 0.0
+    high = float(np.sum(np.square(values - values.mean()))) / sum_of_squares
+    return root(lambda between: _squares(values, variances, between) - sum_of_squares, 0.0, high * (1.0 + 1e-9), 1e-9)
+
+
+def _coefficient(key: str, unit: str, values: Array, variances: Array) -> Entry:
+    """Return mean and standard deviation between the arms with their 95 % intervals, by the keys of the result."""
+    dof = len(values) - 1
+    between, low, high = (
+        between_variance(values, variances, size)
+        for size in (float(dof), chi2_quantile(0.975, dof), chi2_quantile(0.025, dof))
+    )
+    weights = 1.0 / (variances + between)
+    mean = float(weights @ values / weights.sum())
+    excess = max(1.0, _squares(values, variances, between) / dof)
+    half = student_quantile(0.975, dof) * math.sqrt(excess / float(weights.sum()))
+    ends = {"mean": mean, "mean_low": mean - half, "mean_high": mean + half}
+    stds = {"std": math.sqrt(between), "std_low": math.sqrt(low), "std_high": math.sqrt(high)}
+    return {"key": key, "unit": unit, "n_arms": len(values), **ends, **stds}
+
+
+def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
+    """Return the coefficients over the arms, the arms unlike the others, and the covariance of the coefficients.
+
+    The figures are of the fleet without its strangers, each left out where it is one. The covariance is that of the
+    arms' estimates less the mean of their own covariances, as far as it is positive semidefinite.
+
+    Raises:
+        UsageError: No coefficient is known of two arms.
+    """
+    keys = [*dict.fromkeys(key for arm in arms for key in arm.values)]
+    coefficients: list[Entry] = []
+    strangers: list[Entry] = []
+    for key in keys:
+        own = [arm for arm in arms if key in arm.values and arm.values[key][1] > 0.0]
+        if len(own) < 2:
+            continue
+        unit = own[0].values[key][2]
+        while True:
+            values, variances = np.array([(arm.values[key][0], arm.values[key][1] ** 2) for arm in own]).T
+            found = _coefficient(key, unit, values, variances)
+            if len(own) < _FEWEST:
+                break
+            far = int(np.argmax(np.abs(values - found["mean"]) / np.sqrt(variances + found["std"] ** 2)))
+            rest = np.arange(len(own)) != far
+            others = _coefficient(key, unit, values[rest], variances[rest])
+            spread = others["std"] ** 2
+            square = (values[far] - others["mean"]) ** 2 / (
+                variances[far] + spread + 1.0 / np.sum(1.0 / (variances[rest] + spread))
+            )
+            p_value = len(own) * len(keys) * f_sf(float(square), 1.0, len(own) - 2.0)
+            # Probability that any arm of a fleet without a stranger is called one.
+            if p_value >= 0.05:
+                break
+            strangers.append(
+                {
+                    **{"arm": own[far].arm, "key": key, "unit": unit},
+                    **{"value": float(values[far]), "expected": others["mean"], "p_value": p_value},
+                }
+            )
+            own = [arm for arm in own if arm is not own[far]]
+        coefficients.append(found)
+    refuse((not coefficients, "the results have no coefficient that two arms share"))
+    names = [one["key"] for one in coefficients]
+    apart = {stranger["arm"] for stranger in strangers}
+    whole = [arm for arm in arms if arm.arm not in apart and set(names) <= set(arm.values)]
+    covariance = np.diag([one["std"] ** 2 for one in coefficients])
+    if len(whole) > 2:
+        values = np.array([[arm.values[name][0] for name in names] for arm in whole])
+        pairs = [[(a, b) if i >= j else (b, a) for j, b in enumerate(names)] for i, a in enumerate(names)]
+        noise = np.mean([[[arm.covariance.get(pair, 0.0) for pair in row] for row in pairs] for arm in whole], axis=0)
+        scale = np.sqrt(np.where(np.diag(covariance) > 0.0, np.diag(covariance), 1.0))
+        shares, axes = np.linalg.eigh((np.cov(values.T) - noise) / scale[:, None] / scale)
+        covariance = scale[:, None] * (axes * np.maximum(shares, 0.0)) @ axes.T * scale
+    return coefficients, strangers, {"names": names, "matrix": covariance}
+
+
+def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dict[str, float]]:
+    """Return standard deviations between arms by joint and parameter, as robot and tolerance files name them."""
+    found: dict[str, dict[str, float]] = {}
+    for one in coefficients:
+        effect, joint, *label = one["key"].split(".")
+        if effect == "joint_offset":
+            found.setdefault(joint, {})["offset" if urdf else "theta" if one["unit"] == "rad" else "d"] = one["std"]
+        elif effect == "link_geometry" and len(label) == 1:
+            found.setdefault(joint, {})[label[0]] = one["std"]
+    return found
+
+
+def typical_robot(robot: Robot, coefficients: Sequence[Entry]) -> Robot:
+    """Return a nominal robot with the means of the fleet in its numbers and its standard deviations as tolerances."""
+    names = tuple(joint.name for joint in robot.variables)
+    own = joint_tolerances(coefficients, robot.convention == "urdf")
+    robot = absorbed(
+        robot, [JointOffset(names), LinkGeometry(names)], {one["key"]: one["mean"] for one in coefficients}
+    )
+    joints = (replace(joint, tolerance=own.get(joint.name, {})) for joint in robot.joints)
+    return replace(robot, joints=tuple(joints))

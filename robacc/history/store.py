@@ -16,7 +16,6 @@ from __future__ import annotations
 
 import itertools
 import json
-import operator
 import os
 import re
 import sqlite3
@@ -210,12 +209,6 @@ def rows(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> lis
     return db.execute(f"{both} ORDER BY 4, 1, 2, 8", [arm, key]).fetchall()
 
 
-def keys(db: sqlite3.Connection, arm: str | None) -> list[str]:
-    """Return the keys of the figures and coefficients of an arm or of all."""
-    one = "SELECT DISTINCT t.key FROM {} t JOIN results r ON r.id = t.result WHERE ifnull(r.arm = ?1, 1)"
-    return [key for (key,) in db.execute(f"{one.format('figures')} UNION {one.format('coefficients')}", [arm])]
-
-
 def counted(own: Sequence[Test]) -> list[Test]:
     """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
     latest = {test.command in FITS or test.command: test.model for test in own}
@@ -237,7 +230,7 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series = []
-    for (key, unit), group in itertools.groupby(found, key=operator.itemgetter(0, 1)):
+    for (key, unit), group in itertools.groupby(found, key=lambda row: row[:2]):
         times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
         if len(times) > 1:
             series.append(ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))

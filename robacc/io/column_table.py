@@ -17,7 +17,7 @@ from typing import Any, BinaryIO, Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
@@ -160,8 +160,7 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
         names = list(getattr(frame, "column_names", None) or frame.columns)
         get = frame.column if hasattr(frame, "column") else frame.__getitem__
         repeated = [key for key, count in Counter(map(str, names)).items() if count > 1]
-        if repeated:
-            raise InputError(Problem(f"found two columns {clip(repeated[0])}", name, fix="rename one of them"))
+        refuse(*((1, Problem(f"found two columns {clip(key)}", name, fix="rename one of them")) for key in repeated))
         pairs = [(key, get(key)) for key in names]
     columns = []
     for key, values in pairs:
@@ -313,15 +312,8 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
     elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path):
-        if (table := _by_plug_in(path, b"", options)) is None:
-            raise InputError(
-                Problem(
-                    "is a folder, expected a file",
-                    path,
-                    fix="name a file, or the folder of a ROS 2 bag with its metadata.yaml",
-                )
-            )
-        yield table
+        fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
+        yield given(_by_plug_in(path, b"", options), Problem("is a folder, expected a file", path, fix=fix))
     else:
         with opened(path) as stream:
             yield _table(stream, "<stdin>" if path == STANDARD_STREAM else path, options)

@@ -102,8 +102,6 @@ UNIT_NAMES: Mapping[str, str] = {
 }
 """Unit by its name in small letters."""
 _NUMBER_AND_UNIT = re.compile(r"([+\-\u2212]?[\d.,][\d.,' \u2019]*(?:[eE][+-]?\d+)?)\s*([^\d\s.,'+-].*)")
-_CELLS_EXAMINED = 50
-"""First rows in which the unit of a column is looked for."""
 
 
 def split_cell(text: str) -> tuple[str, str | None]:
@@ -118,7 +116,8 @@ def split_cell(text: str) -> tuple[str, str | None]:
 def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
     """Return the unit in the first cell of each column that has one there; empty cells do not count."""
     first: dict[int, str | None] = {}
-    for row in itertools.islice(rows, _CELLS_EXAMINED):
+    # First rows in which the unit of a column is looked for.
+    for row in itertools.islice(rows, 50):
         for i, text in enumerate(row):
             if i not in first and any(sign.isdecimal() for sign in text):
                 first[i] = split_cell(text)[1]
@@ -140,8 +139,6 @@ _STATISTIC = re.compile(
     re.IGNORECASE,
 )
 """First field of a line below a table that sums it up."""
-_EXAMINED = 400
-"""Lines that are examined; no instrument writes a longer preamble."""
 _SAMPLED = 100
 """First lines of the table that are kept as a sample; of numbers without names they show the arm's motion."""
 _FEWEST_NUMBERS = 2
@@ -194,9 +191,11 @@ class TableDialect:
         """
         if self.separator is None:
             return line.split()
-        fields = line.split(self.separator)
-        if '"' in line:
-            fields = next(csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True))
+        fields = (
+            next(csv.reader((line,), delimiter=self.separator, strict=True, skipinitialspace=True))
+            if '"' in line
+            else line.split(self.separator)
+        )
         return [part.strip() for part in fields]
 
     def fields(self, line: str) -> list[str]:
@@ -252,7 +251,8 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
     # A table with one number in each row is told from other text by its names.
     ways = ((_FEWEST_NUMBERS, 0, (declared[1],) if declared else _SEPARATORS), (1, 3, (";", "\t", "|")))
     for fewest, least_names, separators in ways:
-        tables = (_table(list(lines[:_EXAMINED]), separator, is_known, fewest) for separator in separators)
+        # Lines that are examined; no instrument writes a longer preamble.
+        tables = (_table(list(lines[:400]), separator, is_known, fewest) for separator in separators)
         scored = [table for table in tables if table is not None and len(table[1].names) >= least_names]
         if scored:
             return max(scored, key=lambda table: table[0])[1]

@@ -18,9 +18,6 @@ from robacc.errors import MAX_PROBLEMS, Counted, InputError, Note, Problem, Usag
 
 # Problems of one file, collected so that one error reports them all.
 
-_MAX_STORED = 1000
-"""Problems stored while reading: they come in the file's order, so the first ones are those to report."""
-
 
 class ProblemLog:
     """Problems, remarks and warnings of one file: stores enough problems to report, and counts them all."""
@@ -40,7 +37,8 @@ class ProblemLog:
     def add(self, message: str, line: int | None = None, column: str | None = None, fix: str | None = None) -> None:
         """Add a problem."""
         self.total += 1
-        if len(self.problems) < _MAX_STORED:
+        # Problems stored while reading: they come in the file's order, so the first ones are those to report.
+        if len(self.problems) < 1000:
             line, row = (None, line) if self.counted == "row" else (line, None)
             self.problems.append(Problem(message, self.file, line, column, fix, row))
 

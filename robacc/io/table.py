@@ -145,7 +145,6 @@ _BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
-_MOST_LINES = 1000
 _NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
 """Bytes that Windows-1252 leaves open."""
 
@@ -154,7 +153,6 @@ Block = tuple[int, list[str]]
 """1-based number of the first line, and complete lines of the file without their ends."""
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_LAST_ROWS = 1000
 _FEWEST_ROWS = 5
 """Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
@@ -249,7 +247,7 @@ class TextTable(Table):
             return line.decode()
         except UnicodeDecodeError as error:
             self._encoding = "Windows-1252"
-            if len(self._not_text) < _MOST_LINES and any(byte in _NO_CHARACTER for byte in line):
+            if len(self._not_text) < 1000 and any(byte in _NO_CHARACTER for byte in line):
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self._not_text.append((message, number))
             return line.decode("cp1252", errors="replace")
@@ -268,7 +266,7 @@ class TextTable(Table):
                 footer = (line.strip(" \t,;|") for line in lines[end:])
                 lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
             parts.append(self._parsed(first, lines, numbers, texts))
-            last = [*last, *lines][-_LAST_ROWS:]
+            last = [*last, *lines][-1000:]
         columns = [np.concatenate(column) for column in zip(*(part.texts for part in parts), strict=True)]
         body = TableBody(
             np.concatenate([part.numbers for part in parts], axis=1),
@@ -278,7 +276,13 @@ class TextTable(Table):
         self._report_widths(body_rows=body.lines.size)
         for message, line in self._not_text if self.dialect.is_documented else ():
             self.log.add(message, line, fix="save the file as UTF-8")
-        self._warn_of_cut(last)
+        cells = [self.dialect.split(line)[-1] for line in last if self.dialect.is_row(line) and '"' not in line]
+        sign = "," if self.dialect.decimal_comma else "."
+        *above, ending = [len(cell.partition(sign)[2]) for cell in cells] or [0]
+        is_number = bool(cells) and self.dialect.is_number(cells[-1])
+        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and ending < min(above):
+            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
+            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
         self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._encoding == "UTF-8" else self._encoding,
@@ -287,16 +291,6 @@ class TextTable(Table):
         ]
         self.sha256 = self.sha256 or self._digest.hexdigest()
         return body.without(self.log.gaps)
-
-    def _warn_of_cut(self, lines: list[str]) -> None:
-        """Warn of a last row without a line end whose last number has fewer decimals than those above."""
-        cells = [self.dialect.split(line)[-1] for line in lines if self.dialect.is_row(line) and '"' not in line]
-        sign = "," if self.dialect.decimal_comma else "."
-        *above, last = [len(cell.partition(sign)[2]) for cell in cells] or [0]
-        is_number = bool(cells) and self.dialect.is_number(cells[-1])
-        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and last < min(above):
-            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
-            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
 
     def _parsed(self, first: int, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return the rows among lines, of which the first has the number ``first``."""

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple, cast
 
 import yaml
 
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
@@ -77,9 +77,7 @@ def compose(text: str, file: str) -> yaml.Node:
         line = text.count("\n", 0, error.position) + 1
         message = f"cannot be read as YAML: the character U+{ord(text[error.position]):04X} is not allowed"
         raise InputError(Problem(message, file, line)) from None
-    if node is None:
-        raise InputError(Problem("the file is empty", file))
-    return node
+    return given(node, Problem("the file is empty", file))
 
 
 def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> YamlSection:
@@ -288,9 +286,7 @@ def describe(node: yaml.Node) -> str:
         return "keys with values"
     if isinstance(node, yaml.SequenceNode):
         return f"a list of {len(node.value)}"
-    if is_null(node):
-        return "nothing"
-    return clip(str(node.value))
+    return "nothing" if is_null(node) else clip(str(node.value))
 
 
 def nearest(name: str, known: Sequence[str]) -> str | None:
@@ -304,9 +300,6 @@ def nearest(name: str, known: Sequence[str]) -> str | None:
 #
 # The nodes know where they stand in the text, so a new value replaces the characters of the old value and nothing else.
 # A library that reads and writes whole documents (ruamel.yaml) would set indentation and line breaks anew.
-
-_WIDTH = 120
-"""Characters of a line of new text."""
 
 
 def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Collection[str] = ()) -> str:
@@ -365,8 +358,7 @@ class _Edits:
                 is_new = key in self.rewritten and not _is_alike(place, value, longer=True)
                 (self.replace if is_new else self.value)(place, value)
             elif not _is_zero(value):
-                entry = _entry(key, value, node.start_mark.column)
-                self.add(node, place, [(_flow({key: value})[1:-1], entry)])
+                self.add(node, place, [(_flow({key: value})[1:-1], _entry(key, value, node.start_mark.column))])
 
     def replace(self, node: yaml.Node, value: Any) -> None:
         """Write a value in place of a node."""
@@ -465,7 +457,8 @@ def _flow(value: Any) -> str:
 
 def _block(value: Any, column: int) -> str:
     """Return a value as lines, the second and later ones indented."""
-    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=_WIDTH - column))
+    # Characters of a line of new text.
+    return re.sub(r"\n(?=.)", "\n" + " " * column, _dumped(value, flow=None, width=120 - column))
 
 
 def _dumped(value: Any, flow: bool | None, width: float) -> str:

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
-from robacc.errors import InputError, Problem
+from robacc.errors import Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
@@ -170,8 +170,7 @@ def visits_of(
     Raises:
         InputError: There are no poses.
     """
-    if data.n == 0:
-        raise InputError(Problem("has no measured poses", source))
+    refuse((data.n == 0, Problem("has no measured poses", source)))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
     ids = data.groups() if data.pose is None else data.pose
     targets = np.zeros(data.n) if data.target is None else data.target
@@ -192,9 +191,11 @@ def visits_of(
             wanted = rotation[..., :1] if orientation is None else orientation
             angles = rpy_from_rotation(wanted)
             reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
-            turn = wrapped(rpy_from_rotation(rotation) - angles)
-            if at_pole:
-                turn = log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+            turn = (
+                log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+                if at_pole
+                else wrapped(rpy_from_rotation(rotation) - angles)
+            )
         label = f"pose {index + 1}" if data.pose is None else str(own)
         poses.append(
             CommandedPose(
@@ -297,11 +298,10 @@ def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimat
         ends = [(part.lower or 0.0, part.upper or 0.0) for part in (later, earlier)]
         lower, upper = difference_limits(after.value, ends[0], before.value, ends[1])
         bounds = (0.0, later.upper_bound), (two_sided or 0.0, 0.0)
-        bound = difference_limits(after.value, bounds[0], before.value, bounds[1])[1]
         return Interval(
             lower,
             upper,
-            bound,
+            difference_limits(after.value, bounds[0], before.value, bounds[1])[1],
             confidence,
             "from the intervals of both estimates (method of variance estimates recovery)",
         )
@@ -341,7 +341,6 @@ def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
 
 # Length of a mean vector with its interval: the distance between barycentres.
 
-_BISECTIONS = 60
 _SMALLEST_PROBABILITY = 1e-15
 """Probabilities are clipped to at least this, and to at most its complement."""
 
@@ -374,7 +373,17 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         @cache
         def excess(length: float) -> float:
             """Return the normal quantile's excess, which rises nearly linearly through zero with the true length."""
-            share = length_probability(value, _likeliest_mean(components, variances, length), widened)
+            scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
+            low, high = 1e-12, 1e9
+            for _ in range(60):
+                # The length is even in the logarithm of 1 + lambda.
+                middle = math.sqrt(low * high)
+                likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
+                low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
+            size = math.hypot(*likeliest)
+            share = length_probability(
+                value, np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size), widened
+            )
             return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
@@ -396,22 +405,6 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         )
 
     return IntervalEstimate(value, interval_at)
-
-
-def _likeliest_mean(components: Array, variances: Array, length: float) -> Array:
-    """Return the mean ``(3,)`` of that length under which ``components`` are likeliest, in principal axes.
-
-    The mean is c_i / (1 + lambda v_i); its length falls with lambda, from infinity at -1 / (largest v) to nearly zero.
-    """
-    scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
-    low, high = 1e-12, 1e9
-    for _ in range(_BISECTIONS):
-        # The length is even in the logarithm of 1 + lambda.
-        middle = math.sqrt(low * high)
-        likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
-        low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
-    size = math.hypot(*likeliest)
-    return np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size)
 
 
 # Position repeatability RP_l = mean l + 3 S_l with its interval.
@@ -534,9 +527,11 @@ def separation(
     means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
     distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    angles = None
-    if group_angles is not None:
-        angles = _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+    angles = (
+        _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+        if group_angles is not None
+        else None
+    )
     return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
@@ -688,7 +683,11 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
     accurate, repeatable = [], []
     is_commanded = all(pose.commanded is not None for pose in poses)
     for pose_a, pose_b in pairs:
-        rows_a, rows_b = _matched_visits(pose_a, pose_b)
+        # Visits of the same cycle match, else the j-th of one with the j-th of the other.
+        rows_a = rows_b = np.arange(min(pose_a.n, pose_b.n))
+        cycles = [pose.cycle for pose in (pose_a, pose_b) if pose.cycle is not None]
+        if len(cycles) == 2 and [np.unique(cycle).size for cycle in cycles] == [pose_a.n, pose_b.n]:
+            _, rows_a, rows_b = np.intersect1d(cycles[0], cycles[1], return_indices=True)
         if rows_a.size == 0:
             continue
         why, why_accuracy = "every pair of commanded poses was visited once: RD needs cycles", NO_COMMAND
@@ -719,21 +718,9 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
     )
 
 
-def _matched_visits(pose_a: CommandedPose, pose_b: CommandedPose) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the matching visits of two poses: of the same cycle, else the j-th with the j-th."""
-    if pose_a.cycle is not None and pose_b.cycle is not None:
-        _, rows_a, rows_b = np.intersect1d(pose_a.cycle, pose_b.cycle, return_indices=True)
-        if np.unique(pose_a.cycle).size == pose_a.n and np.unique(pose_b.cycle).size == pose_b.n:
-            return rows_a.astype(np.int64), rows_b.astype(np.int64)
-    rows = np.arange(min(pose_a.n, pose_b.n))
-    return rows, rows
-
-
 def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEstimate, ...] | None:
     """Return the mean of each row of ``distances`` ``(3, n)`` less the commanded one; None where they are not known."""
-    if distances is None or commanded is None:
-        return None
-    return tuple(map(mean, distances, np.abs(commanded).tolist()))
+    return None if distances is None or commanded is None else tuple(map(mean, distances, np.abs(commanded).tolist()))
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.
@@ -773,9 +760,11 @@ def drift(
         turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
         if is_commanded and pose.deviation is not None:
             # AP_a = ā - a_c changes as ā does.
-            angles = None
-            if turns is not None and pose.oriented:
-                angles = _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
+            angles = (
+                _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
+                if turns is not None and pose.oriented
+                else None
+            )
             accurate.append(_drift_place(pose, _accuracy_changes([pose.deviation[:, part] for part in rows]), angles))
         spreads = [position_repeatability(part, (seed, *pose.stream, i)) for i, part in enumerate(attained)]
         angles = None

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -101,53 +100,44 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
 ASSURANCE = 0.9
 """Probability that the planned number of poses decides."""
 MOST_POSES = 2000
-RATIOS = (0.5, 0.6, 0.7, 0.8, 0.9)
 
 
-@dataclass(frozen=True, slots=True)
-class Demand:
-    """One limit that the measurement is to decide."""
-
-    label: str
-    statistic: Statistic
-    limit: float
-    """m"""
-    confidence: float
-    share: float = 0.95
-    """Share of all poses that must lie within the limit of a largest error."""
-
-
-def needed(demand: Demand, expected: float | None) -> Mapping[str, Any]:
-    """Return the number of poses that decides ``demand``, with the keys of the result.
+def needed(
+    name: str, statistic: Statistic, limit: float, confidence: float, share: float = 0.95, expected: float | None = None
+) -> Mapping[str, Any]:
+    """Return the number of poses that decides a limit of the errors, m, with the keys of the result.
 
     It decides with probability 0.9 if the true value is ``expected``, and so do the numbers for other true values; None
-    where more than :data:`MOST_POSES` are needed.
+    where more than :data:`MOST_POSES` are needed. ``share`` of all poses must lie within the limit of a largest error.
     """
     # True value over the limit for which the number is planned, if no expected value is given.
-    ratio = 0.8 if expected is None else expected / demand.limit
-    by_ratio = [{"true_over_limit": each, "n_poses": poses_for(demand, each)} for each in RATIOS]
+    ratio = 0.8 if expected is None else expected / limit
+    by_ratio = [
+        {"true_over_limit": each, "n_poses": poses_for(each, statistic, confidence, share)}
+        for each in (0.5, 0.6, 0.7, 0.8, 0.9)
+    ]
     return {
-        "name": demand.label,
-        "statistic": demand.statistic,
-        "limit_m": demand.limit,
-        "confidence": demand.confidence,
+        "name": name,
+        "statistic": statistic,
+        "limit_m": limit,
+        "confidence": confidence,
         "true_over_limit": ratio,
-        "n_poses": poses_for(demand, ratio),
+        "n_poses": poses_for(ratio, statistic, confidence, share),
         "by_ratio": by_ratio,
     }
 
 
-def poses_for(demand: Demand, ratio: float) -> int | None:
+def poses_for(ratio: float, statistic: Statistic, confidence: float, share: float) -> int | None:
     """Return the number of poses that decides if the true value is ``ratio`` times the limit, below or above it."""
     is_below, fewest, cost = ratio < 1.0, 3, 1.0
-    if demand.statistic == "p95":
+    if statistic == "p95":
         # Variance of order statistics relative to that of a Gaussian's radius, as in the decision on a gate.
-        fewest, cost = math.ceil(math.log(1.0 - demand.confidence) / math.log(0.95)), 2.4
-    elif demand.statistic == "max":
-        return math.ceil(math.log(1.0 - demand.confidence) / math.log(demand.share)) if ratio <= 1.0 else fewest
+        fewest, cost = math.ceil(math.log(1.0 - confidence) / math.log(0.95)), 2.4
+    elif statistic == "max":
+        return math.ceil(math.log(1.0 - confidence) / math.log(share)) if ratio <= 1.0 else fewest
 
     def decides(n: int) -> bool:
-        bound = chi2_quantile(1.0 - demand.confidence if is_below else demand.confidence, n)
+        bound = chi2_quantile(1.0 - confidence if is_below else confidence, n)
         below = chi2_cdf(bound / ratio**2, n)
         return (below if is_below else 1.0 - below) >= ASSURANCE
 
@@ -266,17 +256,9 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        return dataclasses.replace(
+        return replace(
             _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg), cycle=np.array(cycle)
         )
-
-    def validation_poses(self) -> Measurements:
-        """Return the validation poses in the order of their visits.
-
-        Raises:
-            UsageError: The plan has none.
-        """
-        return given(self.validation, "the plan has no validation poses; give their number as `validation`")
 
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
@@ -382,10 +364,10 @@ def planned_visits(
         "time": _TIME_STEP * np.arange(visits.n),
         "temperature": conditions.constant_temperature(visits.n),
     }
-    data = with_targets(plan.robot, dataclasses.replace(visits, pose=None, cycle=None, **now))
+    data = with_targets(plan.robot, replace(visits, pose=None, cycle=None, **now))
     if already is None:
         return data, data
-    before = dataclasses.replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
+    before = replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
     columns: dict[str, Array] = {}
     for name in ("position", "q", "target", "time", "temperature", "payload", "direction", "speed", "branches"):
         earlier, later = getattr(before, name), getattr(data, name)
@@ -393,7 +375,7 @@ def planned_visits(
             if earlier is None:
                 earlier = np.repeat(np.zeros(1) if name == "payload" else later[..., :1], before.n, axis=-1)
             columns[name] = np.concatenate((earlier, later), axis=-1)
-    return data, dataclasses.replace(data, **columns)  # type: ignore[arg-type]
+    return data, replace(data, **columns)  # type: ignore[arg-type]
 
 
 def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
@@ -404,7 +386,7 @@ def commanded_part(data: Measurements, conditions: Conditions) -> Measurements:
     """
     q = given(data.q, "the poses measured already have no joint columns")
     is_logged = data.direction is not None and data.speed is not None
-    return dataclasses.replace(
+    return replace(
         data,
         position=np.zeros_like(data.position),
         rotation=None,
@@ -431,8 +413,7 @@ def plan_campaign(
     repeats: int | None = None,
     validation: int = 0,
     target: float | None = None,
-    demands: Sequence[Demand] = (),
-    expected: float | None = None,
+    demands: Sequence[Mapping[str, Any]] = (),
     n_candidates: int = DEFAULT_CANDIDATES,
     payloads: tuple[float, ...] = (),
     seed: int = 0,
@@ -459,8 +440,7 @@ def plan_campaign(
         repeats: Poses visited a second time; None for a tenth of the poses.
         validation: Poses of the validation set.
         target: Error after calibration that is good enough, m rms; None: until more poses gain little.
-        demands: Limits that the measurement is to decide.
-        expected: Expected true value of their statistic, m, for the number of acceptance poses.
+        demands: Limits that the measurement is to decide, from :func:`needed`.
         n_candidates: Number of candidates to sample.
         payloads: kg; each pose has one of them.
         seed: Seed of all choices.
@@ -494,8 +474,7 @@ def plan_campaign(
     # Poses measured already, or else those of the model's fit.
     of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
     n_known = of_model if measured is None else measured.n
-    limits = [needed(demand, expected) for demand in demands]
-    count = _count(poses or (BATCH if n_known else None), DEFAULT_POSES[purpose], limits, pool)
+    count = _count(poses or (BATCH if n_known else None), DEFAULT_POSES[purpose], demands, pool)
 
     rows = candidate_rows(model, rows_of_pool, errors)
     planned = coefficients(model, rows)
@@ -509,7 +488,15 @@ def plan_campaign(
     )
     accuracy = worth = power = None
     if purpose == "acceptance":
-        chosen = _spread(region, pool, count, seed)
+        n = pool.n_poses
+        position, q = pool.position[:, :n], pool.q[:, :n]
+        allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
+        text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
+        refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
+        # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
+        chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
+            np.arange(count) % pool.n_payloads
+        )
     elif purpose == "trace":
         problem, power_criterion = power_problem(model, rows_of_pool, errors, measured)
         chosen = choose_for_power(problem, count, seed)
@@ -558,21 +545,19 @@ def plan_campaign(
             seed,
         ),
         tuple(ids),
-        _validation(
-            model, conditions, dataclasses.replace(constraints, inside=region or constraints.inside), validation, seed
-        ),
+        _validation(model, conditions, replace(constraints, inside=region or constraints.inside), validation, seed),
         errors,
         scatter,
         accuracy=accuracy,
         worth=worth,
-        needed=limits,
+        needed=demands,
         power=power,
     )
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
     fits = purpose != "acceptance"
-    return dataclasses.replace(
+    return replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
@@ -599,19 +584,6 @@ def _count(count: int | None, default: int, demands: Sequence[Mapping[str, Any]]
     number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
     refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
     return int(count)
-
-
-def _spread(region: Zone | None, candidates: CandidatePoses, count: int, seed: int) -> NDArray[np.int64]:
-    """Return the numbers of ``count`` candidates that represent the task, with the payloads in turn."""
-    n = candidates.n_poses
-    position, q = candidates.position[:, :n], candidates.q[:, :n]
-    allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
-    text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-    refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
-    # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
-    return allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
-        np.arange(count) % candidates.n_payloads
-    )
 
 
 def _validation(

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-import dataclasses
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
@@ -16,9 +15,8 @@ from robacc.geometry import Array, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.quantities import parse_quantity
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, joint_ranges
 from robacc.robots.description import BranchJoint, Robot
-from robacc.robots.inverse_kinematics import joint_ranges
 from robacc.simulation.simulate import even_joints
 
 # Constraints of a measurement campaign: which poses the robot may take and the instrument can see.
@@ -233,7 +231,7 @@ def _targets(arm: Arm, q: Array) -> list[Poses]:
     """Return the nominal pose of each target in the base frame at joint variables ``(J, N)``."""
     to_base, n = arm.robot.base.pose.inverse(), q.shape[1]
     data = Measurements(position=np.zeros((3, n)), q=q)
-    rows = [dataclasses.replace(data, target=np.full(n, name)) for name in arm.robot.targets]
+    rows = [replace(data, target=np.full(n, name)) for name in arm.robot.targets]
     return [to_base @ Model(arm).bind(poses).poses(np.zeros(0)) for poses in rows or [data]]
 
 
@@ -393,7 +391,7 @@ def task_joints(model: Model, constraints: Constraints, region: Zone | None, see
     Raises:
         UsageError: None of the samples lies in the region.
     """
-    free = dataclasses.replace(constraints, sight=None, inside=region or constraints.inside)
+    free = replace(constraints, sight=None, inside=region or constraints.inside)
     # Place in the sequence where poses that are not candidates begin, so that none of them is a candidate too.
     draws = _drawn(model.arm.robot, free.margin, 5 * TASK_POSES, 7_919, seed + 1, 2 * _MOST_DRAWS)
     return _feasible(model, free, draws, TASK_POSES, "no pose of the task is feasible").q
@@ -444,7 +442,7 @@ class Conditions:
             return candidates
         if ids is not None and count > 1:
             ids = np.array([f"{name}@{payload:g}kg" for payload in self.payloads for name in ids])
-        return dataclasses.replace(
+        return replace(
             candidates,
             q=np.tile(candidates.q, count),
             position=np.tile(candidates.position, count),
@@ -467,13 +465,13 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     # Two poses that differ in all joints, with directions and speeds.
     arm, q = model.arm, np.tile([0.0, 1.0], (len(model.arm.names), 1))
     bare = Measurements(position=np.zeros((3, 2)), q=q, direction=2 * q - 1, speed=q)
-    loaded = dataclasses.replace(bare, payload=np.array([0.0, 1.0]))
-    warm = dataclasses.replace(bare, temperature=np.array([0.0, 1.0]))
+    loaded = replace(bare, payload=np.array([0.0, 1.0]))
+    warm = replace(bare, temperature=np.array([0.0, 1.0]))
     fixed = [entry.effect for entry in model.known]
     if not payloads and any(effect.missing(arm, bare) and not effect.missing(arm, loaded) for effect in fixed):
         payloads = (0.0,)
     is_warm = any(effect.missing(arm, bare) and not effect.missing(arm, warm) for effect in fixed)
-    planned = dataclasses.replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
+    planned = replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
         reason, needs_loads = effect.missing(arm, planned), effect.missing(arm, loaded) is None
         refuse(

@@ -15,9 +15,8 @@ approached from both directions. A check pose is visited at the start, after eve
 
 from __future__ import annotations
 
-import dataclasses
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -31,8 +30,6 @@ Criterion = Literal["I", "G", "D", "A"]
 
 EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
-_LEAST_GAIN = 1e-3
-"""Share of the cost that a pass of exchange must gain for another pass."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -184,10 +181,11 @@ def exchanged(problem: DesignProblem, chosen: NDArray[np.int64], others: int = E
     """
     ranked = np.argsort(problem.costs_beside(chosen), kind="stable")
     pool = np.concatenate((chosen, ranked[: min(others, ranked.size - chosen.size)]))
-    part = dataclasses.replace(problem, rows=problem.rows[pool])
+    part = replace(problem, rows=problem.rows[pool])
     design = np.arange(chosen.size)
     start, cost = np.inf, part.cost(design)
-    while start - cost > _LEAST_GAIN * abs(cost):
+    # Share of the cost that a pass of exchange must gain for another pass.
+    while start - cost > 1e-3 * abs(cost):
         start = cost
         without = [part.cost(np.delete(design, place)) for place in range(design.size)]
         for place in np.argsort(without, kind="stable").tolist():
@@ -416,8 +414,7 @@ def _balanced(scaled: Array, order: NDArray[np.int64], check: int | None, every:
 
 def _with_checks(order: NDArray[np.int64], check: int | None, every: int) -> NDArray[np.int64]:
     """Return the visits with the check pose at the start, after every ``every`` visits, and at the end."""
-    starts = np.arange(0, order.size, every)
-    return order if check is None else np.append(np.insert(order, starts, check), check)
+    return order if check is None else np.append(np.insert(order, np.arange(0, order.size, every), check), check)
 
 
 def _drift_share(scaled: Array) -> float:

@@ -5,11 +5,10 @@ The linear model has the whitened columns of the coefficients at planned poses, 
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -38,9 +37,6 @@ from robacc.planning.design import (
 from robacc.robots.description import Robot
 from robacc.tracing.candidates import Candidate, decisive_test, named_candidates, visible
 
-_USUAL_SIZES = 10.0
-"""Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses."""
-
 
 @dataclass(frozen=True, slots=True)
 class ExpectedNoise:
@@ -59,7 +55,7 @@ class ExpectedNoise:
     def reduced(self, visits: int, readings: int) -> ExpectedNoise:
         """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
         share = 1.0 / np.sqrt(visits * readings)
-        return dataclasses.replace(
+        return replace(
             self,
             position=self.position * share,
             orientation=None if self.orientation is None else self.orientation * share,
@@ -103,7 +99,7 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     targets = tuple(robot.targets)
     if not targets:
         return poses
-    return dataclasses.replace(
+    return replace(
         poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
     )
 
@@ -111,7 +107,7 @@ def with_targets(robot: Robot, poses: Measurements) -> Measurements:
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
     """Return ``(6, P, N)`` columns of the model's free coefficients, then of ``more`` terms, for the rows of data."""
     bound = model.bind(data)
-    extended = dataclasses.replace(bound, terms=(*bound.terms, *more))
+    extended = replace(bound, terms=(*bound.terms, *more))
     return extended.linearise(np.zeros(len(extended.terms)))[1]
 
 
@@ -152,7 +148,8 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     broad = broad_stds(model.free, terms, owners)
     # Base and tool frames may be anywhere: 1 m or rad.
     usual = [
-        _USUAL_SIZES * term.typical if is_constant or term.typical < 1e-3 else 1.0
+        # Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses.
+        10.0 * term.typical if is_constant or term.typical < 1e-3 else 1.0
         for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
     ]
     prior = np.array([tolerance.get(term.name, std) for term, std in zip(terms, usual, strict=True)])
@@ -459,7 +456,7 @@ _EXACT = 1e-6
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` different candidates, chosen among some drawn at random."""
     pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
-    part = dataclasses.replace(problem, rows=problem.rows[pool])
+    part = replace(problem, rows=problem.rows[pool])
     return pool[choose(part, part.best(count), seed, 100)]
 
 
@@ -483,24 +480,21 @@ def power_problem(
     if already is not None:
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
-        terms = [available.get(key, (dataclasses.replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
+        terms = [available.get(key, (replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
     dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]
     chance = {value: decisive_test(1, dof, value).noncentrality_at_limit for value in set(log_priors)}
     flat = rows.reshape(-1, scale.size)
-    criterion = PowerCriterion(
-        np.array([chance[value] for value in log_priors]), _rivals(flat[:, :n_free], flat[:, n_free:])
-    )
-    return DesignProblem(rows, information, criterion), criterion
-
-
-def _rivals(free: Array, columns: Array) -> NDArray[np.int64]:
-    """Return ``(K,)`` the coefficient whose column is most similar over all candidates, exact equals excepted."""
-    new = _without(free, columns)
+    columns = flat[:, n_free:]
+    new = _without(flat[:, :n_free], columns)
     size = np.linalg.norm(new, axis=0)
     is_new = size > np.sqrt(_EXACT) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     new = new / np.where(is_new, size, np.inf)
     similarity = np.square(new.T @ new)
     similarity[similarity > 1.0 - _EXACT] = 0.0
-    return np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size))
+    criterion = PowerCriterion(
+        np.array([chance[value] for value in log_priors]),
+        np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size)),
+    )
+    return DesignProblem(rows, information, criterion), criterion

@@ -7,7 +7,6 @@ the mount only, the photos are to show the lens. For several cameras, ``cameras`
 
 from __future__ import annotations
 
-import math
 import os
 from typing import Any, NamedTuple
 
@@ -15,6 +14,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
+from robacc.errors import refuse
 from robacc.geometry import Array, Poses, compose, exp_so3, nearest_rotation, skew
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
@@ -60,8 +60,7 @@ class Camera(NamedTuple):
             if np.max(np.abs(ray - before), initial=0.0) < _SETTLED:
                 break
         radius, shift = self._distortion(ray)
-        found: Array = np.where(np.abs(radius * ray + shift - seen).max(axis=0) < _SETTLED**0.5, ray, np.nan)
-        return found
+        return np.where(np.abs(radius * ray + shift - seen).max(axis=0) < _SETTLED**0.5, ray, np.nan)
 
     def _distortion(self, ray: Array) -> tuple[Array, Array]:
         """Return the factor ``(N,)`` and the shift ``(2, N)`` by which the lens moves rays."""
@@ -179,10 +178,9 @@ def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> tuple[list[Pho
             each = each if near.size == rows.size else _fitted(rays, points, near)
         if each is not None:
             found.append(each)
-    if not found:
-        raise ValueError(f"no photo shows {FEWEST_POINTS} points of a board that are not in a line")
+    refuse((not found, f"no photo shows {FEWEST_POINTS} points of a board that are not in a line"), error=ValueError)
     spare = sum(2 * each.rows.size - 6 for each in found)
-    return found, math.sqrt(sum(each.squares for each in found) / max(spare, 1))
+    return found, float(np.sqrt(sum(each.squares for each in found) / max(spare, 1)))
 
 
 def three_points(points: Array) -> Array:
@@ -195,8 +193,7 @@ def three_points(points: Array) -> Array:
     centre = points.mean(axis=1, keepdims=True)
     axes, spread, _ = np.linalg.svd((points - centre) / np.sqrt(points.shape[1]), full_matrices=False)
     angle = 2.0 * np.pi / 3.0 * np.arange(3)
-    moved: Array = centre + np.sqrt(2.0) * (axes[:, :2] * spread[:2]) @ np.stack((np.cos(angle), np.sin(angle)))
-    return moved
+    return np.asarray(centre + np.sqrt(2.0) * (axes[:, :2] * spread[:2]) @ np.stack((np.cos(angle), np.sin(angle))))
 
 
 def rays_of(pose: Poses, points: Array) -> Array:

@@ -18,7 +18,8 @@ from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.measurements import MOVES_UNUSED
-from robacc.poses.columns import (
+from robacc.poses.reading import (
+    AS_NAMED,
     AXES,
     COMMANDED_AXES,
     FIXED_KINDS,
@@ -32,24 +33,23 @@ from robacc.poses.columns import (
     Column,
     Heading,
     Kind,
+    KnownRobot,
     Meaning,
+    Reading,
+    RowKeys,
     heading_of,
-    is_of_ros,
     labelled,
     meaning_of,
     source_of,
     split_unit,
     time_column,
 )
-from robacc.poses.reading import AS_NAMED, KnownRobot, Reading, RowKeys
 from robacc.poses.reshaped_tables import advice_on_points
 
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
 _ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
-_SIMILAR = 0.8
-"""Similarity of two names (0 to 1) from which one may be a slip of the other."""
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
 _OF_KEY: Mapping[str, tuple[str, ...]] = {
@@ -129,7 +129,7 @@ class Layout:
     """Columns in use, by key, and what the names of an export leave open."""
 
     columns: Mapping[str, Column]
-    """By key; for times, the keys of :data:`~robacc.poses.columns.TIME_KEYS`; joints outside the chain have the keys
+    """By key; for times, the keys of :data:`~robacc.poses.reading.TIME_KEYS`; joints outside the chain have the keys
     ``branch_q1 …``."""
     names: Names
     unused: Sequence[str] = ()
@@ -188,7 +188,16 @@ def read_layout(
         log.add(f"the map names a column {clip(stated)}, which the file does not have{hint}", line)
     names = Names.of([(reading.columns or {}).get(name, name) for name in table.names], robot)
     layout = documented_columns(table, names, reading)
-    if reading.columns is None and (not table.dialect.is_documented or _lacks_a_pose(layout, attained, commands)):
+    has_commands = any(
+        key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
+        for key in layout.columns
+    )
+    is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
+    if reading.columns is None and (
+        not table.dialect.is_documented
+        or (attained and not layout.has(AXES))
+        or not (has_commands or not commands or is_repeated)
+    ):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
@@ -257,16 +266,6 @@ def _documented_column(name: str, index: int, names: Names, table: Table, readin
     return Column(label, index, key, kind, unit or reading.unit_of.get(QUANTITY.get(kind, "")), coverage)
 
 
-def _lacks_a_pose(layout: Layout, attained: bool, commands: bool) -> bool:
-    """Return whether the attained position or any command is missing, so that other names may stand for them."""
-    has_commands = any(
-        key.startswith("cmd_") or (JOINT_COLUMN.fullmatch(key) and not key.startswith("read_"))
-        for key in layout.columns
-    )
-    is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
-    return (attained and not layout.has(AXES)) or not (has_commands or not commands or is_repeated)
-
-
 def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool, commands: bool) -> None:
     """Log sets of columns that are incomplete or given twice, and what the file lacks."""
     log, line, columns, joint_names, count = table.log, table.line, layout.columns, robot.joint_names, layout.n_joints
@@ -286,7 +285,24 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
             log.add(f"{counts}{are_missing} missing", line, fix=fix + unknown)
 
     commanded = any(key.startswith("cmd_") for key in columns)
-    check_set(AXES, "the attained position", attained, _advice(layout.unused) if attained else "")
+    words = {word for name in layout.unused for word in (name.lower(), *heading_of(name).words)}
+    forms = (
+        (True, advice_on_points(layout.unused)),
+        (
+            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
+            "the file has angles and distances of an instrument; export X, Y and Z",
+        ),
+        (
+            words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"},
+            "the file has one row for each axis; export one row for each point, with its X, Y and Z",
+        ),
+    )
+    check_set(
+        AXES,
+        "the attained position",
+        attained,
+        next((text for applies, text in forms if applies and text), "") if attained else "",
+    )
     check_set(COMMANDED_AXES, "the commanded position", commanded)
     check_set(SIGMAS, "the measuring uncertainty of a position")
     for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
@@ -320,23 +336,6 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
             last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
             log.add(f"the column belongs to joint {match[2]}, but {last}", line, column.name)
-
-
-def _advice(unused: Sequence[str]) -> str:
-    """Return what to do about a file without a position that has another form; empty for other files."""
-    words = {word for name in unused for word in (name.lower(), *heading_of(name).words)}
-    forms = (
-        (True, advice_on_points(unused)),
-        (
-            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
-            "the file has angles and distances of an instrument; export X, Y and Z",
-        ),
-        (
-            words & {"axis", "achse", "coordinate"} and words & {"actual", "measured", "ist"},
-            "the file has one row for each axis; export one row for each point, with its X, Y and Z",
-        ),
-    )
-    return next((text for applies, text in forms if applies and text), "")
 
 
 def listing(names: Sequence[str]) -> str:
@@ -457,6 +456,8 @@ def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals
     return [item for item in result if item.place not in used and not (item.rival and has_commands)]
 
 
+_ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
+"""Path of a ROS message's field, whose unit is SI (REP 103)."""
 _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"})
 """Words beside the name of a joint that make it another quantity."""
 
@@ -523,7 +524,11 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     is_open = {key: item.meaning.expanded and reading.coverage is None for key, item in chosen.items()}
     expanded = dict.fromkeys(item.heading.name for key, item in chosen.items() if is_open[key])
     chosen = {key: item for key, item in chosen.items() if not is_open[key]}
-    of_preamble, remark = _unit_of_preamble(table)
+    of_preamble, remark = None, ""
+    # A line above the table may state the unit of length.
+    if stated_unit := next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None):
+        of_preamble = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(stated_unit["unit"].lower()[:3], "in")
+        remark = f"lengths in {of_preamble}, as {stated_unit[0].strip(' ([')!r} says"
     columns = {
         **known.columns,
         **{key: _column(key, item, known.names, reading, of_preamble, table) for key, item in chosen.items()},
@@ -576,7 +581,8 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
 def _with_suggestion(name: str, names: Names) -> str:
     """Return a name in quotes, with the documented name that it resembles."""
     nearest = names.nearest(name)
-    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= _SIMILAR
+    # Similarity of two names (0 to 1) from which one may be a slip of the other.
+    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= 0.8
     return f"{clip(name)} (did you mean {nearest}?)" if is_similar else clip(name)
 
 
@@ -593,20 +599,11 @@ def _column(
         table.log.add(f"found unit {unit} for {key}, {expected}", table.line, heading.name)
         unit = None
     if quantity and unit is None:
-        is_si = meaning.family == "ur" or (not meaning.family and is_of_ros(heading))
+        is_si = meaning.family == "ur" or (not meaning.family and _ROS_FIELD.search(heading.name))
         si_unit = ("m" if quantity == "length" else "rad") if is_si else None
         unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
     return Column(heading.name, candidate.place, key, kind, unit, coverage)
-
-
-def _unit_of_preamble(table: Table) -> tuple[str | None, str]:
-    """Return the unit of length that a line above the table states, and a remark."""
-    match = next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None)
-    if match is None:
-        return None, ""
-    unit = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(match["unit"].lower()[:3], "in")
-    return unit, f"lengths in {unit}, as {match[0].strip(' ([')!r} says"
 
 
 def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -> str:
@@ -620,7 +617,11 @@ def statement(columns: Mapping[str, Column], documented: Mapping[str, Column]) -
 
     parts = []
     for _, group in itertools.groupby(enumerate(taken), run):
-        pairs = [(column.name, _taken_for(column)) for _, column in group]
+        pairs = [
+            (column.name, "time_s" if column.key in TIME_KEYS else f"{column.label}{factor}")
+            for _, column in group
+            for factor in [f" times {column.coverage:g}" if column.coverage != 1 else ""]
+        ]
         if len(pairs) > 2:
             pairs = [(f"{pairs[0][0]} … {pairs[-1][0]}", f"{pairs[0][1]} … {pairs[-1][1]}")]
         parts += [f"{name} -> {key}" for name, key in pairs]
@@ -636,12 +637,6 @@ def documented_name(name: str) -> str | None:
     key = meaning.full_key
     takes_unit = FIXED_KINDS[key] in ("length", "angle") and heading.unit in NAME_UNITS
     return f"{key}_{heading.unit}" if takes_unit else key
-
-
-def _taken_for(column: Column) -> str:
-    if column.key in TIME_KEYS:
-        return "time_s"
-    return column.label + (f" times {column.coverage:g}" if column.coverage != 1 else "")
 
 
 def compact(names: Sequence[str]) -> str:

@@ -16,8 +16,8 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import commanded_groups, motion_between_rows
-from robacc.poses.columns import COMMANDED_AXES, Column
 from robacc.poses.layout import Values, listing
+from robacc.poses.reading import COMMANDED_AXES, Column
 
 # Dates and times of day as seconds.
 
@@ -31,8 +31,6 @@ _STAMP = re.compile(
     r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
 )
 """Date with the year first or last, and time of day with its zone."""
-_EPOCHS = ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0))
-"""Numbers above the first are times since 1970 in the unit of which the second make a second."""
 
 
 def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int64], log: ProblemLog) -> Array:
@@ -72,7 +70,12 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = (
-            next((scale for limit, scale in _EPOCHS if typical > limit), None) if columns[key].divisor == 1.0 else None
+            # Numbers above the first are times since 1970 in the unit of which the second make a second.
+            next(
+                (scale for limit, scale in ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0)) if typical > limit), None
+            )
+            if columns[key].divisor == 1.0
+            else None
         )
         return _since_midnight(values / scale, log) if scale else values / columns[key].divisor
     if key == "time" and "date" in texts:
@@ -131,9 +134,6 @@ def _seconds(text: str, day_first: bool) -> float | None:
     offset = (int(zone_h) * 60 + int(zone_h[0] + zone_min)) * 60.0 if zone_h else 0.0
     return days * _DAY + hour * 3600 + minute * 60 + second_ + float(f"0.{fraction or 0}") - offset
 
-
-_SAME_VISIT = 1e-3
-"""rad or m; largest difference between the commands of the rows of a visit, from joints that were read back."""
 
 Texts = NDArray[Any] | None
 
@@ -203,7 +203,8 @@ def check_visits(values: Values, ordered: bool) -> None:
     sets = (values.column_set(keys) for keys in (values.layout.joints(), COMMANDED_AXES))
     if (commands := next((commands for commands in sets if commands is not None), None)) is not None:
         values.log.add_rows(
-            np.max(np.abs(commands - commands[:, origin]), axis=0) > _SAME_VISIT,
+            # rad or m; largest difference between the commands of the rows of a visit, from joints that were read back.
+            np.max(np.abs(commands - commands[:, origin]), axis=0) > 1e-3,
             values.lines,
             "visit",
             lambda i: (

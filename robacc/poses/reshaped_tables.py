@@ -16,23 +16,23 @@ from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.poses.columns import (
+from robacc.poses.reading import (
     AXES,
     QUATERNION,
     SAY_LITTLE,
     UNITS,
+    UNKNOWN_ROBOT,
+    KnownRobot,
     heading_of,
     is_point_name,
     labelled,
     source_of,
 )
-from robacc.poses.reading import UNKNOWN_ROBOT, KnownRobot
 
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
 
 _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
 _TUM_HEADER = ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
-_UNIT_LENGTH = 1e-3
 _POINT = ("X", "Y", "Z")
 _UNCERTAINTY = ("Ux", "Uy", "Uz")
 _QUATERNION, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
@@ -41,14 +41,6 @@ _LENGTHS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 1 / 0.0254}
 """Lengths in a metre."""
 _FEWEST_ROWS = 8
 """24 coordinates, well above the 15 parameters of the affine fit."""
-_FARTHEST = 1e9
-"""Largest coordinate in any unit: the Earth is 4e7 m round."""
-_MOST_COLUMNS = 24
-"""Columns without names that are tried."""
-_SCALE = 0.05
-"""Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more."""
-_RESIDUAL = 0.01
-"""Largest remaining error as a share of the arm's motion: worse than any arm, and far below an unrelated motion's."""
 
 
 def with_known_names(
@@ -98,7 +90,7 @@ def with_known_names(
 
 def _are_unit(vectors: Array) -> bool:
     """Return whether vectors ``(N, K)`` are of unit length."""
-    return bool((np.abs(np.linalg.norm(vectors, axis=1) - 1) < _UNIT_LENGTH).all())
+    return bool((np.abs(np.linalg.norm(vectors, axis=1) - 1) < 1e-3).all())
 
 
 def _of_numbers(
@@ -136,7 +128,8 @@ def _of_numbers(
 def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
     """Return the names of columns, by index, under which positions follow the motion of the arm."""
     joints, result = len(robot.joint_names or ()), []
-    if robot.pose_at is None or not joints or rows.shape[1] > _MOST_COLUMNS:
+    # Columns without names that are tried.
+    if robot.pose_at is None or not joints or rows.shape[1] > 24:
         return []
     turns = np.array([kind != "prismatic" for kind in robot.joint_types or ["revolute"] * joints])[:, None]
     for first, (angle, length) in itertools.product(range(rows.shape[1] - joints + 1), _JOINT_UNITS):
@@ -161,24 +154,25 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
     """
     n, eye = position.shape[1], np.eye(3)
     centred = position - position.mean(axis=1, keepdims=True)
-    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.abs(position).max() < _FARTHEST:
+    # Largest coordinate in any unit: the Earth is 4e7 m round.
+    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.abs(position).max() < 1e9:
         return None
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
     wanted = translation - translation.mean(axis=1, keepdims=True)
     solution, _, rank, _ = np.linalg.lstsq(design, wanted.T.ravel(), rcond=None)
     remaining = np.sum((design @ solution - wanted.T.ravel()) ** 2) / (3 * n - rank)
-    if 3 * n * remaining >= _RESIDUAL**2 * np.sum(wanted**2):
+    # Largest remaining error as a share of the arm's motion: worse than any arm, and far below an unrelated motion's.
+    if 3 * n * remaining >= 0.01**2 * np.sum(wanted**2):
         return None
     scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
-    return next((unit for unit, count in _LENGTHS.items() if abs(scale * count - 1) < _SCALE), None)
+    # Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more.
+    return next((unit for unit, count in _LENGTHS.items() if abs(scale * count - 1) < 0.05), None)
 
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
 _ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
-_ORTHONORMAL = 1e-3
-"""Largest difference of the product of a rotation matrix and its transpose from the identity."""
 
 
 def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
@@ -215,12 +209,12 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
     # Entries that could not be read are in the log already.
     matrix = np.where(np.isfinite(entries).all(axis=0), entries[split:].reshape(3, 3, -1), identity)
     off = np.abs(np.einsum("ijn,kjn->ikn", matrix, matrix) - identity).max(axis=(0, 1), initial=0.0)
-    wrong = (off > _ORTHONORMAL) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
+    # Largest difference of the product of a rotation matrix and its transpose from the identity.
+    wrong = (off > 1e-3) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
     log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
     # Entries are rounded.
     rotation = nearest_rotation(np.moveaxis(np.where(wrong, identity, matrix), 2, 0))
-    quaternion = quaternion_from_rotation(np.moveaxis(rotation, 0, 2))
-    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion])
+    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion_from_rotation(np.moveaxis(rotation, 0, 2))])
 
 
 _AXIS_NAMES = frozenset(

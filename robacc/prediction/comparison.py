@@ -6,10 +6,9 @@ variance components. Tests and components are mappings with the keys of the resu
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from typing import Any, Literal
 
@@ -201,7 +200,7 @@ def _triangles(
         # Effects move the columns of the Jacobian in second order only.
         rigid = Model(model.arm, (), frames).bind(part)
         size = np.array([1.0] * len(rigid.terms) + [parameter.sd for parameter in parameters])
-        jacobian = dataclasses.replace(rigid, terms=(*rigid.terms, *moved)).linearise(np.zeros(size.size))[1]
+        jacobian = replace(rigid, terms=(*rigid.terms, *moved)).linearise(np.zeros(size.size))[1]
         error = residuals(part, model.bind(part).poses(np.zeros(0)))
         columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
         for number, weight in enumerate(weights):
@@ -237,26 +236,24 @@ def chi_square(statistic: float, dof: int) -> Mapping[str, float] | None:
     if dof < 1:
         return None
     lower, upper = (chi2_quantile(tail, dof) for tail in (0.5 * SIGNIFICANT, 1.0 - 0.5 * SIGNIFICANT))
-    p_value = min(2.0 * min(chi2_cdf(statistic, dof), chi2_sf(statistic, dof)), 1.0)
     return {
         "statistic": statistic,
         "dof": dof,
         "lower": lower,
         "upper": upper,
-        "p_value": p_value,
+        "p_value": min(2.0 * min(chi2_cdf(statistic, dof), chi2_sf(statistic, dof)), 1.0),
         "ratio": statistic / dof,
     }
 
 
-Tests = Mapping[str, Mapping[str, float] | None]
-"""Tests by what they are of: ``total``, all measured numbers; ``parameters``, the directions that the errors of the
-parameters move, None if there are none; ``noise``, all others. Total and noise are None if these estimate the noise."""
-
-
-def consistency(statistics: SufficientStatistics, *, seed: int = 0) -> tuple[Tests, Mapping[str, float] | None, str]:
+def consistency(
+    statistics: SufficientStatistics, *, seed: int = 0
+) -> tuple[Mapping[str, Mapping[str, float] | None], Mapping[str, float] | None, str]:
     """Return tests of the measured errors against the prediction, that of a common scale, and a conclusion as text.
 
-    ``seed`` is the seed of the likelihood ratio's null distribution.
+    The tests are by what they are of: ``total``, all measured numbers; ``parameters``, the directions that the errors
+    of the parameters move, None if there are none; ``noise``, all others. Total and noise are None if these estimate
+    the noise. ``seed`` is the seed of the likelihood ratio's null distribution.
     """
     normalised_squares = float(np.sum(np.square(statistics.y) / (1.0 + np.square(statistics.strength))))
     n_directions = statistics.y.size
@@ -565,9 +562,11 @@ def compare_with_measured(
     tests, scale, verdict = consistency(statistics, seed=seed)
     # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
     is_far_larger = scale is not None and scale["factor"] >= 20.0
-    cause = "units, joint signs or the order of the joints, not from tolerances"
-    if alignment is None:
-        cause = 'frames that do not agree; try `align="base_frame,tool_frame"`'
+    cause = (
+        'frames that do not agree; try `align="base_frame,tool_frame"`'
+        if alignment is None
+        else "units, joint signs or the order of the joints, not from tolerances"
+    )
     registered = alignment and {
         "what": alignment.effects,
         "degrees_of_freedom": statistics.n_aligned,

@@ -14,12 +14,11 @@ measured poses their columns cancel errors of the arm's coefficients, so J has n
 
 from __future__ import annotations
 
-import dataclasses
 import itertools
 import math
 from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -232,10 +231,9 @@ def error_columns(
     poses, of which ``data`` are some, products of the columns of coefficients and extrapolation at two poses are the
     covariance of these too; see :func:`beyond_columns`.
     """
-    effects = tuple(effect for effect in fit.effects if measured or not effect.traits.is_of_measurement)
-    model = Model.of(robot, effects)
+    model = Model.of(robot, tuple(effect for effect in fit.effects if measured or not effect.traits.is_of_measurement))
     if not measured:
-        model = dataclasses.replace(model, known=tuple(k for k in model.known if not k.effect.traits.is_of_measurement))
+        model = replace(model, known=tuple(k for k in model.known if not k.effect.traits.is_of_measurement))
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
     coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
@@ -350,9 +348,9 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
 
 def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
     """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
-    bound = dataclasses.replace(model, free=()).bind(data)
+    bound = replace(model, free=()).bind(data)
     terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
-    return dataclasses.replace(bound, terms=terms).linearise(np.zeros(len(terms)))[1]
+    return replace(bound, terms=terms).linearise(np.zeros(len(terms)))[1]
 
 
 def _difference_waves(places: Array) -> Array:
@@ -384,7 +382,7 @@ def _within(model: Model, data: Measurements, limits: Validity) -> Measurements:
             changes["q"][model.arm.number(name)] = values
         elif name in _COLUMNS:
             changes[_COLUMNS[name]] = values
-    return dataclasses.replace(sample, **changes)
+    return replace(sample, **changes)
 
 
 def _faded_column(known: Known, model: Model, data: Measurements, sample: Measurements) -> Array:
@@ -544,7 +542,7 @@ def completed(fit: ModelFit, poses: Measurements, seed: int) -> Measurements:
         if name in fit.ranges and getattr(poses, column) is None
     }
     speed = direction if poses.speed is None else poses.speed
-    return dataclasses.replace(poses, direction=direction, speed=speed, **middle)
+    return replace(poses, direction=direction, speed=speed, **middle)
 
 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
@@ -577,7 +575,7 @@ def coverage(
         of_fit if given is None and column is None else given
         for given, column, of_fit in zip(noise, stated, fit.noise, strict=True)
     )
-    data = dataclasses.replace(
+    data = replace(
         data,
         sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
@@ -616,8 +614,6 @@ def coverage(
 
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_MANY = 200
-"""Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %."""
 _MOST_ROWS = 20_000
 """Poses that the unexplained error and the factor are taken from: they know a 95 % bound to 0.3 %."""
 _FEWEST = 20
@@ -650,11 +646,19 @@ def fit_record(
     known = fit.identifiability.columns
     known = known[np.all(np.isfinite(fit.covariance[np.ix_(known, known)]), axis=1)]
     stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
+    changed = {
+        before.name: {
+            name: float(before.parameters.get(name, 0.0))
+            for name in sorted({*fitted.parameters, *before.parameters})
+            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
+        }
+        for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True)
+    }
     record = ModelFit(
         effects=fit.model.free,
         coefficients=tuple(fit.names[i] for i in known),
         covariance=fit.covariance[np.ix_(known, known)],
-        nominal=_changed_numbers(robot, nominal),
+        nominal={name: numbers for name, numbers in changed.items() if numbers},
         repeatability=stds,
         unexplained=np.zeros((fit.residual.shape[0],) * 2),
         noise=(fit.noise.position, fit.noise.orientation),
@@ -674,20 +678,27 @@ def fit_record(
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
     inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
-    compared = dataclasses.replace(record, covariance=inflation * record.covariance)
-    noise = _separate_noise(poses, fit, repeatability)
+    compared = replace(record, covariance=inflation * record.covariance)
+    # Variances of the measurement noise that is known apart from the arm's errors, m² and rad²: of the uncertainties in
+    # the file, or of visits with several rows, which separate noise and scatter. Repeats alone hold both, so all of it
+    # counts as the arm's.
+    is_separated = repeatability is not None and repeatability.source != "residual"
+    noise = (fit.misfit[0] ** 2, fit.misfit[1] ** 2) if is_separated else (0.0, 0.0)
+    if poses.sigma_position is not None:
+        turn = 0.0 if poses.sigma_rotation is None else float(np.mean(np.square(poses.sigma_rotation)))
+        noise = float(np.mean(np.square(poses.sigma_position))), turn
     judged = random_rows(poses, _MOST_ROWS)
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, *model_uncertainty(robot, compared, poses, measured=True), sign, noise)
     angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
     separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
-    record = dataclasses.replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
+    record = replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
     if held_out is None or poses.n < _FEWEST:
         return record
-    compared = dataclasses.replace(compared, unexplained=unexplained)
+    compared = replace(compared, unexplained=unexplained)
     factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True)[0], noise)
-    return dataclasses.replace(record, bound_factor=factors)
+    return replace(record, bound_factor=factors)
 
 
 def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
@@ -717,52 +728,25 @@ def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
     robot = absorb_constants(robot)
     before = {} if record is None else record.nominal
     joints = tuple(
-        dataclasses.replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})})
-        for joint in robot.joints
+        replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})}) for joint in robot.joints
     )
-    return dataclasses.replace(robot, joints=joints, effects=())
-
-
-def _changed_numbers(robot: Robot, nominal: Robot) -> dict[str, dict[str, float]]:
-    """Return the numbers of the nominal robot's joints that differ from those of the fitted robot."""
-    changed = {
-        before.name: {
-            name: float(before.parameters.get(name, 0.0))
-            for name in sorted({*fitted.parameters, *before.parameters})
-            if before.parameters.get(name, 0.0) != fitted.parameters.get(name, 0.0)
-        }
-        for fitted, before in zip(absorb_constants(robot).joints, nominal.joints, strict=True)
-    }
-    return {name: numbers for name, numbers in changed.items() if numbers}
+    return replace(robot, joints=joints, effects=())
 
 
 def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:
     """Return the largest difference of the model from the nominal robot in the model's frames, m and rad."""
     robot = absorb_constants(robot)
-    rigid = dataclasses.replace(
+    rigid = replace(
         nominal, base=robot.base, tool=robot.tool, targets=robot.targets, effects=(), effect_units=(1.0, 1.0)
     )
     full, largest = Model.of(robot), np.zeros(2)
-    arm_only = dataclasses.replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
+    arm_only = replace(full, known=tuple(k for k in full.known if not k.effect.traits.is_of_measurement))
     for block in full.arm.chain.blocks(data.n):
         part = data.subset(block)
         real, wanted = arm_only.bind(part).poses(np.zeros(0)), predict(rigid, part)
         moved = real.translation - wanted.translation, log_between(real.rotation, wanted.rotation)
         largest = np.maximum(largest, [np.max(np.linalg.norm(vectors, axis=0)) for vectors in moved])
     return float(largest[0]), float(largest[1])
-
-
-def _separate_noise(data: Measurements, fit: Fit, repeatability: Repeatability | None) -> tuple[float, float]:
-    """Return the variances of the measurement noise that is known apart from the arm's errors, m² and rad².
-
-    They come from the uncertainties in the file, or from visits with several rows that separate noise and scatter.
-    Repeats alone hold both, so all of it counts as the arm's.
-    """
-    if data.sigma_position is not None:
-        angle = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
-        return float(np.mean(np.square(data.sigma_position))), angle
-    is_separated = repeatability is not None and repeatability.source != "residual"
-    return (fit.misfit[0] ** 2, fit.misfit[1] ** 2) if is_separated else (0.0, 0.0)
 
 
 def _unexplained(
@@ -824,7 +808,8 @@ def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, floa
             surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
             # Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p =
             # 0.01).
-            if n < _FEWEST or (n < _MANY and surplus <= 2.6 * chance):
+            # Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %.
+            if n < _FEWEST or (n < 200 and surplus <= 2.6 * chance):
                 break
             factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])
     return factors[0], factors[1]

@@ -6,10 +6,9 @@ with mean zero and covariance V_d or V_δ; over poses it is their mixture in equ
 
 from __future__ import annotations
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
@@ -165,7 +164,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         return {**own, **{name: value / divisor for file in files for name, value in file.items()}}
 
     joints = tuple(
-        dataclasses.replace(
+        replace(
             joint,
             tolerance=replaced(
                 joint.tolerance,
@@ -177,7 +176,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     )
     base = replaced(robot.base_tolerance, given.get("base", {}))
     tool = replaced(robot.tool_tolerance, given.get("tool", {}))
-    return dataclasses.replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
+    return replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -215,7 +214,7 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
     return Configurations(
         given(data.q, Problem(message, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
-        Model.of(dataclasses.replace(robot, effects=())).bind(data).nominal,
+        Model.of(replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),
         f"the {data.n} pose{'s' * (data.n != 1)} of {data.source or 'the data'}",
     )
@@ -249,7 +248,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
             notes.append(
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
             )
-        robot = dataclasses.replace(robot, tool=robot.targets[name], targets={})
+        robot = replace(robot, tool=robot.targets[name], targets={})
     source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
     labels = tuple(f"sample {i}" for i in range(1, n + 1))
     return Configurations(q, tuple(Arm.of(robot).chain.scalars(q)), labels, source, tuple(notes))
@@ -533,9 +532,17 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
     for _ in range(12):
         if np.max(excess) <= 1.0:
             break
-        factors = _optimal_factors(shares, target_variances).tolist()
+        multipliers = np.ones(2)
+        for _ in range(2000):
+            # A price of at most one leaves the tolerance unchanged.
+            factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
+            change = (shares @ np.square(factors) / target_variances) ** 1.5
+            multipliers = multipliers * change
+            if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
+                break
+        factors = factors.tolist()
         tightened = [
-            dataclasses.replace(parameter, sd=parameter.sd * factor)
+            replace(parameter, sd=parameter.sd * factor)
             for parameter, factor in zip(prediction.parameters, factors, strict=True)
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
@@ -566,23 +573,6 @@ def _relative_excess(prediction: Prediction, limits: tuple[float, float | None])
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
     errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
     return np.array([getattr(part, statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
-
-
-def _optimal_factors(shares: Array, target_variances: Array) -> Array:
-    """Return the optimal factors ``(P,)`` for ``shares`` ``(2, P)`` and ``target_variances`` ``(2,)``.
-
-    With prices λ A_p + μ B_p above one, the sums fall as the multipliers to the power of -2/3; so a multiplier is
-    changed by the excess of its sum to the power of 3/2 until it is zero or its limit is met.
-    """
-    multipliers = np.ones(2)
-    for _ in range(2000):
-        # A price of at most one leaves the tolerance unchanged.
-        factors: Array = np.maximum(multipliers @ shares, 1.0) ** (-1.0 / 3.0)
-        change = (shares @ np.square(factors) / target_variances) ** 1.5
-        multipliers = multipliers * change
-        if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
-            break
-    return factors
 
 
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.

@@ -214,8 +214,7 @@ class _Reader:
         bases = {_key(_rest(match)) for kind, match in self.statements if _frame_of(kind, match)}
         moved = {index for index, *_ in self.draft.moves}
         for name, index in targets.items():
-            array = f"{name.partition('[')[0]}["
-            changes = self.changes.get(name, self.changes.get(array, [])) or [
+            changes = self.changes.get(name, self.changes.get(f"{name.partition('[')[0]}[", [])) or [
                 place[0] for *_, place in self.values[name][:0:-1]
             ]
             if changes:

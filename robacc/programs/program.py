@@ -7,7 +7,6 @@ other, and collects what it finds in a :class:`Draft`.
 
 from __future__ import annotations
 
-import math
 import os
 import re
 from bisect import bisect_right
@@ -170,8 +169,7 @@ def nearest_angles(rotation: Array, near: Array) -> Array:
     if np.any(pole):
         # Only yaw -+ roll is determined: keep the program's roll.
         upright = compose(rotation, np.swapaxes(rotation_about(0, near[0]), 0, 1))
-        yaw = np.arctan2(-upright[0, 1], upright[1, 1])
-        first = np.where(pole, np.stack((near[0], first[1], yaw)), first)
+        first = np.where(pole, np.stack((near[0], first[1], np.arctan2(-upright[0, 1], upright[1, 1]))), first)
     second = np.stack((first[0] + np.pi, np.pi - first[1], first[2] + np.pi))
     to_first, to_second = (np.sum(np.square(_wrapped(angles - near)), axis=0) for angles in (first, second))
     chosen = np.where(to_second < to_first, second, first)
@@ -293,7 +291,7 @@ class Program:
 # Grammar that all dialects share: places of arguments and numbers in the text, and the frames in force.
 
 MM = 1e-3
-DEGREE = math.pi / 180
+DEGREE = np.pi / 180
 POSE_UNITS = (MM, MM, MM, DEGREE, DEGREE, DEGREE)
 """Units of x, y, z and three angles, in the dialects that write mm and degrees."""
 AXIS_UNITS = (DEGREE,) * 6
@@ -517,8 +515,7 @@ class Draft:
         for convention, rows in by_convention(dict(enumerate(targets))):
             values = native_of([targets[i] for i in rows])
             if convention is not None:
-                turns = quaternion_from_rotation(convention.rotation(values[3:]))
-                values = np.concatenate((values[:3], turns))
+                values = np.concatenate((values[:3], quaternion_from_rotation(convention.rotation(values[3:]))))
             for i, column in zip(rows, values.T.tolist(), strict=True):
                 targets[i] = replace(targets[i], values=tuple(column))
         notes = tuple(sorted(self.notes, key=lambda note: note.line))

@@ -48,8 +48,6 @@ _WORK_OBJECT = re.compile(r"\\WObj\s*:=\s*([^\\,;]+)", _ANY)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\{\s*([^}]*?)\s*\})?\Z")
 _KINDS: dict[str, MotionType] = {"L": "linear", "J": "joint", "C": "circular"}
 _GLOBAL = -1
-_NOT_UNIT = 0.02
-"""Difference of a quaternion's squared length from 1 above which its numbers are no orientation."""
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -64,7 +62,19 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     """
     modules, draft = (source, *others), Draft(source, "rapid")
     for module in modules:
-        _check_blocks(module)
+        copy, opened, blocks = "copy it from the controller again", [("", 0)], mask(module.text, _HIDDEN)
+        for match in _BLOCK.finditer(blocks):
+            word, at = match[1].upper(), match.start(1)
+            if not word.startswith("END"):
+                opened.append((word, at))
+            elif opened.pop()[0] != word[3:]:
+                raise InputError(module.problem(f"{word} ends no {word[3:]}", at, copy))
+        word, at = opened[-1]
+        no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
+        refuse(
+            (not _BLOCK.search(blocks), no_module),
+            (word, module.problem(f"is truncated: this {word} has no END{word}", at, copy)),
+        )
     text, end = mask("\n".join(module.text for module in modules), _HIDDEN), len(source.text)
     borders = [match.start() for match in _BLOCK.finditer(text) if not match[1].upper().endswith("MODULE")]
     """Places where routines begin and end."""
@@ -129,23 +139,6 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     return draft.program()
 
 
-def _check_blocks(module: ProgramSource) -> None:
-    """Raise an error of a module or a routine without its end."""
-    copy, opened = "copy it from the controller again", [("", 0)]
-    for match in _BLOCK.finditer(mask(module.text, _HIDDEN)):
-        word, place = match[1].upper(), match.start(1)
-        if not word.startswith("END"):
-            opened.append((word, place))
-        elif opened.pop()[0] != word[3:]:
-            raise InputError(module.problem(f"{word} ends no {word[3:]}", place, copy))
-    word, place = opened[-1]
-    no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
-    refuse(
-        (not _BLOCK.search(mask(module.text, _HIDDEN)), no_module),
-        (word, module.problem(f"is truncated: this {word} has no END{word}", place, copy)),
-    )
-
-
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:
     """Return the robtarget or jointtarget of an aggregate; None where a number lacks."""
     parts = items(text, place)
@@ -161,7 +154,8 @@ def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: 
     if len(parts) != 2:
         return None
     place, turn = numbers(text, items(text, parts[0]), (MM,) * 3), numbers(text, items(text, parts[1]), (1.0,) * 4)
-    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > _NOT_UNIT:
+    # Difference of a quaternion's squared length from 1 above which its numbers are no orientation.
+    if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > 0.02:
         return None
     return ProgramTarget(QUATERNION, place + turn, configuration, external)
 

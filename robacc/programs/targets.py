@@ -80,8 +80,8 @@ def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
     """
     numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
     rows = [program.targets[i].values for i in numbers]
-    if len({len(row) for row in rows}) > 1:
-        raise ValueError("the joint targets have different numbers of joints")
+    is_mixed = len({len(row) for row in rows}) > 1
+    refuse((is_mixed, "the joint targets have different numbers of joints"), error=ValueError)
     return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
 
 
@@ -110,8 +110,6 @@ _STATUS = re.compile(r"\bS\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _N_AXES = 6
 _SPHERICAL = 1e-4
 """m: distance from their common point up to which the wrist axes count as intersecting."""
-_BESIDE_BORDER = 1e-4
-"""m or rad: distance from a border within which both values of a bit count."""
 
 
 def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
@@ -131,7 +129,8 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     if (sides := _sides(arm, q)) is not None:
         measures += [(0, -sides[0]), (1, sides[1])]
     signed = [value if status >> bit & 1 else -value for bit, value in measures]
-    return np.asarray(np.all(np.array(signed) > -_BESIDE_BORDER, axis=0))
+    # m or rad: distance from a border within which both values of a bit count.
+    return np.asarray(np.all(np.array(signed) > -1e-4, axis=0))
 
 
 def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
@@ -304,7 +303,6 @@ _LENGTH_DIGITS = 1e-7
 """Resolution of written lengths, m: a tenth of the micrometre that a correction converges to."""
 _ANGLE_DIGITS = 2e-7
 """Resolution of written angles, rad."""
-_QUATERNION_DECIMALS = 8
 _FANUC_DECIMALS = 3
 """Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
@@ -344,9 +342,11 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
         for c, k in np.argwhere(is_new).tolist():
             number = targets[k].numbers[c]
             resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
-            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
-            if program.dialect == "rapid" and number.unit == 1.0:
-                decimals = _QUATERNION_DECIMALS
+            decimals = (
+                8
+                if program.dialect == "rapid" and number.unit == 1.0
+                else max(0, round(-float(np.log10(resolution / number.unit))))
+            )
             decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)
@@ -478,8 +478,7 @@ def write_program(
         texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == "fanuc") for value in values]
         entries = [layout["number"].format(key=key, value=text) for key, text in enumerate(texts, start=1)]
         halves = (layout["comma"].join(half) for half in (entries[:3], entries[3:]) if half)
-        comment = re.sub(r"[^\x20-\x7e]", "?", target)[:60]
-        words = {"k": k, "numbers": layout["half"].join(halves), "comment": comment}
+        words = {"k": k, "numbers": layout["half"].join(halves), "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}
         data.append(layout["data"].format(**words))
         moves += [*layout["move"].format(**words).split("\n"), layout["wait"]]
     identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"

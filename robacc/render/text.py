@@ -214,9 +214,7 @@ class Unit(NamedTuple):
 
     def text(self, value: float | None) -> str:
         """Return three digits and the unit; a dash for None and NaN."""
-        if value is None or not math.isfinite(value):
-            return "–"
-        return self.after(three_digits(value * self.factor))
+        return "–" if value is None or not math.isfinite(value) else self.after(three_digits(value * self.factor))
 
     def after(self, number: str) -> str:
         """Return a number with the unit; degrees follow without a space."""

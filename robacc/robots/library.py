@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import itertools
 import re
 from collections.abc import Mapping
 from dataclasses import replace
@@ -14,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 
 from robacc.geometry import Array
-from robacc.robots.arm import Chain, build_chain
+from robacc.robots.arm import Chain, build_chain, low_discrepancy
 from robacc.robots.description import Frame, Robot
 
 _FOLDER = Path(__file__).parents[1] / "data"
@@ -145,29 +144,6 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
             # The best so far stays among the trials, so a step never reduces the reach.
             trial[i, 1:] = np.linspace(low[i], high[i], _STEPS)
             best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
-    return Reach(float(_distance(chain, best)[0]), _bound(chain, low, high))
-
-
-def low_discrepancy(dimensions: int, count: int) -> Array:
-    """Return points ``(dimensions, count)`` that fill the unit cube evenly.
-
-    They are multiples of the square roots of primes, modulo 1.
-
-    Source: R. D. Richtmyer, "The evaluation of definite integrals, and a quasi-Monte-Carlo method based on the
-    properties of algebraic numbers", Los Alamos report LA-1342, 1951.
-    """
-    numbers = itertools.count(2)
-    primes = itertools.islice((n for n in numbers if all(n % k for k in range(2, n))), dimensions)
-    products = np.sqrt(np.fromiter(primes, dtype=float))[:, None] * np.arange(1, count + 1)
-    return np.asarray(products % 1.0, dtype=np.float64)
-
-
-def _distance(chain: Chain, q: Array) -> Array:
-    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))
-
-
-def _bound(chain: Chain, low: Array, high: Array) -> float:
-    """Return the sum of lengths between rotations; motions between two rotations are one vector at its longest."""
     travel: dict[int, list[float]] = {}
     for drive in chain.drives:
         limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
@@ -179,4 +155,8 @@ def _bound(chain: Chain, low: Array, high: Array) -> float:
             run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
         elif motion.value != 0.0 or k in travel:
             total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
-    return total + float(np.hypot.reduce(run))
+    return Reach(float(_distance(chain, best)[0]), total + float(np.hypot.reduce(run)))
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))

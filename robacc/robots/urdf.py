@@ -310,9 +310,11 @@ _LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in r
 def _read_joint(tree: _Tree, element: Element) -> Joint:
     """Return the joint of an element; reduced URDFs let fixed joints follow others, which says nothing."""
     link, rule, kind = _link_of(element, "child"), element.find("mimic"), str(element.get("type"))
-    mimic = None
-    if rule is not None and kind != "fixed":
-        mimic = Mimic(str(rule.get("joint")), *_numbers(rule, "multiplier", "1"), *_numbers(rule, "offset", "0"))
+    mimic = (
+        Mimic(str(rule.get("joint")), *_numbers(rule, "multiplier", "1"), *_numbers(rule, "offset", "0"))
+        if rule is not None and kind != "fixed"
+        else None
+    )
     axis = None if kind == "fixed" else unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0"))
     mass = tree.links[link].find("inertial/mass")
     limits = _stated_limits(element)
@@ -349,17 +351,18 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
             limits = _stated_limits(element)
         lower, upper = limits or (0.0, 0.0)
         too_large = finite_limits(joint.type, limits)[1] if limits else None
-        unknown = f"unknown joint type {joint.type!r}"
-        if joint.type in ("floating", "planar"):
-            unknown = f"a {joint.type} joint cannot be part of a serial chain"
+        unknown = (
+            f"a {joint.type} joint cannot be part of a serial chain"
+            if joint.type in ("floating", "planar")
+            else f"unknown joint type {joint.type!r}"
+        )
         no_axis = joint.type != "fixed" and unit_axis(_numbers(element.find("axis"), "xyz", "1 0 0")) is None
         infinite = math.isinf(lower) or math.isinf(upper)
         one_infinite = f"one limit is infinite, the other is not ({lower:g}, {upper:g})"
         far = max(map(abs, joint.com or ZERO))
         travel = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
-        other_chain = "choose a chain without it with `base_link` and `tip_link`"
         problems = [
-            (joint.type not in _TYPES, unknown, other_chain),
+            (joint.type not in _TYPES, unknown, "choose a chain without it with `base_link` and `tip_link`"),
             (no_axis, "the joint's axis is zero and has no direction", None),
             (infinite, one_infinite, None),
             (lower > upper and not infinite, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),
@@ -392,9 +395,6 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
 
 # Masses of links outside the chain: grippers, hoses' clamps, cameras, a second arm.
 
-_LEAST_MOMENT = 0.05
-"""kg m: a joint that moves mass by less, such as a gripper's finger, counts as fixed; a gear of 1e-5 rad/(N m) yields
-by 5 um at 1 m to it."""
 
 _Carried = tuple[Poses, Joint, bool]
 """Frame of a link in that of the link which carries it; its joint; and whether the joint moves it.
@@ -432,7 +432,9 @@ def _carried(tree: _Tree, link: _Link, frame: Poses, on_chain: Collection[_Link]
     for joint in tree.below[link]:
         if joint.link not in on_chain:
             child = frame @ _origin(joint)
-            moves = joint.type in ("revolute", "prismatic") and _movable_moment(tree, joint) > _LEAST_MOMENT
+            # kg m: a joint that moves mass by less, such as a gripper's finger, counts as fixed; a gear of 1e-5 rad/(N
+            # m) yields by 5 um at 1 m to it.
+            moves = joint.type in ("revolute", "prismatic") and _movable_moment(tree, joint) > 0.05
             yield child, joint, moves
             if not moves:
                 yield from _carried(tree, joint.link, child)
@@ -605,8 +607,7 @@ def robot_to_urdf(robot: Robot) -> tuple[str, tuple[str, ...]]:
     for branch in robot.branches:
         writer.link, writer.tail = writer.carriers[branch.parent]
         writer.place_joint(branch.joint, "urdf")
-    is_flange = np.array_equal(tail.matrices(), np.eye(4))
-    frames = {} if robot.tool == Frame() and is_flange else {TOOL_LINK: robot.tool}
+    frames = {} if robot.tool == Frame() and np.array_equal(tail.matrices(), np.eye(4)) else {TOOL_LINK: robot.tool}
     for name, frame in (robot.targets or frames).items():
         writer.link = flange
         writer.connect(writer.unused_name(f"to_{name}"), "fixed", tail @ frame.pose, writer.unused_name(name))

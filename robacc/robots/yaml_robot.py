@@ -46,8 +46,6 @@ from robacc.robots.description import (
 
 _LENGTHS = {"m": 1.0, "mm": 1e-3}
 _ANGLES = {"rad": 1.0, "deg": math.pi / 180}
-_MIN_LENGTH = 5e-3
-"""m: an arm with only shorter lengths was written in m and declared as mm."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -565,7 +563,8 @@ def _check_likely_units(robot: Robot, units: Units, top: YamlSection) -> None:
     if units.angle != 1.0 and angles and all(quarter_turns):
         message = f"the joints' angles ({angles[0]:g} and so on) are multiples of a quarter turn in rad, not in deg"
         top.source.report(top.values["units"], "units.angle", message, "they look like radians: write angle: rad")
-    if units.length != 1.0 and 0 < longest < _MIN_LENGTH:
+    # m: an arm with only shorter lengths was written in m and declared as mm.
+    if units.length != 1.0 and 0 < longest < 5e-3:
         message = f"the longest length of the arm is {longest / units.length:g} mm"
         top.source.report(top.values["units"], "units.length", message, "the lengths look like metres: write length: m")
 

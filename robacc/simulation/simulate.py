@@ -6,22 +6,18 @@ seed, with a stream for each purpose, so that adding noise does not change the p
 
 from __future__ import annotations
 
-import dataclasses
-import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import RobaccError, UsageError, refuse
+from robacc.errors import RobaccError, given, refuse
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
-from robacc.robots.arm import BLOCK, Arm
+from robacc.robots.arm import BLOCK, Arm, joint_ranges, low_discrepancy
 from robacc.robots.description import Robot
-from robacc.robots.inverse_kinematics import joint_ranges
-from robacc.robots.library import low_discrepancy
 from robacc.robots.yaml_robot import robot_to_yaml
 
 _DECIMALS = 6
@@ -33,8 +29,6 @@ _ROWS = 16 * BLOCK
 """Rows that are predicted at a time."""
 _FIRST_LINE = 2
 """Line of the first pose in a file with a header."""
-_WARM_UP = 3.0
-"""Duration of a warm-up in time constants: it reaches 95 % of the rise."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -104,12 +98,8 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     direction = rng.normal(size=(3, plan.outliers))
     position[:, outliers] += plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
     turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
-    nominal = (
-        _predicted(dataclasses.replace(robot, effects=()), data)
-        if plan.commanded
-        else _planned_poses(planned, plan, data.n)
-    )
-    measured = dataclasses.replace(
+    nominal = _predicted(replace(robot, effects=()), data) if plan.commanded else _planned_poses(planned, plan, data.n)
+    measured = replace(
         data,
         position=position,
         rotation=rotation if plan.orientation else None,
@@ -197,11 +187,10 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     if planned is None:
         ids, n = _pose_ids(np.arange(plan.poses)), plan.poses
         planned = Measurements(position=np.zeros((3, n)), q=joint_samples(robot, plan), pose=ids)
-    if planned.q is None:
-        raise UsageError("the poses to visit have no joint columns")
+    q = given(planned.q, "the poses to visit have no joint columns")
     pose_of_visit, visit = np.tile(np.arange(planned.n), plan.cycles), np.arange(visits).repeat(len(targets))
     ids = _pose_ids(planned.groups()) if planned.pose is None else planned.pose
-    direction, speed = motion_between_rows(planned.q[:, pose_of_visit])
+    direction, speed = motion_between_rows(q[:, pose_of_visit])
     cycle, payload, temperature = planned.cycle, planned.payload, None
     if plan.cycles > 1:
         refuse((cycle is not None, "the poses to visit have cycles already: leave out `cycles`, or their column cycle"))
@@ -212,11 +201,12 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
     if plan.temperature is not None:
         # A first-order rise, evenly spaced in time.
         start, end = plan.temperature
-        temperature = end + (start - end) * np.exp(-_WARM_UP * visit / max(visits - 1, 1))
+        # Duration of a warm-up in time constants: it reaches 95 % of the rise.
+        temperature = end + (start - end) * np.exp(-3.0 * visit / max(visits - 1, 1))
     pose = pose_of_visit[visit]
     return Measurements(
         position=np.zeros((3, visit.size)),
-        q=planned.q[:, pose],
+        q=q[:, pose],
         pose=ids[pose],
         cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),
@@ -246,9 +236,6 @@ def _stream(plan: Plan, purpose: str) -> np.random.Generator:
 # Template files: a robot file with a comment at every field, and a CSV of poses, both valid without changes.
 
 MAX_JOINTS = 30
-EXAMPLE_ROWS = 8
-_EXAMPLE_NOISE = 1e-4
-"""m; noise of the example rows, about that of a good camera."""
 
 
 _SIX = (
@@ -384,11 +371,12 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
 
 def _example_rows(robot: Robot) -> list[str]:
     try:
-        data = simulate(robot, Plan(EXAMPLE_ROWS, noise_position=_EXAMPLE_NOISE, orientation=False, motion=False)).data
+        # m; noise of the example rows, about that of a good camera.
+        data = simulate(robot, Plan(8, noise_position=1e-4, orientation=False, motion=False)).data
     except RobaccError:  # a prismatic joint without limits cannot be sampled
         return []
     if data.q is None or data.target is not None:
         return []
     revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    columns = np.vstack((data.q * np.where(revolute, 180.0 / math.pi, 1e3)[:, None], data.position * 1e3)).T
+    columns = np.vstack((data.q * np.where(revolute, 180.0 / np.pi, 1e3)[:, None], data.position * 1e3)).T
     return [",".join([f"P{i + 1}", *(f"{value:.4f}" for value in row)]) for i, row in enumerate(columns)]

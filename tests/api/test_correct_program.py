@@ -23,9 +23,8 @@ from robacc.programs.targets import (
     turned_into,
     write_program,
 )
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics
 from robacc.robots.yaml_robot import parse_robot
 
 ROOT = Path(__file__).resolve().parents[2]

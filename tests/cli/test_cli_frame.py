@@ -316,7 +316,7 @@ SHOWS_COMMANDS = {
     "render/views/fit.py",  # the same
     "render/views/expected.py",  # the same
     "simulation/simulate.py",  # comments of files that `robacc init` writes
-    "poses/column_proposal.py",  # the same
+    "poses/csv_file.py",  # the same
     "render/plots/canvas.py",  # variables of CSS
     "render/text.py",
 }

@@ -28,8 +28,8 @@ from robacc.errors import InputError
 from robacc.io.dialect import find_dialect
 from robacc.io.files import sha256_of, write_text
 from robacc.measurements import Measurements
-from robacc.poses.columns import is_documented
 from robacc.poses.csv_file import format_poses, read_poses
+from robacc.poses.reading import is_documented
 
 # Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run.
 

@@ -201,7 +201,7 @@ def test_redundant_arm_stays_nearest_to_its_nominal_joints() -> None:
     data = dataclasses.replace(circumstances(robot, 20, seed=1), q=middle_joints(robot, 20, seed=1))
     model = with_effect(robot, "link_geometry", data)
     result = robacc.correct(data, model=model, nominal=robot)
-    from robacc.robots.inverse_kinematics import pose_jacobian
+    from robacc.robots.arm import pose_jacobian
 
     move = result.q - result.wanted.q
     _, jacobian = pose_jacobian(Arm.of(model), result.q)
@@ -284,7 +284,7 @@ def test_limits_and_reasons() -> None:
     q[4, 0] = 0.0  # wrist stretched
     q[1, 1] = nominal.variables[1].limits[1]  # type: ignore[index]
     result = robacc.correct(joint_targets(q), model=model, nominal=nominal, most="1.2mm")
-    causes = [None if refusal is None else refusal.cause.value for refusal in result.refusals]
+    causes = [None if refusal is None else refusal.cause for refusal in result.refusals]
     assert causes[0] == "singular"
     far = result.before.position > 1.3e-3
     assert {causes[i] for i in np.flatnonzero(far)} <= {"too_large", "limit", "singular"}

@@ -200,7 +200,7 @@ def test_targets_outside_the_ranges_of_the_fit_are_refused() -> None:
     targets = robacc.simulate(ROBOT, poses=20, seed=5, motion=False).data
     result, allowed = (robacc.correct(targets, model=model, beyond_range=beyond) for beyond in (False, True))
     outside = np.flatnonzero(np.abs(targets.q[0]) > 1.1)
-    assert {result.refusals[i].cause.value for i in outside} == {"out_of_range"}
+    assert {result.refusals[i].cause for i in outside} == {"out_of_range"}
     assert allowed.n_corrected > result.n_corrected
 
 

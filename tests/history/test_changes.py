@@ -5,7 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
-from robacc.history.changes import ArmSeries, Limit, find_changes, level_of, slope_of
+from robacc.history.changes import ArmSeries, find_changes, level_of, slope_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)
@@ -41,7 +41,7 @@ def moved(series, key, change):
 
 
 def limit_of(series, key):
-    return next(limit.limit for limit in find_changes(series, LEVEL)[1] if limit.key == key)
+    return next(limit["limit"] for limit in find_changes(series, LEVEL)[1] if limit["key"] == key)
 
 
 @pytest.mark.parametrize("kind", [{}, {"between": 3.0}, {"heat": 1.0}, {"tails": 5}])
@@ -128,8 +128,8 @@ def test_few_tests_of_few_coefficients_give_no_change_and_no_error():
             LEVEL,
         )
         assert not changes
-        assert [limit.key for limit in limits] == [f"k{k}" for k in range(p)]
-        assert all(isinstance(limit, Limit) and limit.limit > 0.0 for limit in limits)
+        assert [limit["key"] for limit in limits] == [f"k{k}" for k in range(p)]
+        assert all(limit["limit"] > 0.0 for limit in limits)
 
 
 def test_level_is_one_alarm_a_year_at_most_five_percent():

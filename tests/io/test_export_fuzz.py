@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from robacc.errors import RobaccError
-from robacc.poses.column_proposal import propose_columns
-from robacc.poses.csv_file import read_poses
+from robacc.poses.csv_file import propose_columns, read_poses
 from robacc.poses.reading import PoseFile
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "fuzz"))

@@ -12,11 +12,10 @@ from arms import CONFIGS, CONFIGURED, arm
 
 from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
-from robacc.iso_9283.cube import ORIENTATIONS, PLANES, corners, fit_cube, five_points, planned_poses, propose
+from robacc.iso_9283.evaluation import ORIENTATIONS, PLANES, corners, fit_cube, five_points, planned_poses, propose
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.arm import Arm
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.robots.description import Frame, Robot
-from robacc.robots.inverse_kinematics import inverse_kinematics, joint_ranges, pose_jacobian, spread_configurations
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 WITH_EDGE = {"scara": 0.15}
@@ -108,14 +107,14 @@ def test_a_cube_is_recognised_in_any_order(plane: str) -> None:
     mixed = np.array([3, 1, 4, 0, 2])
     fit = fit_cube(points[:, mixed])
     assert (fit.centre, fit.plane) == (3, plane)
-    assert (fit.edge, fit.from_corner) == pytest.approx((0.63, 0.1))
+    assert (fit.edge, 0.5 - fit.half / fit.edge) == pytest.approx((0.63, 0.1))
 
 
 def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
     fit = fit_cube(five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4)
-    assert (fit.edge, fit.from_corner) == pytest.approx((0.4, 0.085))
+    assert (fit.edge, 0.5 - fit.half / fit.edge) == pytest.approx((0.4, 0.085))
     other_fit = fit_cube(five_points(np.zeros(3), 0.5, "y-"))
-    assert (other_fit.edge, other_fit.from_corner) == pytest.approx((0.5, 0.1))
+    assert (other_fit.edge, 0.5 - other_fit.half / other_fit.edge) == pytest.approx((0.5, 0.1))
 
 
 GOOD = five_points(np.zeros(3), 0.4, "x+")

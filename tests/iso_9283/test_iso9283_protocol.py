@@ -11,8 +11,7 @@ import pytest
 
 from robacc.accuracy.estimation import commanded_poses
 from robacc.iso_9283.criteria import characteristic, drift, repeatability, visits_of
-from robacc.iso_9283.cube import five_points
-from robacc.iso_9283.evaluation import iso9283, protocol
+from robacc.iso_9283.evaluation import five_points, iso9283, protocol
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.robots.description import Frame, Robot
 

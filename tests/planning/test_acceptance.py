@@ -8,16 +8,12 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.planning.campaign import Demand, needed, poses_for, spread_poses
-
-
-def demand(statistic: str = "rms", confidence: float = 0.95) -> Demand:
-    return Demand("limit", statistic, 1e-3, confidence)  # type: ignore[arg-type]
+from robacc.planning.campaign import needed, poses_for, spread_poses
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])
 def test_the_number_decides_in_nine_campaigns_of_ten(ratio: float) -> None:
-    n = poses_for(demand(), ratio)
+    n = poses_for(ratio, "rms", 0.95, 0.95)
     rng = np.random.default_rng(0)
     # Errors along one direction, the assumption of the plan.
     square = ratio**2 * rng.chisquare(n, 20_000) / n
@@ -31,15 +27,15 @@ def test_the_number_decides_in_nine_campaigns_of_ten(ratio: float) -> None:
 
 def test_percentiles_need_order_statistics() -> None:
     # 59 poses within the limit bound a 95th percentile at 95 % confidence, 58 do not (Wilks).
-    assert poses_for(demand("p95"), 0.1) == 59
+    assert poses_for(0.1, "p95", 0.95, 0.95) == 59
     assert 1 - 0.95**59 >= 0.95 > 1 - 0.95**58
-    assert poses_for(demand("p95"), 0.8) > poses_for(demand("rms"), 0.8)  # type: ignore[operator]
-    assert poses_for(demand("max"), 0.5) == math.ceil(math.log(0.05) / math.log(0.95))
+    assert poses_for(0.8, "p95", 0.95, 0.95) > poses_for(0.8, "rms", 0.95, 0.95)  # type: ignore[operator]
+    assert poses_for(0.5, "max", 0.95, 0.95) == math.ceil(math.log(0.05) / math.log(0.95))
 
 
 def test_a_value_at_the_limit_is_never_decided() -> None:
-    assert (poses_for(demand(), 1.0), poses_for(demand(), 0.99)) == (None, None)
-    entry = needed(demand(), 0.5e-3)
+    assert (poses_for(1.0, "rms", 0.95, 0.95), poses_for(0.99, "rms", 0.95, 0.95)) == (None, None)
+    entry = needed("limit", "rms", 1e-3, 0.95, expected=0.5e-3)
     assert (entry["true_over_limit"], entry["n_poses"]) == (0.5, entry["by_ratio"][0]["n_poses"])
 
 

@@ -17,9 +17,8 @@ from pose_files import PLAIN, Reader, one_row, problem_texts
 
 from robacc.errors import MAX_PROBLEMS, InputError, UsageError
 from robacc.io.dialect import split_cell
-from robacc.poses.columns import heading_of, meaning_of
 from robacc.poses.csv_file import read_poses
-from robacc.poses.reading import KnownRobot, Reading
+from robacc.poses.reading import KnownRobot, Reading, heading_of, meaning_of
 
 # Texts of exports that are read: what each column is taken for, and what is said of it.
 

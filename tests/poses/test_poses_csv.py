@@ -23,9 +23,9 @@ from robacc.errors import InputError
 from robacc.fitting.visits import visit_numbers
 from robacc.io import table
 from robacc.measurements import Measurements, motion_between_rows
+from robacc.poses.checks import check_scale
 from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import CONVENTIONS, KnownRobot, is_ruled_out, try_conventions
-from robacc.poses.units import check_scale
 
 # Reading pose files: every column, every unit, however the text looks.
 

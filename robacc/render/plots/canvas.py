@@ -140,8 +140,6 @@ class Panel:
     """True if both axes have one scale."""
 
 
-Scene = dict[str, Any]
-"""A view that turns: ``traces`` of plotly, whose colours are written as ``role:before``, titles ``axes``, ``note``."""
 CUBE = (4.9, 4.3)
 SPACE = Axis("x, m"), Axis("y, m"), Axis("z, m")
 
@@ -165,7 +163,8 @@ class Chart:
     columns: int = 1
     scale: str = ""
     """Label of the colours of cells."""
-    scene: Scene | None = None
+    scene: dict[str, Any] | None = None
+    """A view that turns: ``traces`` of plotly, whose colours are as in ``role:before``, titles ``axes``, ``note``."""
 
     def draw(self, figure: Figure) -> None:
         """Draw the chart with matplotlib."""
@@ -191,6 +190,9 @@ class Chart:
 
 
 def _draw_panel(axes: Any, panel: Panel) -> None:
+    from matplotlib.colors import BoundaryNorm
+    from matplotlib.ticker import MaxNLocator
+
     for series in panel.series:
         colour, label = LIGHT[series.role], series.label or "_"
         if series.kind == "bars":
@@ -200,7 +202,21 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
         elif series.kind == "band":
             axes.fill_between(*series.at, color=colour, alpha=series.alpha, linewidth=0, label=label)
         elif series.kind == "cells":
-            _draw_cells(axes, series)
+            # Root mean square of the values in hexagons, with a few poses in each.
+            x, y, values = series.at
+            width, height = (max(float(np.ptp(coordinate)), 1e-3) for coordinate in (x, y))
+            across = float(np.clip(np.sqrt(x.size * width / height) * 0.55, 3, 15))
+            axes.hexbin(
+                x,
+                y,
+                C=values,
+                reduce_C_function=root_mean_square,
+                gridsize=(max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))),
+                cmap="cividis",
+                norm=BoundaryNorm(MaxNLocator(7).tick_values(values.min(), values.max()), 256),
+                linewidths=0.2,
+            )
+            axes.grid(visible=False)
         else:
             # These marks have no inside.
             axes.plot(
@@ -219,7 +235,18 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
             )
     axes.set_title(panel.title, loc="left", fontsize="medium")
     if hasattr(axes, "zaxis"):
-        _fit_box(axes, panel)
+        # The axes fit to all points, m, with equal scales.
+        points = np.hstack([np.array(series.at) for series in panel.series])
+        low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
+        # Points on a line, in a plane or at one place need a margin too; m.
+        size = np.maximum(high - low, 0.05 * float((high - low).max()) or 1e-3)
+        axes.set_box_aspect(tuple(size), zoom=0.9)
+        axes.tick_params(labelsize=7.5, pad=-2)
+        for name, described, centre, extent in zip("xyz", panel.axes, 0.5 * (low + high), size, strict=True):
+            axes.set(**{f"{name}lim": (centre - 0.5 * extent, centre + 0.5 * extent), f"{name}label": described.title})
+            axis = getattr(axes, f"{name}axis")
+            axis.set_pane_color((0, 0, 0, 0))
+            axis.set_major_locator(MaxNLocator(4))
         return
     if panel.equal:
         axes.set_aspect("equal", adjustable="box" if panel.axes[0].low is not None else "datalim")
@@ -275,49 +302,11 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
             )
 
 
-def _draw_cells(axes: Any, series: Series) -> None:
-    """Draw the root mean square of the values ``z`` in hexagons, with a few poses in each."""
-    from matplotlib.colors import BoundaryNorm
-    from matplotlib.ticker import MaxNLocator
-
-    x, y, values = series.at
-    width, height = (max(float(np.ptp(coordinate)), 1e-3) for coordinate in (x, y))
-    across = float(np.clip(np.sqrt(x.size * width / height) * 0.55, 3, 15))
-    axes.hexbin(
-        x,
-        y,
-        C=values,
-        reduce_C_function=root_mean_square,
-        gridsize=(max(2, round(across)), max(2, round(across * height / width / np.sqrt(3)))),
-        cmap="cividis",
-        norm=BoundaryNorm(MaxNLocator(7).tick_values(values.min(), values.max()), 256),
-        linewidths=0.2,
-    )
-    axes.grid(visible=False)
-
-
-def _fit_box(axes: Any, panel: Panel) -> None:
-    """Fit the axes to all points, m, with equal scales."""
-    from matplotlib.ticker import MaxNLocator
-
-    points = np.hstack([np.array(series.at) for series in panel.series])
-    low, high = np.nanmin(points, axis=1), np.nanmax(points, axis=1)
-    # Points on a line, in a plane or at one place need a margin too; m.
-    size = np.maximum(high - low, 0.05 * float((high - low).max()) or 1e-3)
-    axes.set_box_aspect(tuple(size), zoom=0.9)
-    axes.tick_params(labelsize=7.5, pad=-2)
-    for name, described, centre, extent in zip("xyz", panel.axes, 0.5 * (low + high), size, strict=True):
-        axes.set(**{f"{name}lim": (centre - 0.5 * extent, centre + 0.5 * extent), f"{name}label": described.title})
-        axis = getattr(axes, f"{name}axis")
-        axis.set_pane_color((0, 0, 0, 0))
-        axis.set_major_locator(MaxNLocator(4))
-
-
 _SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "diamond-open", "+": "cross"}
 """Marks of matplotlib that plotly has in space."""
 
 
-def scene(series: Sequence[Series], note: str, unit: str = "m") -> Scene:
+def scene(series: Sequence[Series], note: str, unit: str = "m") -> dict[str, Any]:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
     traces = [
         {

@@ -377,9 +377,8 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
 
 def operating_curve_charts(document: Document) -> Iterator[Chart]:
     """Return the operating curve of each criterion that has one."""
-    for criterion in (document.get("gate") or {}).get("criteria", ()):
-        if len(criterion["operating_curve"]) > 1:
-            yield _gate_chart(criterion)
+    criteria = (document.get("gate") or {}).get("criteria", ())
+    return (_gate_chart(criterion) for criterion in criteria if len(criterion["operating_curve"]) > 1)
 
 
 def _gate_chart(criterion: Document) -> Chart:
@@ -451,57 +450,56 @@ def iso9283_charts(document: Document) -> Iterator[Chart]:
         return
     criteria = {key: document["iso9283"][key] for key in _CRITERIA if document["iso9283"][key]["poses"]}
     if criteria:
-        yield _overview(criteria)
+        names = [*dict.fromkeys(str(place["pose"]) for part in criteria.values() for place in part["poses"])]
+        figures = {
+            key: (
+                numbers(place["position_m"] for place in part["poses"]),
+                *(
+                    numbers(place["intervals"]["position_m"][end] for place in part["poses"])
+                    for end in ("lower", "upper")
+                ),
+            )
+            for key, part in criteria.items()
+        }
+        # Values without an upper limit stand for themselves.
+        unit = unit_of("m", max(float(np.nanmax([*value, *upper, 0.0])) for value, _, upper in figures.values()))
+        maxima = "; ".join(
+            f"{key} is largest at {part['max_at']}, {unit.text(part['max_m'])}"
+            for key, part in criteria.items()
+            if part["max_m"] is not None
+        )
+        # Separate panels, so that readers do not take repeatability for accuracy.
+        panels = [
+            Panel(
+                (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
+                _intervals([unit.factor * own for own in figures[key]], at, role, vertical=True, marker=marker, size=5),
+                title,
+            )
+            for key, part in criteria.items()
+            for title, role, marker in [_CRITERIA[key]]
+            for is_last in [key == [*criteria][-1]]
+            for ticks in [[short(name, 10) * is_last for name in names]]
+            for at in [np.array([names.index(str(place["pose"])) for place in part["poses"]])]
+        ]
+        yield Chart(
+            "iso9283",
+            "Accuracy (AP) and repeatability (RP) by commanded pose",
+            "AP is the distance of the barycentre of the visits from the commanded pose, RP the scatter of the visits; "
+            f"bars are confidence intervals. {maxima}.",
+            f"Points with intervals of AP and RP in {unit.name} for each commanded pose; {maxima}",
+            panels,
+            Grid(
+                ("criterion, pose", "visits", "value", "from", "to"),
+                [
+                    [f"{key}, {place['pose']}", str(place["n"]), *map(unit.text, sizes)]
+                    for key, part in criteria.items()
+                    for place, *sizes in zip(part["poses"], *figures[key], strict=True)
+                ],
+            ),
+        )
     for visits in document["visits"][:12]:
         if visits["n"] > 1:
             yield _cloud(document, visits)
-
-
-def _overview(criteria: Mapping[str, Document]) -> Chart:
-    names = [*dict.fromkeys(str(place["pose"]) for part in criteria.values() for place in part["poses"])]
-    figures = {
-        key: (
-            numbers(place["position_m"] for place in part["poses"]),
-            *(numbers(place["intervals"]["position_m"][end] for place in part["poses"]) for end in ("lower", "upper")),
-        )
-        for key, part in criteria.items()
-    }
-    # Values without an upper limit stand for themselves.
-    unit = unit_of("m", max(float(np.nanmax([*value, *upper, 0.0])) for value, _, upper in figures.values()))
-    maxima = "; ".join(
-        f"{key} is largest at {part['max_at']}, {unit.text(part['max_m'])}"
-        for key, part in criteria.items()
-        if part["max_m"] is not None
-    )
-    # Separate panels, so that readers do not take repeatability for accuracy.
-    panels = [
-        Panel(
-            (Axis("commanded pose" * is_last, -0.6, len(names) - 0.4, names=ticks), Axis(f"{key}, {unit.name}", 0)),
-            _intervals([unit.factor * own for own in figures[key]], at, role, vertical=True, marker=marker, size=5),
-            title,
-        )
-        for key, part in criteria.items()
-        for title, role, marker in [_CRITERIA[key]]
-        for is_last in [key == [*criteria][-1]]
-        for ticks in [[short(name, 10) * is_last for name in names]]
-        for at in [np.array([names.index(str(place["pose"])) for place in part["poses"]])]
-    ]
-    return Chart(
-        "iso9283",
-        "Accuracy (AP) and repeatability (RP) by commanded pose",
-        "AP is the distance of the barycentre of the visits from the commanded pose, RP the scatter of the visits; "
-        f"bars are confidence intervals. {maxima}.",
-        f"Points with intervals of AP and RP in {unit.name} for each commanded pose; {maxima}",
-        panels,
-        Grid(
-            ("criterion, pose", "visits", "value", "from", "to"),
-            [
-                [f"{key}, {place['pose']}", str(place["n"]), *map(unit.text, sizes)]
-                for key, part in criteria.items()
-                for place, *sizes in zip(part["poses"], *figures[key], strict=True)
-            ],
-        ),
-    )
 
 
 def _cloud(document: Document, visits: Document) -> Chart:
@@ -566,9 +564,11 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         return
     points, knee, planned = accuracy["curve"], accuracy["knee"], accuracy["planned"]
     unit = unit_of("m", *(point["total_rms_m"] for point in points))
-    ending = "Ten more poses still reduce it by more than 10 %."
-    if knee is not None:
-        ending = f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+    ending = (
+        f"From {knee} poses on (the knee), ten more reduce it by less than 10 %."
+        if knee is not None
+        else "Ten more poses still reduce it by more than 10 %."
+    )
     n = numbers(point["n_poses"] for point in points)
     series = [
         Series((n, unit.factor * numbers(own[key] for own in points)), role, label, marker=marker, line=line, size=3.4)

@@ -101,10 +101,23 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
         f"share of poses that meet each grade individually: {shares}",
     ]
     allocation, against, coverage = (document[key] for key in ("allocation", "against", "coverage"))
+    names = [f"share_{name}" for name, *_ in QUANTITIES]
+    # Scatter that the fit did not separate and poses within its ranges have no share of their own.
+    budget = sorted(
+        (part for part in document["budget"] if part["sd"] is not None or any(part[name] for name in names)),
+        key=lambda part: -round(sum(part[name] for name in names), 9),
+    )
+    unlisted = budget[_LISTED:]
+    position, turn = (_percent(sum(part[name] for part in unlisted)) for name in names)
     budgets = [
         Section(
             "Error budget: share of the variance (parameters sorted by both shares)",
-            _budgets(document, "parameter" if parameters else "source"),
+            [
+                _budget(("parameter" if parameters else "source"), "parameter", budget[:_LISTED]),
+                Text(
+                    f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)
+                ),
+            ],
         ),
         *(Section("", [_budget(label, "name", document[f"budget_by_{label}"])]) for label in ("joint", "kind")),
     ]
@@ -160,22 +173,6 @@ def _worst(document: Document, name: str, unit: str) -> str:
         f"{name}: {worst['label']}, rms {rms}, 95 % within {radius}, largest along ({direction}) of the tool (standard "
         f"deviation {sd}), at {place}"
     )
-
-
-def _budgets(document: Document, label: str) -> list[Block]:
-    """Return the largest shares, and the sum of the others."""
-    names = [f"share_{name}" for name, *_ in QUANTITIES]
-    # Scatter that the fit did not separate and poses within its ranges have no share of their own.
-    budget = sorted(
-        (part for part in document["budget"] if part["sd"] is not None or any(part[name] for name in names)),
-        key=lambda part: -round(sum(part[name] for name in names), 9),
-    )
-    unlisted = budget[_LISTED:]
-    position, turn = (_percent(sum(part[name] for part in unlisted)) for name in names)
-    return [
-        _budget(label, "parameter", budget[:_LISTED]),
-        Text(f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)),
-    ]
 
 
 def _budget(label: str, key: str, parts: Sequence[Document]) -> Grid:

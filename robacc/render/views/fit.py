@@ -252,9 +252,11 @@ def fit_view(
         "base_frame and tool_frame are the fitted frames; other values are corrections to the values of the robot "
         "file. Lengths are in mm, angles in degrees; the JSON result is in SI units."
     )
-    tables: list[Block] = [note, *parameter_tables(document["parameters"])]
-    if not document["parameters"]:
-        tables = [Text("No coefficient was fitted.")]
+    tables: list[Block] = (
+        [Text("No coefficient was fitted.")]
+        if not document["parameters"]
+        else [note, *parameter_tables(document["parameters"])]
+    )
     return [Section("Causes", _causes(document, None)), *parts, Section("Coefficients", tables)]
 
 
@@ -537,9 +539,28 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
     settings, joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
     if "part" in settings:
         joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
+    errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
+    turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
+    parameters, masses = _without_masses(finding["parameters"])
     return [
         Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}"),
-        Listing(_details(finding)),
+        Listing(
+            [
+                # A result may name an effect of another package, which is not loaded here.
+                REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
+                finding.get("statement") or "",
+                p_value(finding["p_value"]),
+                ""
+                if None in errors
+                else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
+                *(
+                    []
+                    if finding["harmonics"]
+                    else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]
+                ),
+                *map(_alternative, finding["alternatives"]),
+            ]
+        ),
         Grid(
             ("order per turn", "amplitude", "standard error", "phase", "standard error"),
             [
@@ -552,23 +573,6 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
             ],
         ),
         Listing(finding["warnings"], "warning"),
-    ]
-
-
-def _details(finding: Document) -> list[str]:
-    errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
-    turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
-    parameters, masses = _without_masses(finding["parameters"])
-    return [
-        # A result may name an effect of another package, which is not loaded here.
-        REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
-        finding.get("statement") or "",
-        p_value(finding["p_value"]),
-        ""
-        if None in errors
-        else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
-        *([] if finding["harmonics"] else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]),
-        *map(_alternative, finding["alternatives"]),
     ]
 
 

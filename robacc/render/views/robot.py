@@ -1,4 +1,4 @@
-"""A robot as tables in mm and degrees, the arms of the package, the catalogue of effects, and the poses of a cube."""
+"""A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
 
 from __future__ import annotations
 
@@ -6,7 +6,6 @@ from collections import Counter
 from collections.abc import Sequence
 
 from robacc.effects.specification import CatalogueEntry
-from robacc.iso_9283.cube import ORIENTATION_TEXT, Proposal
 from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Reach, Summary
@@ -224,45 +223,3 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
     ]
     table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
     return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]
-
-
-# The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
-
-
-def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
-    """Return the comment lines above the columns: cube, plane and tool orientation."""
-    return [
-        f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
-        *_cube_facts(proposal),
-        *proposal.notes,
-    ]
-
-
-def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
-    """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
-    units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
-    names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
-    rows = [
-        (f"P{i}", *(fixed(float(value), 2) for value in place))
-        for i, place in enumerate(proposal.poses.translation.T * IN_MM, 1)
-    ]
-    joints = [
-        (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
-        for i, q in enumerate(proposal.q.T, 1)
-    ]
-    return [
-        Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))]),
-        Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)]),
-        Section("Limitations", [Listing(proposal.notes)]),
-    ]
-
-
-def _cube_facts(proposal: Proposal) -> list[str]:
-    x, y, z = (float(value) * IN_MM for value in proposal.centre)
-    return [
-        f"cube with an edge of {proposal.edge * IN_MM:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in "
-        "the base frame",
-        f"P2 to P5 at 10 % of the diagonal from the corners, in the plane inclined at 45° towards {proposal.plane}",
-        f"{ORIENTATION_TEXT[proposal.orientation]}; every joint keeps at least {100.0 * proposal.margin:.0f} % of its "
-        "range to each limit",
-    ]

@@ -349,7 +349,7 @@ class Evidence:
     ) -> None:
         """Take the whitened ``columns`` ``(n, K)`` of the candidates ``numbers``, which are scored; all if None."""
         numbers = range(len(candidates)) if numbers is None else numbers
-        self._white, self.columns = white, columns
+        self.white, self.columns = white, columns
         self._gram, self._rhs = white.columns.T @ white.columns, white.columns.T @ white.y
         self.cross, self.products = white.columns.T @ columns, columns.T @ white.y
         self._log_prior = np.array([candidate.log_prior for candidate in candidates])
@@ -376,18 +376,18 @@ class Evidence:
         system = self._gram[np.ix_(kept, kept)] + np.eye(kept.size)
         triangle = np.linalg.cholesky(system)
         right = solve_triangular(triangle, np.column_stack((self._rhs[kept], self.cross[kept])), lower=True)
-        reduced, square = right[:, 1:], float(self._white.y @ self._white.y - right[:, 0] @ right[:, 0])
+        reduced, square = right[:, 1:], float(self.white.y @ self.white.y - right[:, 0] @ right[:, 0])
         return reduced, self.products - reduced.T @ right[:, 0], square
 
     def effective(self, chosen: NDArray[np.bool_]) -> float:
         """Return how many of the ``chosen`` coefficients ``(P,)`` of the model the data decide, not the prior."""
-        inverse = solve_triangular(self._white.triangle, np.eye(chosen.size), lower=True)
+        inverse = solve_triangular(self.white.triangle, np.eye(chosen.size), lower=True)
         return float(np.sum((1.0 - np.sum(np.square(inverse), axis=0))[chosen]))
 
     def scores(self, kept: NDArray[np.int64], flat: float) -> Scores:
         """Return the scores beside the columns ``kept`` of the model; the data decide ``flat`` broad coefficients."""
         reduced, products, square = self.conditioned(kept)
-        dof = max(float(self._white.y.size - flat), 1.0)
+        dof = max(float(self.white.measured - flat), 1.0)
         count = self._log_prior.size
         log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
         for numbers, at, gram, scales, log_prior in self._groups:

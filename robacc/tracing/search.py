@@ -579,7 +579,7 @@ class DetectionLimit:
 def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     """Return the limit of every named candidate given the findings, except forms of mixed units."""
     reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
-    dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
+    dof = found.evidence.white.measured - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
     present = {effect.key() for effect in found.effects}
     weight = 1.0 / found.state.noise.independent(found.state.linear.rows.stated).T
     result = []
@@ -594,7 +594,7 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
             multiple = math.sqrt(needed * square / dof / float(values[0]))
             size = multiple * float(candidate.sizes[0]) if multiple <= candidate.scales[0][-1] else None
             if size is not None:
-                moved = by_row(own @ vectors[:, 0], found.state.linear.rows, len(weight)).T[:3] / weight[:3]
+                moved = by_row(own @ vectors[:, 0], len(weight)).T[:3] / weight[:3]
                 rms = multiple * rms_length(moved)
         result.append(DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms))
     return result

@@ -96,7 +96,7 @@ def test_at_the_limit_the_evidence_accepts_half_of_linear_campaigns(rank: int, f
             broad = 1e3 * base
             triangle = np.linalg.cholesky(broad.T @ broad + np.eye(free))
             reduced = np.linalg.solve(triangle, broad.T @ y)
-            white = Whitened(broad, y, triangle, reduced, 0.0, np.ones(count))
+            white = Whitened(broad, y, triangle, reduced, 0.0, np.ones(count), count)
             # The usual size is such that the effect at its limit is of the most probable size.
             scale = candidate.scales[0][3] / float(np.linalg.norm(way / times))
             scores = Evidence(white, own / scale, [candidate]).scores(np.arange(free), free)

@@ -115,44 +115,43 @@ def held_out_poses(
         poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
     if not size:
         return poses
-    most = BLOCK_NUMBERS // (rows_of * size)
-    blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 8, 1))
+    most = 4 * BLOCK_NUMBERS // (rows_of * size)
+    blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 32, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M, n)``."""
+        """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M n)``."""
         jacobian = fit.jacobian(rows, components)
         observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
-        return jacobian, fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]
+        return jacobian, (fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]).reshape(size, -1)
 
     # The fit's own normal matrix is that of the step before the last.
     normal, latest = np.diag(fit.precision), None
     for rows in blocks:
         latest = linearised(rows)
-        flat = latest[1].reshape(size, -1)
-        normal = normal + flat @ flat.T
+        normal = normal + latest[1] @ latest[1].T
     scale = 1.0 / np.sqrt(np.diag(normal))
-    root = np.linalg.inv(np.linalg.cholesky(scale[:, None] * normal * scale)) * scale
+    lower = np.linalg.cholesky(scale[:, None] * normal * scale)
+    root = np.linalg.inv(lower) * scale
     models = []
     for absent, start in zip(lacking, poses, strict=True):
         kept = np.array([fit.owners[i] not in absent for i in columns], dtype=bool)
         if start is None or not kept.any():
             continue
-        whole: Array = np.asarray(np.linalg.solve(root.T, np.where(kept, fit.without(absent)[columns], 0.0)))
-        error = residuals(data, start) if absent else fit.residual
-        models.append((start, np.linalg.qr(root[:, ~kept])[0], whole, error))
+        whole = lower.T @ np.where(kept, fit.without(absent)[columns] / scale, 0.0)
+        models.append((start, np.linalg.qr(root[:, ~kept])[0], whole, residuals(data, start) if absent else fit.residual))
     for rows in blocks:
         jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
-        ahead, scaled = root @ jacobian, (root @ white.reshape(size, -1)).reshape(white.shape)
-        scaled = np.ascontiguousarray(scaled.transpose(2, 1, 0))
+        scaled = np.ascontiguousarray((root @ white).reshape(size, -1, rows.size).transpose(2, 1, 0))
+        of_block, inside_groups = fit.whitening.subset(rows), blocks_of(groups[rows])
         for predicted, directions, whole, error in models:
             part = scaled - (scaled @ directions) @ directions.T if directions.size else scaled
-            left = (fit.whitening.subset(rows).apply(error[:, rows]) * fit.inliers[rows]).T
+            left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T
             change = np.empty((rows.size, size))
-            for inside in blocks_of(groups[rows]):
+            for inside in inside_groups:
                 change[inside], alone = _changes(part[inside], left[inside], whole)
                 for group in alone:
                     undetermined(rows[inside[group]])
-            moved = np.einsum("ikn,nk->in", ahead, change)
+            moved = np.einsum("ikn,kn->in", jacobian, root.T @ change.T)
             predicted.translation[:, rows] += moved[:3]
             if components == 6:
                 predicted.rotation[..., rows] = compose(exp_so3(moved[3:]), predicted.rotation[..., rows])

@@ -362,8 +362,8 @@ class _Search:
         evidence = Evidence(white, columns, pool, numbers.tolist())
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         flat = evidence.effective(owners < 0)
-        without = [evidence.scores(np.flatnonzero(owners != k), flat) for k in range(len(state.chosen))]
-        return evidence.scores(np.arange(owners.size), flat), without
+        without = [evidence.scores(np.flatnonzero(owners == k), flat) for k in range(len(state.chosen))]
+        return evidence.scores(np.empty(0, dtype=np.int64), flat), without
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -578,7 +578,6 @@ class DetectionLimit:
 
 def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     """Return the limit of every named candidate given the findings, except forms of mixed units."""
-    reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
     dof = found.evidence.white.measured - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
     present = {effect.key() for effect in found.effects}
     weight = 1.0 / found.state.noise.independent(found.state.linear.rows.stated).T
@@ -586,12 +585,12 @@ def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     for candidate, columns in _forms(found):
         if candidate.key in present:
             continue
-        own = found.evidence.columns[:, columns]
-        values, vectors = visible(found.evidence.new(reduced, columns, columns), np.einsum("nq,nq->q", own, own))
+        own = found.evidence.rows[columns].T
+        values, vectors = visible(found.evidence.new(columns, columns), np.einsum("nq,nq->q", own, own))
         effect, size, rms = candidate.effect, None, None
         if values[0] > 0 and dof > 0:
             needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
-            multiple = math.sqrt(needed * square / dof / float(values[0]))
+            multiple = math.sqrt(needed * found.evidence.square / dof / float(values[0]))
             size = multiple * float(candidate.sizes[0]) if multiple <= candidate.scales[0][-1] else None
             if size is not None:
                 moved = by_row(own @ vectors[:, 0], len(weight)).T[:3] / weight[:3]

@@ -159,6 +159,8 @@ class Linearised:
     """``(J, M, N)`` derivatives by the joint variables."""
     prior_std: Array
     """``(P,)`` prior standard deviation of each coefficient about zero."""
+    known: Array | float = 0.0
+    """``(n, n)`` a further covariance, component by component; only beside terms that act through the joints."""
 
     @classmethod
     def at(cls, bound: BoundModel, theta: Array, prior_std: Array, rows: Rows, data: Measurements) -> Linearised:
@@ -177,6 +179,18 @@ class Linearised:
         return Linearised(
             self.rows.subset(index), self.y[index], self.columns[index], self.joints[:, :, index], self.prior_std
         )
+
+    @cached_property
+    def flat(self) -> Array:
+        """``(n, P + 1)`` columns times the prior's standard deviations, then ``y``, component by component."""
+        return np.asfortranarray(_flat(np.concatenate((self.columns * self.prior_std, self.y[..., None]), axis=2)))
+
+    @cached_property
+    def without_columns(self) -> Linearised:
+        """Return the same with the columns as a part of the covariance."""
+        columns = self.flat[:, :-1]
+        none = np.zeros((*self.y.shape, 1))
+        return dataclasses.replace(self, columns=none, prior_std=np.ones(1), known=columns @ columns.T)
 
     @cached_property
     def part(self) -> tuple[NDArray[np.int64], Linearised]:
@@ -555,7 +569,8 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
         numpy.linalg.LinAlgError: The covariance is singular.
     """
     factor = np.linalg.cholesky(covariance(noise, linear)) if noise.terms else np.sqrt(_independent(noise, linear.rows))
-    columns, y = (_divided(_flat(values), factor) for values in (linear.columns * linear.prior_std, linear.y))
+    white = _divided(linear.flat, factor)
+    columns, y = white[:, :-1], white[:, -1]
     triangle: Array = np.asarray(np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1])), dtype=np.float64)
     reduced = solve_triangular(triangle, columns.T @ y, lower=True)
     log_likelihood = -0.5 * (_log_det(factor) + _log_det(triangle) + float(y @ y - reduced @ reduced))
@@ -584,7 +599,7 @@ def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
         moved = np.matmul(linear.joints.T, carried.reshape(count, len(linear.joints), -1))
         whole = np.ascontiguousarray(moved.reshape(count, components, components, count).swapaxes(0, 1))
         whole[np.arange(components), :, np.arange(components)] += matrix
-        matrix = whole.reshape(1, components * count, components * count)
+        matrix = whole.reshape(1, components * count, components * count) + linear.known
     each = np.arange(matrix.shape[1])
     matrix[:, each, each] += _independent(noise, linear.rows).reshape(len(matrix), -1)
     return matrix
@@ -600,6 +615,8 @@ def likelihood_derivatives(
     likelihood of a singular covariance is 0. Of a likelihood that is not above ``least``, the gradient is 0.
     """
     (count, components), size, at = linear.y.shape, noise.packed.size, len(noise.log_std)
+    if any(TERMS[name].of_joints for name in noise.terms):
+        linear = linear.without_columns
     try:
         white = whitened(noise, linear)
     except np.linalg.LinAlgError:
@@ -684,7 +701,7 @@ def by_row(flat: Array, components: int) -> Array:
 
 
 def _divided(flat: Array, factor: Array, trans: Literal["N", "T"] = "N") -> Array:
-    """Return ``(n, …)`` solved for lower triangles of blocks, or their transposes, or divided by a diagonal ``(n,)``."""
+    """Return ``(n, …)`` solved for blocks' lower triangles, or their transposes, or divided by a diagonal ``(n,)``."""
     if factor.ndim == 1:
         return np.asarray((flat.T / factor).T)
     parts = zip(factor, np.split(flat, len(factor)), strict=True)

@@ -138,7 +138,9 @@ def held_out_poses(
         if start is None or not kept.any():
             continue
         whole = lower.T @ np.where(kept, fit.without(absent)[columns] / scale, 0.0)
-        models.append((start, np.linalg.qr(root[:, ~kept])[0], whole, residuals(data, start) if absent else fit.residual))
+        models.append(
+            (start, np.linalg.qr(root[:, ~kept])[0], whole, residuals(data, start) if absent else fit.residual)
+        )
     for rows in blocks:
         jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
         scaled = np.ascontiguousarray((root @ white).reshape(size, -1, rows.size).transpose(2, 1, 0))

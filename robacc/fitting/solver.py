@@ -350,7 +350,7 @@ class _Solver:
                 try:
                     if is_last and not damping:
                         residual = self.equations.residual(theta)
-                        squares = white.cost(residual)
+                        squares = float(white.costs(residual).sum())
                     else:
                         residual, ahead = self.equations.linearise(theta, white)
                         squares = ahead.cost
@@ -366,10 +366,7 @@ class _Solver:
                 self.converged = True
                 break
             normal, previous = ahead, length if share == 1.0 and not damping else 0.0
-        # The same linearisation at the coefficients of the last step.
-        gradient = normal.gradient - normal.gram @ (self.theta[columns] - normal.theta)
-        cost = white.cost(self.residual)
-        self.normal = dataclasses.replace(normal, theta=self.theta[columns], gradient=gradient, cost=cost)
+        self.normal = normal.at(self.theta[columns], white.costs(self.residual))
         return normal
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
@@ -380,10 +377,14 @@ class _Solver:
         # Coefficients that position and orientation determine: with N_p and N_o their normal matrices and P the
         # precision of the priors, the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
         inverse, used = self._inverse(linear)
-        position = float(np.sum(inverse * linear.of_position)) if self.equations.components == 6 else used
+        position = float(np.sum(inverse * linear.grams[0])) if self.equations.components == 6 else used
         self.misfit = outliers.estimate(self.data, self.residual, self.inliers, (position, used - position))
-        self.row = outliers.row_weights(self.data, self.misfit)
-        self.normal = None
+        before, self.row = self.row, outliers.row_weights(self.data, self.misfit)
+        is_common = self.data.sigma_position is None and self.data.sigma_rotation is None and not self.latest.blocks
+        if self.normal is not None:
+            # One misfit of all rows scales all their squares.
+            ratios = np.square(self.row[[0, -1], 0] / before[[0, -1], 0])
+            self.normal = self.normal.scaled(ratios) if is_common else None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
     def _inverse(self, linear: NormalEquations) -> tuple[Array, float]:
@@ -411,7 +412,7 @@ class _Solver:
         """Return the fit; ``linear`` is the last linearisation."""
         equations, columns, count = self.equations, self.equations.columns, len(self.equations.terms)
         inverse, used = self._inverse(linear)
-        chi_square = self.whitening(self.inliers).cost(self.residual)
+        chi_square = float(self.whitening(self.inliers).costs(self.residual).sum())
         dof = float(self.data.count(self.inliers)) - used
         is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
         if self.options.misfit is None and dof > 0 and not is_known:

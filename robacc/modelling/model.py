@@ -349,14 +349,13 @@ class BoundModel:
         for entry in self._entries:
             if _is_rigid(entry.part) and isinstance(entry.part.factor, np.ndarray):
                 by_motion.setdefault(entry.part.motion, []).append(entry)
-        return [
-            (
-                motion,
-                np.array([entry.number for entry in entries]),
-                np.array([np.broadcast_to(entry.part.factor, self.n) for entry in entries]),
-            )
-            for motion, entries in by_motion.items()
-        ]
+        result = []
+        for motion, entries in by_motion.items():
+            factors = np.empty((len(entries), self.n))
+            for row, entry in zip(factors, entries, strict=True):
+                row[:] = entry.part.factor
+            result.append((motion, np.array([entry.number for entry in entries]), factors))
+        return result
 
     @cached_property
     def _constants(self) -> list[TermPart]:

@@ -384,7 +384,7 @@ class Evidence:
         return float(np.sum((1.0 - np.sum(np.square(self._inverse), axis=0))[chosen]))
 
     def scores(self, absent: NDArray[np.int64], flat: float) -> Scores:
-        """Return the scores beside the model without ``absent`` columns; the data decide ``flat`` broad coefficients."""
+        """Return the scores beside the model without ``absent`` columns; the data decide ``flat`` coefficients."""
         directions = np.linalg.qr(self._inverse[:, absent])[0]
         restored, along_y = (self._reduced @ directions).T, directions.T @ self.white.reduced
         products, square = self._products + along_y @ restored, self.square + float(along_y @ along_y)

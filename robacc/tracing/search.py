@@ -7,6 +7,7 @@ one, a second search adds the terms first; the more probable model is the result
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -259,23 +260,20 @@ class _Search:
         white, prior = whitened(state.noise, state.linear), state.linear.prior_std
         step = white.coefficients * prior - state.theta
 
-        def objective(theta: Array) -> float:
-            try:
-                residual = residuals(self.data, state.bound.poses(theta))
-            except RobaccError:
-                return math.inf
-            error = white.apply(residual.T)
+        def objective(linear: Linearised, theta: Array) -> float:
+            error = white.apply(linear.y - linear.columns @ theta)
             return float(error @ error + np.sum(np.square(theta / prior)))
 
-        start, share = objective(state.theta), 1.0
-        while share > 0.02 and not objective(state.theta + share * step) <= start * (1 + 1e-9):
+        start, share = objective(state.linear, state.theta), 1.0
+        while share > 0.02:
+            theta = state.theta + share * step
+            with contextlib.suppress(RobaccError):
+                linear = self._linearised(state.bound, theta, state.scales)
+                if objective(linear, theta) <= start * (1 + 1e-9):
+                    moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
+                    return dataclasses.replace(state, theta=theta, linear=linear), moved
             share *= 0.3
-        if share <= 0.02:
-            return state, 0.0
-        theta = state.theta + share * step
-        linear = self._linearised(state.bound, theta, state.scales)
-        moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
-        return dataclasses.replace(state, theta=theta, linear=linear), moved
+        return state, 0.0
 
     def _fitted(self, state: State, rounds: int = ROUNDS) -> State:
         """Return a state whose effects are fitted to convergence, with its noise estimated again."""

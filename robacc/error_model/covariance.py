@@ -32,7 +32,6 @@ from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotri
 from scipy.special import bdtrc
 
-from robacc.effects.base import Part, Term
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS, STEPS
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
@@ -165,11 +164,9 @@ class Linearised:
     @classmethod
     def at(cls, bound: BoundModel, theta: Array, prior_std: Array, rows: Rows, data: Measurements) -> Linearised:
         """Linearise a bound model at coefficients ``theta`` ``(P,)``."""
-        arm, count, components = bound.arm, len(bound.terms), rows.stated.shape[1]
-        motions = [arm.axis_motion(joint) for joint in arm.names]
-        moved = [Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in motions]
-        extended = bound.with_terms(moved)
-        poses, jacobian = extended.linearise(np.concatenate((theta, np.zeros(len(motions)))), rows=components)
+        count, components = len(bound.terms), rows.stated.shape[1]
+        whole = np.concatenate((theta, np.zeros(len(bound.arm.names))))
+        poses, jacobian = bound.with_joints.linearise(whole, rows=components)
         columns = np.ascontiguousarray(np.moveaxis(jacobian[:, :count], -1, 0))
         joints = np.ascontiguousarray(np.swapaxes(jacobian[:, count:], 0, 1))
         return cls(rows, residuals(data, poses)[:components].T + columns @ theta, columns, joints, prior_std)

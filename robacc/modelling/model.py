@@ -261,6 +261,11 @@ class BoundModel:
         earlier = None if self.earlier is None else (self.earlier[0].with_terms(terms), self.earlier[1])
         return dataclasses.replace(self, terms=(*self.terms, *terms), earlier=earlier)
 
+    @cached_property
+    def with_joints(self) -> BoundModel:
+        """The model with the joint variables as further free terms."""
+        return self.with_terms([Term(name, "", 1.0, (Part(self.arm.axis_motion(name)),)) for name in self.arm.names])
+
     def poses(self, theta: NDArray[Any]) -> Poses:
         """Predict the poses of the target in the measuring frame; where a row shows something else, that."""
         coefficients = np.concatenate((self.fixed_values, theta))

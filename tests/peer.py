@@ -8,7 +8,7 @@ import numpy as np
 from scipy.optimize import OptimizeResult, least_squares
 
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.outliers import row_weights
+from robacc.fitting.solver import row_weights
 from robacc.measurements import Measurements
 from robacc.modelling.model import observed_jacobian, residuals
 

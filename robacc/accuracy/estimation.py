@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
-from robacc.fitting.outliers import inlier_mask
+from robacc.fitting.solver import inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot

@@ -565,7 +565,9 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
     Raises:
         numpy.linalg.LinAlgError: The covariance is singular.
     """
-    factor = np.linalg.cholesky(covariance(noise, linear)) if noise.terms else np.sqrt(_independent(noise, linear.rows))
+    factor: Array = np.sqrt(_independent(noise, linear.rows))
+    if noise.terms:
+        factor = np.asarray(np.linalg.cholesky(covariance(noise, linear)), dtype=np.float64)
     white = _divided(linear.flat, factor)
     columns, y = white[:, :-1], white[:, -1]
     triangle: Array = np.asarray(np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1])), dtype=np.float64)
@@ -633,10 +635,10 @@ def likelihood_derivatives(
     by_joint = np.einsum("jan,na->jn", linear.joints, weighted)
     # Of a a' - P, which is symmetric as the kernels are, the lower triangle counts twice.
     blocks = beyond.reshape(len(white.factor), -1, beyond.shape[1])
-    slopes = np.array([dpotri(factor.T, lower=0)[0].T for factor in white.factor])
-    slopes = np.tril(blocks @ blocks.swapaxes(1, 2) - slopes)
+    inverse = np.array([dpotri(factor.T, lower=0)[0].T for factor in white.factor])
+    slopes: Array = np.tril(blocks @ blocks.swapaxes(1, 2) - inverse)
     each = np.arange(slopes.shape[1])
-    slopes[:, each, each] *= 0.5 * _flat(linear.rows.shown).reshape(len(slopes), -1)
+    slopes[:, each, each] *= 0.5 * _flat(linear.rows.shown.astype(np.float64)).reshape(len(slopes), -1)
     gradient, moved = np.zeros(size), np.zeros((count, components, size))
     gradient[:at] = noise.by_kind(by_row(2.0 * slopes[:, each, each].ravel(), components) * own)
     moved[:, np.arange(components), noise.kinds(components)] = 2.0 * own * weighted

@@ -39,7 +39,7 @@ from robacc.error_model.covariance import (
 from robacc.fitting.fit_result import Fit, Options, with_covariance
 from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
-from robacc.fitting.outliers import noise_of
+from robacc.fitting.solver import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements, different

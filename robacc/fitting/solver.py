@@ -8,6 +8,7 @@ number of poses beyond the data and what is predicted for them.
 from __future__ import annotations
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -15,10 +16,20 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.errors import EquilibriumError, InputError
-from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
-from robacc.fitting.levels import ENOUGH, EPSILON, FEW, LARGEST, MANY, NEGLIGIBLE, ROUNDS, STEPS
+from robacc.fitting.levels import (
+    ENOUGH,
+    EPSILON,
+    FEW,
+    LARGEST,
+    MANY,
+    NEGLIGIBLE,
+    ROUNDING,
+    ROUNDS,
+    SIGNIFICANT,
+    STEPS,
+)
 from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
@@ -30,8 +41,8 @@ from robacc.fitting.normal_equations import (
 from robacc.fitting.visits import random_rows, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
-from robacc.robots.arm import Arm
+from robacc.modelling.model import Model, Noise, NoiseSource
+from robacc.robots.arm import BLOCK, Arm
 
 # Priors of a fit: the broad one of the arm's constants, given ones, and those of groups.
 #
@@ -141,6 +152,159 @@ class Priors:
             self.precision[member] = noise_var / np.square(std * self._weights[member])
 
 
+# Misfit of a model beyond the known measurement noise, and the inlier mask.
+
+_LEAST_INLIERS = 0.8
+"""Least share of inliers: if more rows deviate, the model is wrong."""
+
+
+def misfits(
+    data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: tuple[float, float]
+) -> tuple[float, float]:
+    """Return the misfit of position (m) and orientation (rad) at which the cost equals the degrees of freedom.
+
+    ``used`` are the numbers of effective coefficients that position and orientation determine: the sums of the
+    leverages of their residuals (restricted maximum likelihood at given weights).
+    """
+    rows = slice(None) if data.n > BLOCK and inliers.all() else inliers  # of many rows without a copy
+    known = data.position_variance
+    variance = 0.0 if known is None else np.broadcast_to(known, (3, data.n))[:, inliers]
+    position = _misfit(residual[:3, rows], variance, used[0], data.count(inliers) * 3 // len(residual))
+    if residual.shape[0] == 3:
+        return position, 0.0
+    turned = 0.0 if data.sigma_rotation is None else np.square(data.sigma_rotation[inliers])
+    return position, _misfit(residual[3:, rows], turned, used[1], 3 * int(np.count_nonzero(inliers)))
+
+
+def _misfit(residual: Array, known: Array | float, used: float, count: int) -> float:
+    """Return the misfit t with sum r^2 / (s^2 + t^2) = degrees of freedom; 0 if the known noise s explains all.
+
+    ``count`` numbers were measured.
+    """
+    dof = max(count - used, FEW * count)
+    if isinstance(known, float):
+        return float(np.sqrt(np.vdot(residual, residual) / dof))
+    square = np.square(residual)
+    if np.all(known > 0.0) and float((square / known).sum()) <= dof:
+        return 0.0
+    low, high = 0.0, float(square.sum() / dof)
+    for _ in range(STEPS):
+        middle = 0.5 * (low + high)
+        if float((square / (known + middle)).sum()) > dof:
+            low = middle
+        else:
+            high = middle
+    return float(np.sqrt(high))
+
+
+def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
+    """Return ``(M, N)`` reciprocal standard deviations of measuring uncertainty and a misfit common to all poses.
+
+    The misfit is at least :data:`ROUNDING`. This gives data without noise finite weights, and keeps the weights of
+    noisy position and exact orientation within what the normal equations can hold. Correlated noise is not part of the
+    weights. The array is read-only: without uncertainties of rows, these share one column.
+    """
+    rows = 3 if data.rotation is None else 6
+    variance = np.empty((rows, 1 if data.sigma_position is None and data.sigma_rotation is None else data.n))
+    known = data.position_variance if data.correlated_noise is None else None
+    variance[:3] = max(misfit[0], ROUNDING) ** 2 + (0.0 if known is None else known)
+    variance[3:] = max(misfit[1], ROUNDING) ** 2
+    if data.sigma_rotation is not None:
+        variance[3:] += np.square(data.sigma_rotation)
+    return np.broadcast_to(1.0 / np.sqrt(variance), (rows, data.n))
+
+
+def inlier_mask(
+    residual: Array,
+    weight: Array,
+    inliers: NDArray[np.bool_],
+    coefficients: int,
+    tolerance: float = 1.0,
+    shown: NDArray[np.bool_] | None = None,
+) -> NDArray[np.bool_]:
+    """Return ``(N,)`` the mask of inliers: a robust scale from the median, a limit far beyond any tail.
+
+    The median and the limit of the mean whitened square are Wilson and Hilferty's quantiles of the chi-square
+    distribution, the limit at a tail of 1e-7 / N, that is some six standard deviations: a structured residual that the
+    model lacks is bounded and stays within it, a beam break does not. ``tolerance`` multiplies the limit of the length;
+    ``shown`` ``(3, N)`` are the components that were measured, by default all.
+    """
+    rows = np.array(len(residual)) if shown is None else shown.sum(axis=0)
+    distance = np.square(residual * weight).sum(axis=0) / rows
+    cube_root_var = 2.0 / (9.0 * rows)
+    scale = float(np.median(distance / (1.0 - cube_root_var) ** 3))
+    if scale <= 0:
+        return inliers
+    tail = 5.2 + 0.2 * math.log10(max(distance.size, 10))
+    limit = tolerance**2 * scale * (1.0 - cube_root_var + tail * np.sqrt(cube_root_var)) ** 3
+    mask: NDArray[np.bool_] = (distance <= limit) | (
+        np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= ROUNDING
+    )
+    return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
+
+
+def noise_of(data: Measurements, misfit: tuple[float, float], is_given: bool) -> Noise:
+    """Return known noise and misfit together, and the source of the figure."""
+    position = np.zeros((3, 1)) if data.position_variance is None else data.position_variance
+    orientation = 0.0 if data.sigma_rotation is None else float(np.mean(np.square(data.sigma_rotation)))
+    turned = None if data.rotation is None else float(np.sqrt(orientation + misfit[1] ** 2))
+    of_file: NoiseSource = "file" if misfit[0] == 0.0 else "file and misfit"
+    source: NoiseSource = "given" if is_given else "residual" if data.sigma_position is None else of_file
+    return Noise.of_variances(np.mean(position, axis=1) + misfit[0] ** 2, turned, source)
+
+
+# Circumstance that outliers share: rows that a lacking effect displaces, and no accidents of the instrument.
+#
+# A beam break strikes rows at random. Rows that all lie at large angles of one joint, in one corner, or at one time
+# have a common cause. Beyond each outlier lie so many outliers and such a share of all rows: the binomial probability
+# of so many is significant for all outliers and all circumstances together (Bonferroni).
+
+
+def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tuple[str, ...]) -> str | None:
+    """Return the circumstance that the outliers share, as a sentence; None if they look accidental.
+
+    Args:
+        data: Measured poses.
+        outliers: ``(N,)`` mask of the outliers.
+        names: Names of the joints, in the order of ``data.q``.
+    """
+    from scipy.special import bdtrc
+
+    count = int(np.count_nonzero(outliers))
+    if count < 3 or count == outliers.size:
+        return None
+    joints = [] if data.q is None else list(zip(names, data.q, strict=True))
+    from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
+    quantities: list[tuple[str, str, Array | None]] = [
+        *((name, "(rad or m)", q) for name, q in joints),
+        *((f"the distance of {name} from its median", "(rad or m)", np.abs(q - np.median(q))) for name, q in joints),
+        *((name, "m", values) for name, values in zip("xyz", data.position, strict=True)),
+        ("the distance from the centre of the poses", "m", from_centre),
+        ("time", "s", data.time),
+        ("temperature", "°C", data.temperature),
+        ("payload", "kg", data.payload),
+        ("row number", "", np.arange(1.0, data.n + 1.0)),
+    ]
+    tested = [(name, unit, values) for name, unit, values in quantities if values is not None and np.ptp(values) > 0]
+    least, found = SIGNIFICANT / (2.0 * len(tested) * count), None
+    for name, unit, values in tested:
+        for side, sign in (("above", 1.0), ("below", -1.0)):
+            levels, ordered = np.sort(sign * values[outliers])[::-1], np.sort(sign * values)
+            inside = count - np.searchsorted(levels[::-1], levels)
+            share = 1.0 - np.searchsorted(ordered, levels) / data.n
+            by_chance = bdtrc(inside - 1, count, share)
+            best = int(np.argmin(by_chance))
+            if by_chance[best] <= least:
+                least, found = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
+    if found is None:
+        return None
+    name, unit, side, limit, beyond, part = found
+    return (
+        f"{beyond} of {count} outliers have {name} {side} {limit:.4g} {unit}, "
+        f"but only {100 * part:.0f} % of all rows have: the outliers have a common cause"
+    )
+
+
 # Gauss-Newton with exact Jacobians: the sum of whitened squares and of Gaussian priors.
 #
 # Residual and Jacobian of a step are one evaluation; the last step needs the residual alone. A step that would raise
@@ -203,8 +367,8 @@ class _Solver:
         self.theta = np.zeros(len(self.equations.terms)) if options.start is None else options.start.copy()
         # The first misfit, if not given, is that of the start.
         self.residual = self.equations.residual(self.theta)
-        self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
-        self.row = outliers.row_weights(data, self.misfit)
+        self.misfit = options.misfit or misfits(data, self.residual, self.inliers, (0.0, 0.0))
+        self.row = row_weights(data, self.misfit)
         self.scatter, self.visits = np.zeros(0), np.arange(data.n)
         self.joints = np.zeros((self.equations.components, 0, data.n))
         if options.scatter is not None and options.scatter.any():
@@ -378,8 +542,8 @@ class _Solver:
         # precision of the priors, the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
         inverse, used = self._inverse(linear)
         position = float(np.sum(inverse * linear.grams[0])) if self.equations.components == 6 else used
-        self.misfit = outliers.estimate(self.data, self.residual, self.inliers, (position, used - position))
-        before, self.row = self.row, outliers.row_weights(self.data, self.misfit)
+        self.misfit = misfits(self.data, self.residual, self.inliers, (position, used - position))
+        before, self.row = self.row, row_weights(self.data, self.misfit)
         is_common = self.data.sigma_position is None and self.data.sigma_rotation is None and not self.latest.blocks
         if self.normal is not None:
             # One misfit of all rows scales all their squares.
@@ -396,10 +560,10 @@ class _Solver:
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
         weight, count = self._row_weight(), self.equations.columns.size
-        inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
-        if outliers.outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
+        inliers = inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
+        if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
-            inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
+            inliers = inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:
@@ -428,7 +592,7 @@ class _Solver:
             theta=self.theta,
             covariance=covariance,
             identifiability=self.identifiability,
-            noise=outliers.noise_of(self.data, self.misfit, is_given),
+            noise=noise_of(self.data, self.misfit, is_given),
             misfit=self.misfit,
             inliers=self.inliers,
             data=self.data,

@@ -12,9 +12,9 @@ from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
 from robacc.fitting.masses import DEFAULT
-from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
+from robacc.fitting.solver import outlier_pattern
 from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different

@@ -20,8 +20,7 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.specification import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure
 from robacc.errors import InputError
-from robacc.fitting.fit_result import Fit, Identifiability, Options
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options
 from robacc.fitting.levels import NORMAL_95
 from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior

@@ -223,14 +223,13 @@ class _Search:
     # -- fits
 
     def _linearised(self, bound: BoundModel, theta: Array, scales: Sequence[float]) -> Linearised:
-        declared, stds = self.model.free, []
-        for term, owner in zip(bound.terms, bound.owners, strict=True):
-            size = term.typical * term.weight
-            if owner >= len(declared):
-                stds.append(size * scales[owner - len(declared)])
-            else:
-                stds.append(PRIOR_STDS.get(declared[owner].name, LARGEST * size))
-        return Linearised.at(bound, theta, np.array(stds), self.rows, self.data)
+        names = [effect.name for effect in self.model.free]
+        multiples = np.array([*([LARGEST] * len(names)), *scales])[list(bound.owners)]
+        stds = multiples * [term.typical * term.weight for term in bound.terms]
+        for column, owner in enumerate(bound.owners):
+            if owner < len(names):
+                stds[column] = PRIOR_STDS.get(names[owner], stds[column])
+        return Linearised.at(bound, theta, stds, self.rows, self.data)
 
     def _start(self) -> State:
         """Return the fit of the declared effects beside independent noise; rows far off have less weight."""

@@ -27,15 +27,13 @@ from robacc.error_model.structure import (
     with_error_structure,
 )
 from robacc.errors import RobaccError
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import Fit, HoldOut, Options
 from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
-from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.registration import with_gravity_direction
-from robacc.fitting.solver import fit, refit
+from robacc.fitting.solver import fit, outlier_pattern, refit
 from robacc.fitting.warnings import LackOfFit, suspected_mistakes
 from robacc.geometry import Array, log_between, rms_length
 from robacc.measurements import Measurements

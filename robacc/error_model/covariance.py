@@ -733,31 +733,29 @@ def estimated(
 
     Beside terms, a random part of many rows is used, unless ``on_all``. Steps of the average information are damped
     (Marquardt 1963), and of each parameter at most 2 long, beyond which exponentials are far from linear. They end when
-    one gains less than :data:`_GAINS`, or when the next would gain next to nothing of what a likelihood of ``least``
-    lacks.
+    the next would gain less than :data:`_GAINS`, or next to nothing of what a likelihood of ``least`` lacks.
     """
     start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T
-    at, damping, gain = np.clip(noise.packed, low, high), 0.1, math.inf
+    at, damping = np.clip(noise.packed, low, high), 0.1
     best = likelihood_derivatives(start.unpacked(at), part)
     for _ in range(STEPS):
         _, gradient, information = best
         free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
         ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
         expected = 0.5 * gradient[free] @ ahead
-        if 0.0 < gain < _GAINS or expected < max(_GAINS, NEGLIGIBLE * (least - best[0])):
+        if expected < max(_GAINS, NEGLIGIBLE * (least - best[0])):
             break
         step = at.copy()
         step[free] += np.clip(ahead, -2.0, 2.0)
         step = np.clip(step, low, high)
         found = likelihood_derivatives(start.unpacked(step), part, best[0])
-        gain = found[0] - best[0]
-        if gain > 0.0:
+        if is_better := found[0] > best[0]:
             at, best = step, found
-        damping *= 0.1 if gain > 0.0 else 10.0
+        damping *= 0.1 if is_better else 10.0
     return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(best[0]) else noise
 
 

@@ -29,10 +29,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotrf, dpotri, dpotrs
+from scipy.linalg.lapack import dpotri
 from scipy.special import bdtrc
 
-from robacc.effects.base import Part, Term
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS, STEPS
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
@@ -71,8 +70,8 @@ class Rows:
     """``(N, M)`` variance of the noise that the file states, m² and rad²; 0 without."""
     scale: Array
     """``(J,)`` factor of the angles: 1 of a joint that turns, rad/m of a slide."""
-    shown: NDArray[np.bool_] | None
-    """``(N, M)`` the components that were measured; None if all."""
+    shown: NDArray[np.bool_]
+    """``(N, M)`` the components that were measured. Of the others, values and derivatives are 0."""
 
     @classmethod
     def of(cls, arm: Arm, data: Measurements) -> Rows:
@@ -98,7 +97,7 @@ class Rows:
             random_rank(data),
             stated,
             scale,
-            None if data.shown is None else data.shown.T,
+            np.ones(stated.shape, dtype=bool) if data.shown is None else data.shown.T,
         )
 
     def subset(self, index: NDArray[np.int64]) -> Rows:
@@ -112,13 +111,8 @@ class Rows:
             self.draw[index],
             self.stated[index],
             self.scale,
-            None if self.shown is None else self.shown[index],
+            self.shown[index],
         )
-
-    @cached_property
-    def kept(self) -> NDArray[np.int64] | None:
-        """Numbers of the measured components among all, component by component; None if all were measured."""
-        return None if self.shown is None else np.flatnonzero(self.shown.T)
 
     @cached_property
     def same_visit(self) -> Array:
@@ -164,15 +158,15 @@ class Linearised:
     """``(J, M, N)`` derivatives by the joint variables."""
     prior_std: Array
     """``(P,)`` prior standard deviation of each coefficient about zero."""
+    known: Array | float = 0.0
+    """``(n, n)`` a further covariance, component by component; only beside terms that act through the joints."""
 
     @classmethod
     def at(cls, bound: BoundModel, theta: Array, prior_std: Array, rows: Rows, data: Measurements) -> Linearised:
         """Linearise a bound model at coefficients ``theta`` ``(P,)``."""
-        arm, count, components = bound.arm, len(bound.terms), rows.stated.shape[1]
-        motions = [arm.axis_motion(joint) for joint in arm.names]
-        moved = [Term(f"motion {motion}", "", 1.0, (Part(motion),)) for motion in motions]
-        extended = bound.with_terms(moved)
-        poses, jacobian = extended.linearise(np.concatenate((theta, np.zeros(len(motions)))), rows=components)
+        count, components = len(bound.terms), rows.stated.shape[1]
+        whole = np.concatenate((theta, np.zeros(len(bound.arm.names))))
+        poses, jacobian = bound.with_joints.linearise(whole, rows=components)
         columns = np.ascontiguousarray(np.moveaxis(jacobian[:, :count], -1, 0))
         joints = np.ascontiguousarray(np.swapaxes(jacobian[:, count:], 0, 1))
         return cls(rows, residuals(data, poses)[:components].T + columns @ theta, columns, joints, prior_std)
@@ -182,6 +176,18 @@ class Linearised:
         return Linearised(
             self.rows.subset(index), self.y[index], self.columns[index], self.joints[:, :, index], self.prior_std
         )
+
+    @cached_property
+    def flat(self) -> Array:
+        """``(n, P + 1)`` columns times the prior's standard deviations, then ``y``, component by component."""
+        return np.asfortranarray(_flat(np.concatenate((self.columns * self.prior_std, self.y[..., None]), axis=2)))
+
+    @cached_property
+    def without_columns(self) -> Linearised:
+        """Return the same with the columns as a part of the covariance."""
+        columns = self.flat[:, :-1]
+        none = np.zeros((*self.y.shape, 1))
+        return dataclasses.replace(self, columns=none, prior_std=np.ones(1), known=columns @ columns.T)
 
     @cached_property
     def part(self) -> tuple[NDArray[np.int64], Linearised]:
@@ -203,8 +209,7 @@ class Linearised:
     @property
     def of_position(self) -> Linearised:
         """Return the same without orientations."""
-        shown = None if self.rows.shown is None else self.rows.shown[:, :3]
-        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3], shown=shown)
+        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3], shown=self.rows.shown[:, :3])
         return Linearised(rows, self.y[:, :3], self.columns[:, :3], self.joints[:, :3], self.prior_std)
 
     @cached_property
@@ -532,9 +537,9 @@ class Whitened:
     """``(P,)`` triangle^-1 Q'y."""
     log_likelihood: float
     factor: Array
-    """``(n, n)`` lower factor of V, or ``(n,)`` its standard deviations where it is diagonal."""
-    rows: Rows | None = None
-    """Rows, which say what was measured; None if every component was."""
+    """``(B, n / B, n / B)`` lower factors of V's blocks, or ``(n,)`` its standard deviations where it is diagonal."""
+    measured: int
+    """Number of the components that were measured."""
 
     @property
     def coefficients(self) -> Array:
@@ -543,14 +548,14 @@ class Whitened:
 
     def apply(self, values: Array) -> Array:
         """Whiten ``(N, M, …)`` to ``(n, …)``."""
-        return _divided(_flat(values, self.rows), self.factor)
+        return _divided(_flat(values), self.factor)
 
     def weighted_residual(self, components: int, kept: NDArray[np.int64] | None = None) -> Array:
         """Return P y ``(N, M)``, with some of the columns if ``kept`` names them."""
         columns = self.columns if kept is None else self.columns[:, kept]
         system = columns.T @ columns + np.eye(columns.shape[1])
         white = self.y - columns @ np.linalg.solve(system, columns.T @ self.y)
-        return by_row(_divided(white, self.factor, "T"), self.rows, components)
+        return by_row(_divided(white, self.factor, "T"), components)
 
 
 @lru_cache(maxsize=2)
@@ -560,85 +565,91 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
     Raises:
         numpy.linalg.LinAlgError: The covariance is singular.
     """
+    factor: Array = np.sqrt(_independent(noise, linear.rows))
     if noise.terms:
-        lower, info = dpotrf(covariance(noise, linear).T, lower=0, overwrite_a=1)
-        if info:
-            raise np.linalg.LinAlgError
-        factor = np.tril(lower.T)
-    else:
-        factor = _flat(noise.independent(linear.rows.stated), linear.rows)
-    columns, y = (
-        _divided(_flat(values, linear.rows), factor) for values in (linear.columns * linear.prior_std, linear.y)
-    )
+        factor = np.asarray(np.linalg.cholesky(covariance(noise, linear)), dtype=np.float64)
+    white = _divided(linear.flat, factor)
+    columns, y = white[:, :-1], white[:, -1]
     triangle: Array = np.asarray(np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1])), dtype=np.float64)
     reduced = solve_triangular(triangle, columns.T @ y, lower=True)
     log_likelihood = -0.5 * (_log_det(factor) + _log_det(triangle) + float(y @ y - reduced @ reduced))
-    return Whitened(columns, y, triangle, reduced, log_likelihood, factor, linear.rows)
+    return Whitened(columns, y, triangle, reduced, log_likelihood, factor, int(np.count_nonzero(linear.rows.shown)))
+
+
+def _independent(noise: CovarianceParameters, rows: Rows) -> Array:
+    """Return ``(n,)`` variances of the independent noise, 1 of what was not measured, so that it counts nothing."""
+    return _flat(np.where(rows.shown, noise.variance(rows.stated, rows.stated.shape[1]), 1.0))
 
 
 def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
-    """Return ``(n, n)`` V."""
+    """Return V ``(B, n / B, n / B)``, in blocks of the components where no term acts through the joints."""
     count, components = linear.y.shape
-    matrix, of_joints = np.zeros((components, count, components, count)), None
+    matrix, of_joints = np.zeros((components, count, count)), None
     for name, parameters in noise.terms.items():
         kernels = TERMS[name].kernels(parameters, linear.rows)
         if TERMS[name].of_joints:
             of_joints = kernels if of_joints is None else of_joints + kernels
         else:
-            matrix[np.arange(components), :, np.arange(components)] += kernels
+            matrix += kernels
+    if not linear.rows.shown.all():
+        matrix *= linear.rows.shown.T[:, :, None] * linear.rows.shown.T[:, None]
     if of_joints is not None:
         carried = of_joints.swapaxes(0, 1)[:, :, None] * linear.joints
         moved = np.matmul(linear.joints.T, carried.reshape(count, len(linear.joints), -1))
-        matrix += moved.reshape(count, components, components, count).swapaxes(0, 1)
-    flat = matrix.reshape(components * count, components * count)
-    kept = linear.rows.kept
-    flat = flat if kept is None else flat[np.ix_(kept, kept)]
-    flat[np.diag_indices(len(flat))] += _flat(noise.variance(linear.rows.stated, components), linear.rows)
-    return flat
+        whole = np.ascontiguousarray(moved.reshape(count, components, components, count).swapaxes(0, 1))
+        whole[np.arange(components), :, np.arange(components)] += matrix
+        matrix = whole.reshape(1, components * count, components * count) + linear.known
+    each = np.arange(matrix.shape[1])
+    matrix[:, each, each] += _independent(noise, linear.rows).reshape(len(matrix), -1)
+    return matrix
 
 
-def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> tuple[float, Array, Array]:
+def likelihood_derivatives(
+    noise: CovarianceParameters, linear: Linearised, least: float = -math.inf
+) -> tuple[float, Array, Array]:
     """Return the log likelihood, its gradient ``(K,)`` by :attr:`CovarianceParameters.packed`, and the information.
 
     The information ``(K, K)`` is the average of the observed and the expected one, a' dV/dt P dV/du a / 2, a = P y
     (average-information REML; Gilmour, Thompson and Cullis 1995): it costs no more than products with vectors. The
-    likelihood of a singular covariance is 0, its gradient 0.
+    likelihood of a singular covariance is 0. Of a likelihood that is not above ``least``, the gradient is 0.
     """
-    count, components = linear.y.shape
-    own = noise.variance(0.0, components)
-    if not noise.terms:
-        white = whitened(noise, linear)
-        error = white.y - white.columns @ white.coefficients
-        spread = solve_triangular(white.triangle, white.columns.T, lower=True)
-        share = own / noise.variance(linear.rows.stated, components)
-        share = share if linear.rows.shown is None else share * linear.rows.shown
-        slope = by_row(np.square(error) - 1.0 + np.sum(np.square(spread), axis=0), linear.rows, components) * share
-        return white.log_likelihood, noise.by_kind(slope), np.diag(noise.by_kind(2.0 * np.square(share)))
-    columns, y = _flat(linear.columns * linear.prior_std, linear.rows), _flat(linear.y, linear.rows)
-    size, at = noise.packed.size, len(noise.log_std)
-    matrix = covariance(noise, linear)
-    matrix += columns @ columns.T
-    # The lower triangle by rows is LAPACK's upper triangle by columns.
-    factor, info = dpotrf(matrix.T, lower=0, overwrite_a=1)
-    if info:
-        return -math.inf, np.zeros(size), np.eye(size)
-    weighted = dpotrs(factor, y, lower=0)[0]
-    weighted_rows = by_row(weighted, linear.rows, components)
-    by_joint = np.einsum("jan,na->jn", linear.joints, weighted_rows)
-    # Of a a' - P, which is symmetric as the kernels are, the lower triangle counts twice.
-    slopes = np.tril(np.multiply.outer(weighted, weighted) - dpotri(factor, lower=0)[0].T)
-    if (kept := linear.rows.kept) is not None:
-        of_measured, slopes = slopes, np.zeros((components * count, components * count))
-        slopes[np.ix_(kept, kept)] = of_measured
-    gradient, moved = np.zeros(size), np.zeros((count, components, size))
-    gradient[:at] = noise.by_kind(np.diag(slopes).reshape(components, -1).T * own)
-    moved[:, np.arange(components), noise.kinds(components)] = 2.0 * own * weighted_rows
-    slopes[np.diag_indices(len(slopes))] *= 0.5
-    blocks = slopes.reshape(components, count, components, count)
-    weights = {False: blocks[np.arange(components), :, np.arange(components)]}
+    (count, components), size, at = linear.y.shape, noise.packed.size, len(noise.log_std)
     if any(TERMS[name].of_joints for name in noise.terms):
-        carried = np.einsum("anbm,jbm->janm", blocks, linear.joints)
-        weights[True] = np.einsum("jan,janm->jnm", linear.joints, carried)
+        linear = linear.without_columns
+    try:
+        white = whitened(noise, linear)
+    except np.linalg.LinAlgError:
+        return -math.inf, np.zeros(size), np.eye(size)
+    if white.log_likelihood <= least:
+        return white.log_likelihood, np.zeros(size), np.eye(size)
+    own = noise.variance(0.0, components) * linear.rows.shown
+    # P = V^-1 - U U', of which P y and U are the columns here, whitened.
+    spread = solve_triangular(white.triangle, white.columns.T, lower=True, check_finite=False).T
+    beyond = np.column_stack((white.y - spread @ white.reduced, spread))
+    if not noise.terms:
+        share = own / noise.variance(linear.rows.stated, components)
+        slope = by_row(np.sum(np.square(beyond), axis=1) - 1.0, components) * share
+        return white.log_likelihood, noise.by_kind(slope), np.diag(noise.by_kind(2.0 * np.square(share)))
+    beyond = _divided(beyond, white.factor, "T")
+    weighted = by_row(beyond[:, 0], components)
+    by_joint = np.einsum("jan,na->jn", linear.joints, weighted)
+    # Of a a' - P, which is symmetric as the kernels are, the lower triangle counts twice.
+    blocks = beyond.reshape(len(white.factor), -1, beyond.shape[1])
+    inverse = np.array([dpotri(factor.T, lower=0)[0].T for factor in white.factor])
+    slopes: Array = np.tril(blocks @ blocks.swapaxes(1, 2) - inverse)
+    each = np.arange(slopes.shape[1])
+    slopes[:, each, each] *= 0.5 * _flat(linear.rows.shown.astype(np.float64)).reshape(len(slopes), -1)
+    gradient, moved = np.zeros(size), np.zeros((count, components, size))
+    gradient[:at] = noise.by_kind(by_row(2.0 * slopes[:, each, each].ravel(), components) * own)
+    moved[:, np.arange(components), noise.kinds(components)] = 2.0 * own * weighted
+    weights = {False: slopes}
+    if len(slopes) == 1:
+        whole = slopes.reshape(components, count, components, count)
+        carried = np.einsum("anbm,jbm->janm", whole, linear.joints)
+        weights = {
+            False: whole[np.arange(components), :, np.arange(components)],
+            True: np.einsum("jan,janm->jnm", linear.joints, carried),
+        }
     for name, parameters in noise.terms.items():
         of_joints = TERMS[name].of_joints
         for number, carriers, slope in TERMS[name].derivatives(parameters, linear.rows):
@@ -647,10 +658,11 @@ def likelihood_derivatives(noise: CovarianceParameters, linear: Linearised) -> t
                 by_carrier = slope @ by_joint[carriers].T
                 moved[:, :, at + number] += np.einsum("jan,nj->na", linear.joints[carriers], by_carrier)
             else:
-                moved[:, carriers, at + number] += slope @ weighted_rows[:, carriers]
+                moved[:, carriers, at + number] += slope @ weighted[:, carriers]
         at += len(parameters)
-    white_moved = solve_triangular(factor, _flat(moved, linear.rows), trans="T", check_finite=False)
-    return -0.5 * (_log_det(factor) + float(y @ weighted)), gradient, 0.5 * white_moved.T @ white_moved
+    white_moved = white.apply(moved * linear.rows.shown[:, :, None])
+    along = spread.T @ white_moved
+    return white.log_likelihood, gradient, 0.5 * (white_moved.T @ white_moved - along.T @ along)
 
 
 def unaccounted(noise: CovarianceParameters, linear: Linearised, white: Whitened) -> Array:
@@ -677,32 +689,28 @@ def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     return np.asarray(np.sqrt(mean.reshape(-1, 3).mean(axis=1)))
 
 
-def _flat(a: Array, rows: Rows | None) -> Array:
-    """Return ``(N, M, …)`` as ``(n, …)``, component by component, without components that were not measured."""
-    flat = np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
-    return flat if rows is None or rows.kept is None else flat[rows.kept]
+def _flat(a: Array) -> Array:
+    """Return ``(N, M, …)`` as ``(n, …)``, component by component."""
+    return np.moveaxis(a, 1, 0).reshape((a.shape[0] * a.shape[1], *a.shape[2:]))
 
 
-def by_row(flat: Array, rows: Rows | None, components: int) -> Array:
-    """Return ``(n,)`` as ``(N, M)``, 0 for components that were not measured."""
-    if rows is not None and rows.kept is not None:
-        flat, measured = np.zeros(rows.stated.size), flat
-        flat[rows.kept] = measured
+def by_row(flat: Array, components: int) -> Array:
+    """Return ``(n,)`` as ``(N, M)``."""
     return flat.reshape(components, -1).T
 
 
 def _divided(flat: Array, factor: Array, trans: Literal["N", "T"] = "N") -> Array:
-    """Return ``(n, …)`` solved for a lower triangle ``(n, n)``, or its transpose, or divided by a diagonal ``(n,)``."""
-    columns = flat.reshape(len(flat), -1)
+    """Return ``(n, …)`` solved for blocks' lower triangles, or their transposes, or divided by a diagonal ``(n,)``."""
     if factor.ndim == 1:
-        return np.asarray(columns / factor[:, None]).reshape(flat.shape)
-    solved: Array = solve_triangular(factor, columns, lower=True, trans=trans, check_finite=False)
-    return solved.reshape(flat.shape)
+        return np.asarray((flat.T / factor).T)
+    parts = zip(factor, np.split(flat, len(factor)), strict=True)
+    return np.concatenate([solve_triangular(a, b, lower=True, trans=trans, check_finite=False) for a, b in parts])
 
 
 def _log_det(factor: Array) -> float:
     """Return the log determinant of a matrix from its triangular factor, or from the diagonal of that."""
-    return 2.0 * float(np.sum(np.log(factor if factor.ndim == 1 else np.diag(factor))))
+    diagonal = factor if factor.ndim == 1 else np.diagonal(factor, axis1=-2, axis2=-1)
+    return 2.0 * float(np.sum(np.log(diagonal)))
 
 
 # Restricted maximum likelihood of the covariance's parameters, gross errors, and what the parameters cost.
@@ -718,40 +726,43 @@ _GAINS = 0.01
 """Least gain of a term beyond what it costs: smaller ones are rounding."""
 
 
-def estimated(noise: CovarianceParameters, linear: Linearised, *, on_all: bool = False) -> CovarianceParameters:
+def estimated(
+    noise: CovarianceParameters, linear: Linearised, *, on_all: bool = False, least: float = -math.inf
+) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
     Beside terms, a random part of many rows is used, unless ``on_all``. Steps of the average information are damped
-    (Marquardt 1963), and at most 2 long, beyond which exponentials are far from linear. They end when the next would
-    gain less than :data:`_GAINS`.
+    (Marquardt 1963), and of each parameter at most 2 long, beyond which exponentials are far from linear. They end when
+    the next would gain less than :data:`_GAINS`, or next to nothing of what a likelihood of ``least`` lacks.
     """
-    part, start = on_subset(noise, linear) if noise.terms and not on_all else (linear, noise)
+    start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
     low, high = np.array(bounds).T
     at, damping = np.clip(noise.packed, low, high), 0.1
-    best, step = likelihood_derivatives(start.unpacked(at), part), np.zeros_like(at)
+    best = likelihood_derivatives(start.unpacked(at), part)
     for _ in range(STEPS):
         _, gradient, information = best
         free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
         ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
-        if 0.5 * gradient[free] @ ahead < _GAINS:
+        expected = 0.5 * gradient[free] @ ahead
+        if expected < max(_GAINS, NEGLIGIBLE * (least - best[0])):
             break
-        step[:] = 0.0
-        step[free] = ahead * min(1.0, 2.0 / float(np.abs(ahead).max()))
-        step = np.clip(at + step, low, high) - at
-        found = likelihood_derivatives(start.unpacked(at + step), part)
+        step = at.copy()
+        step[free] += np.clip(ahead, -2.0, 2.0)
+        step = np.clip(step, low, high)
+        found = likelihood_derivatives(start.unpacked(step), part, best[0])
         if is_better := found[0] > best[0]:
-            at, best = at + step, found
+            at, best = step, found
         damping *= 0.1 if is_better else 10.0
     return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(best[0]) else noise
 
 
-def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Linearised, CovarianceParameters]:
-    """Return model and noise at the rows of random poses that the parameters are estimated on."""
+def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[CovarianceParameters, Linearised]:
+    """Return noise and model at the rows of random poses that the parameters are estimated on."""
     index, part = linear.part
-    return part, dataclasses.replace(noise, factor=noise.factor[index])
+    return dataclasses.replace(noise, factor=noise.factor[index]), part
 
 
 def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS) -> CovarianceParameters:
@@ -760,8 +771,7 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
     Rows are judged one by one, so that scatter of a visit may look like a gross error of each of its rows: factors
     that lower the evidence are not taken.
     """
-    noise, shown = estimated(noise, linear), linear.rows.shown
-    lacking = np.zeros(len(linear.y)) if shown is None else np.count_nonzero(~shown, axis=1)
+    noise, lacking = estimated(noise, linear), np.count_nonzero(~linear.rows.shown, axis=1)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
         # Along the axes of the scatter over the noise, the components of a row are independent.
@@ -788,17 +798,17 @@ def too_many_gross_errors(noise: CovarianceParameters) -> bool:
 
 
 def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
-    """Return the log likelihood with what the terms and the gross errors cost.
-
-    A term costs half the log of the rows a parameter (Schwarz 1978), and the odds for acceptance; gross errors cost
-    their prior probability.
-    """
-    usual, gross = usual_std(noise, linear), int(np.count_nonzero(noise.factor > 1.0))
-    count = 2 * (len(noise.log_std) > 2)
-    count += sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
-    cost = 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
+    """Return the log likelihood with what the terms and the gross errors cost; these cost their prior probability."""
+    gross = int(np.count_nonzero(noise.factor > 1.0))
     log_prior = float(gross * _LOG_SHARES[1] + (noise.factor.size - gross) * _LOG_SHARES[0])
-    return whitened(noise, linear).log_likelihood + log_prior - cost
+    return whitened(noise, linear).log_likelihood + log_prior - _price(noise, linear)
+
+
+def _price(noise: CovarianceParameters, linear: Linearised) -> float:
+    """Return half the log of the rows for each parameter (Schwarz 1978), and the odds for acceptance for each term."""
+    usual, count = usual_std(noise, linear), 2 * (len(noise.log_std) > 2)
+    count += sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
+    return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
 
 
 def with_terms_that_gain(
@@ -842,14 +852,21 @@ def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: st
         scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
         if max(scores, gain) > most:
             most, best = max(scores, gain), start
-    return noise if best is None else with_gross_errors(estimated(noise.with_term(name, best), linear), linear, 1)
+    return noise if best is None else with_gross_errors(noise.with_term(name, best), linear, 1)
 
 
 def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:
-    """Return the noise without the terms that no longer gain, the worst first."""
+    """Return the noise without the terms that no longer gain, the worst first.
+
+    A term whose absence costs more, on the rows of the estimates, than all terms do is not idle.
+    """
     while noise.terms:
-        others = [with_gross_errors(estimated(noise.without(name), linear), linear, 1) for name in noise.terms]
-        best = max((noise, *others), key=lambda other: log_evidence(other, linear))
+        best = noise
+        least = whitened(*on_subset(noise, linear)).log_likelihood - _price(noise, linear)
+        for name in noise.terms:
+            other = estimated(noise.without(name), linear, least=least)
+            if whitened(*on_subset(other, linear)).log_likelihood > least:
+                best = max(best, with_gross_errors(other, linear, 1), key=lambda noise: log_evidence(noise, linear))
         if best is noise:
             break
         noise = best
@@ -863,9 +880,9 @@ def gains_at_sizes(
 
     The gain is no more than the term gains at its best.
     """
-    if TERMS[name].is_along_axes and linear.rows.shown is not None:
+    if TERMS[name].is_along_axes and not linear.rows.shown.all():
         return
-    part, noise = on_subset(noise, linear)
+    noise, part = on_subset(noise, linear)
     for start in TERMS[name].starts(part, usual_std(noise, part)):
         grown = np.zeros_like(start)
         grown[TERMS[name].amplitudes] = 1.0

@@ -152,8 +152,7 @@ def with_error_structure(
     if "scatter" in noise.terms:
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
     sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
-    independent = np.square(noise.independent(linear.rows.stated)[:, :3])
-    independent = (independent if linear.rows.shown is None else independent * linear.rows.shown[:, :3]).sum(axis=1)
+    independent = np.sum(np.square(noise.independent(linear.rows.stated) * linear.rows.shown)[:, :3], axis=1)
     parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
         parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
@@ -229,7 +228,7 @@ def _repeatability(
 ) -> Repeatability:
     """Return the scatter of the joints, each where its standard deviation is two standard errors from zero."""
     stds = np.exp(noise.terms["scatter"])
-    part, part_noise = on_subset(noise, linear)
+    part_noise, part = on_subset(noise, linear)
     ordered = {"scatter": part_noise.terms["scatter"], **part_noise.terms}
     information = likelihood_derivatives(dataclasses.replace(part_noise, terms=ordered), part)[2]
     # A standard deviation at its bound has only the information of the prior of its logarithm, which has a standard

@@ -173,7 +173,8 @@ def choose_form(
             rows = fits[0].inliers & fits[1].inliers
             # Up to a constant that both forms share.
             likelihoods = [
-                float(np.log(one.weight[:, rows]).sum()) - 0.5 * one.whitening.cost(one.residual * rows) + one.log_prior
+                float(np.log(one.weight[:, rows]).sum() - 0.5 * one.whitening.costs(one.residual * rows).sum())
+                + one.log_prior
                 for one in fits
             ]
             gain = 2.0 * (likelihoods[1] - likelihoods[0])

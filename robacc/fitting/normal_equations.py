@@ -17,6 +17,7 @@ unchanged.
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -96,14 +97,14 @@ class Whitening:
         self._mix(rows.swapaxes(0, 1))
         return rows
 
-    def cost(self, values: Array) -> float:
-        """Return the sum of the squares of ``(M, N)`` whitened."""
-        total, step = 0.0, values.shape[1] if self.blocks else BLOCK_NUMBERS // 32
+    def costs(self, values: Array) -> Array:
+        """Return ``(2,)`` the sums of the squares of ``(M, N)`` whitened: of positions, and of orientations."""
+        totals, step = np.zeros(2), values.shape[1] if self.blocks else BLOCK_NUMBERS // 32
         for start in range(0, values.shape[1], step):
             rows = slice(start, start + step)
             white = (self if self.blocks else self.subset(rows)).apply(values[:, rows])
-            total += float(np.vdot(white, white))
-        return total
+            totals += [np.vdot(part, part) for part in (white[:3], white[3:])]
+        return totals
 
     def _mix(self, scaled: Array) -> None:
         """Multiply scaled values ``(L, M, N)`` in place by the factors of the visits."""
@@ -174,14 +175,27 @@ class NormalEquations:
 
     theta: Array
     """``(K,)`` the point of linearisation."""
-    gram: Array
-    """``(K, K)``"""
-    of_position: Array
-    """``(K, K)`` the part of ``gram`` that measured positions are; the rest is of orientations."""
-    gradient: Array
-    """``(K,)``"""
-    cost: float
-    """Sum of whitened squares at ``theta``."""
+    grams: Array
+    """``(2, K, K)`` of measured positions, and of orientations."""
+    gradients: Array
+    """``(2, K)``"""
+    costs: Array
+    """``(2,)`` sums of whitened squares at ``theta``."""
+
+    @cached_property
+    def gram(self) -> Array:
+        """Return ``(K, K)`` the normal matrix of positions and orientations together."""
+        return np.asarray(self.grams.sum(axis=0))
+
+    @property
+    def gradient(self) -> Array:
+        """Return ``(K,)``."""
+        return np.asarray(self.gradients.sum(axis=0))
+
+    @property
+    def cost(self) -> float:
+        """Return the sum of whitened squares at ``theta``."""
+        return float(self.costs.sum())
 
     @property
     def rhs(self) -> Array:
@@ -195,10 +209,17 @@ class NormalEquations:
 
     def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
         """Return the equations of some of the coefficients, the others fixed."""
-        own = np.ix_(columns, columns)
-        return NormalEquations(
-            self.theta[columns], self.gram[own], self.of_position[own], self.gradient[columns], self.cost
-        )
+        grams = self.grams[:, columns[:, None], columns]
+        return NormalEquations(self.theta[columns], grams, self.gradients[:, columns], self.costs)
+
+    def at(self, theta: Array, costs: Array) -> NormalEquations:
+        """Return the same linearisation at coefficients ``theta`` ``(K,)``, where the squares sum to ``costs``."""
+        return NormalEquations(theta, self.grams, self.gradients - self.grams @ (theta - self.theta), costs)
+
+    def scaled(self, factors: Array) -> NormalEquations:
+        """Return the equations with the squares of positions and of orientations times ``factors`` ``(2,)``."""
+        grams, gradients = self.grams * factors[:, None, None], self.gradients * factors[:, None]
+        return NormalEquations(self.theta, grams, gradients, self.costs * factors)
 
     def root(self) -> Array:
         """Return a matrix ``(K, K)`` whose Gram matrix is ``gram``, which resolves independent parts of 1e-7."""
@@ -250,9 +271,8 @@ class PoseEquations:
             of_block = white if len(self._blocks) == 1 else white.subset(rows)
             for number, component in enumerate(of_block.rows(jacobian, residual[:, rows])):
                 grams[number // 3] += component @ component.T
-        whole, of_position = grams.sum(axis=0), grams[0, :-1, :-1]
-        gradient, cost = whole[:-1, -1], float(whole[-1, -1])
-        return residual, NormalEquations(theta[self.columns], whole[:-1, :-1], of_position, gradient, cost)
+        equations = NormalEquations(theta[self.columns], grams[:, :-1, :-1], grams[:, :-1, -1], grams[:, -1, -1])
+        return residual, equations
 
 
 def joint_columns(model: Model, data: Measurements) -> Array:

@@ -20,7 +20,7 @@ _LEAST_INLIERS = 0.8
 """Least share of inliers: if more rows deviate, the model is wrong."""
 
 
-def estimate(
+def misfits(
     data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: tuple[float, float]
 ) -> tuple[float, float]:
     """Return the misfit of position (m) and orientation (rad) at which the cost equals the degrees of freedom.

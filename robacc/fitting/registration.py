@@ -19,8 +19,7 @@ from robacc.effects import effect_class
 from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.fitting.closed_form import register_frames
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.held_out import held_out_poses
+from robacc.fitting.fit_result import Fit, Options, held_out_poses
 from robacc.fitting.levels import DECISIVE, MANY
 from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
 from robacc.fitting.solver import fit

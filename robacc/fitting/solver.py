@@ -15,10 +15,18 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.errors import EquilibriumError, InputError
-from robacc.fitting import outliers
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
-from robacc.fitting.levels import ENOUGH, EPSILON, FEW, LARGEST, MANY, NEGLIGIBLE, ROUNDS, STEPS
+from robacc.fitting.levels import (
+    ENOUGH,
+    EPSILON,
+    FEW,
+    LARGEST,
+    MANY,
+    NEGLIGIBLE,
+    ROUNDS,
+    STEPS,
+)
 from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
@@ -27,6 +35,7 @@ from robacc.fitting.normal_equations import (
     posterior,
     whitening,
 )
+from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_pattern, row_weights
 from robacc.fitting.visits import random_rows, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -203,8 +212,8 @@ class _Solver:
         self.theta = np.zeros(len(self.equations.terms)) if options.start is None else options.start.copy()
         # The first misfit, if not given, is that of the start.
         self.residual = self.equations.residual(self.theta)
-        self.misfit = options.misfit or outliers.estimate(data, self.residual, self.inliers, (0.0, 0.0))
-        self.row = outliers.row_weights(data, self.misfit)
+        self.misfit = options.misfit or misfits(data, self.residual, self.inliers, (0.0, 0.0))
+        self.row = row_weights(data, self.misfit)
         self.scatter, self.visits = np.zeros(0), np.arange(data.n)
         self.joints = np.zeros((self.equations.components, 0, data.n))
         if options.scatter is not None and options.scatter.any():
@@ -350,7 +359,7 @@ class _Solver:
                 try:
                     if is_last and not damping:
                         residual = self.equations.residual(theta)
-                        squares = white.cost(residual)
+                        squares = float(white.costs(residual).sum())
                     else:
                         residual, ahead = self.equations.linearise(theta, white)
                         squares = ahead.cost
@@ -366,10 +375,7 @@ class _Solver:
                 self.converged = True
                 break
             normal, previous = ahead, length if share == 1.0 and not damping else 0.0
-        # The same linearisation at the coefficients of the last step.
-        gradient = normal.gradient - normal.gram @ (self.theta[columns] - normal.theta)
-        cost = white.cost(self.residual)
-        self.normal = dataclasses.replace(normal, theta=self.theta[columns], gradient=gradient, cost=cost)
+        self.normal = normal.at(self.theta[columns], white.costs(self.residual))
         return normal
 
     def _update_misfit(self, linear: NormalEquations) -> bool:
@@ -380,10 +386,14 @@ class _Solver:
         # Coefficients that position and orientation determine: with N_p and N_o their normal matrices and P the
         # precision of the priors, the traces of (N_p + N_o + P)^-1 N_p and of (N_p + N_o + P)^-1 N_o.
         inverse, used = self._inverse(linear)
-        position = float(np.sum(inverse * linear.of_position)) if self.equations.components == 6 else used
-        self.misfit = outliers.estimate(self.data, self.residual, self.inliers, (position, used - position))
-        self.row = outliers.row_weights(self.data, self.misfit)
-        self.normal = None
+        position = float(np.sum(inverse * linear.grams[0])) if self.equations.components == 6 else used
+        self.misfit = misfits(self.data, self.residual, self.inliers, (position, used - position))
+        before, self.row = self.row, row_weights(self.data, self.misfit)
+        is_common = self.data.sigma_position is None and self.data.sigma_rotation is None and not self.latest.blocks
+        if self.normal is not None:
+            # One misfit of all rows scales all their squares.
+            ratios = np.square(self.row[[0, -1], 0] / before[[0, -1], 0])
+            self.normal = self.normal.scaled(ratios) if is_common else None
         return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
 
     def _inverse(self, linear: NormalEquations) -> tuple[Array, float]:
@@ -395,10 +405,10 @@ class _Solver:
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
         weight, count = self._row_weight(), self.equations.columns.size
-        inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
-        if outliers.outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
+        inliers = inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
+        if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
-            inliers = outliers.inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
+            inliers = inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:
@@ -411,7 +421,7 @@ class _Solver:
         """Return the fit; ``linear`` is the last linearisation."""
         equations, columns, count = self.equations, self.equations.columns, len(self.equations.terms)
         inverse, used = self._inverse(linear)
-        chi_square = self.whitening(self.inliers).cost(self.residual)
+        chi_square = float(self.whitening(self.inliers).costs(self.residual).sum())
         dof = float(self.data.count(self.inliers)) - used
         is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
         if self.options.misfit is None and dof > 0 and not is_known:
@@ -427,7 +437,7 @@ class _Solver:
             theta=self.theta,
             covariance=covariance,
             identifiability=self.identifiability,
-            noise=outliers.noise_of(self.data, self.misfit, is_given),
+            noise=noise_of(self.data, self.misfit, is_given),
             misfit=self.misfit,
             inliers=self.inliers,
             data=self.data,

@@ -260,6 +260,11 @@ class BoundModel:
         earlier = None if self.earlier is None else (self.earlier[0].with_terms(terms), self.earlier[1])
         return dataclasses.replace(self, terms=(*self.terms, *terms), earlier=earlier)
 
+    @cached_property
+    def with_joints(self) -> BoundModel:
+        """The model with the joint variables as further free terms."""
+        return self.with_terms([Term(name, "", 1.0, (Part(self.arm.axis_motion(name)),)) for name in self.arm.names])
+
     def poses(self, theta: NDArray[Any]) -> Poses:
         """Predict the poses of the target in the measuring frame; where a row shows something else, that."""
         coefficients = np.concatenate((self.fixed_values, theta))
@@ -355,14 +360,13 @@ class BoundModel:
         for entry in self._entries:
             if _is_rigid(entry.part) and isinstance(entry.part.factor, np.ndarray):
                 by_motion.setdefault(entry.part.motion, []).append(entry)
-        return [
-            (
-                motion,
-                np.array([entry.number for entry in entries]),
-                np.array([np.broadcast_to(entry.part.factor, self.n) for entry in entries]),
-            )
-            for motion, entries in by_motion.items()
-        ]
+        result = []
+        for motion, entries in by_motion.items():
+            factors = np.empty((len(entries), self.n))
+            for row, entry in zip(factors, entries, strict=True):
+                row[:] = entry.part.factor
+            result.append((motion, np.array([entry.number for entry in entries]), factors))
+        return result
 
     @cached_property
     def _constants(self) -> list[TermPart]:

@@ -20,8 +20,7 @@ from robacc.effects.base import Effect, effect_class
 from robacc.effects.specification import CONSTANTS, Request, build
 from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repeatability, with_error_structure
 from robacc.errors import InputError
-from robacc.fitting.fit_result import Fit, Identifiability, Options
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options
 from robacc.fitting.levels import NORMAL_95
 from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
@@ -238,19 +237,20 @@ def judge(
     deflection: DeflectionChoice | None,
     data: Measurements,
     how: HoldOut,
+    held_out_after: Array | None,
     found: Sequence[Effect] = (),
     *,
     is_nominal: bool = False,
 ) -> Judged:
     """Compare the fit of ``structure`` with the fit ``before`` of the same poses, fitted and held out.
 
-    ``robot`` is the robot file's; ``mistakes`` are warnings about the data, ``found`` the effects that nobody declared.
+    ``robot`` is the robot file's; ``mistakes`` are warnings about the data, ``held_out_after`` residuals of the fit at
+    held-out poses, ``found`` the effects that nobody declared.
     ``is_nominal`` says that the fit before is the nominal model, registered.
     """
     fit, gravity = structure.fit, before.model.arm.robot.gravity
     # Findings may stand for what is wrong with the frames, and corrections without a cause have many coefficients.
     without_findings = before if found else fit
-    (held_out_after,) = how.residuals(fit)
     held_out_before = held_out_after if before is fit else how.residuals(before)[0]
     stated, poses, judged, gain = dataclasses.replace(robot, gravity=gravity), how.validation, fit.inliers, None
     unregistered = residuals(data, predict(stated, data))
@@ -429,7 +429,8 @@ def calibrate(
         registered = fit(Model.of(robot, frames), data, Options(robust=options.robust))
         keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
         is_nominal = options.robust and keys[0] == keys[1]
-        judged = judge(stated, mistakes, registered, structure, deflection, data, how, is_nominal=is_nominal)
+        held_out = how.residuals(final)[0]
+        judged = judge(stated, mistakes, registered, structure, deflection, data, how, held_out, is_nominal=is_nominal)
         kept = final.identifiability.columns
         present, warnings = {effect.name for effect in final.model.free}, list(judged.warnings)
         if unsupported := [request.name for request in searched if request.name not in present]:

@@ -12,7 +12,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.special import log_ndtr, logsumexp
+from scipy.special import log_ndtr
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
@@ -309,8 +309,8 @@ class Scores:
     """Candidates beside a model."""
 
     evidence: Evidence
-    reduced: Array
-    """``(P', K)`` reduced products of the model with the candidates' columns."""
+    restored: Array
+    """``(q, K)`` products that the model of ``evidence`` has beyond this one, which lacks q of its coefficients."""
     products: Array
     """``(K,)`` Z'P y."""
     log_odds: Array
@@ -329,14 +329,14 @@ class Scores:
     def fitted(self, number: int) -> Array:
         """Return the least-squares coefficients of a candidate beside the model, in units of the usual sizes."""
         at = self.evidence.places[number]
-        new = self.evidence.new(self.reduced, at, at)
+        new = self.evidence.new(at, at, self.restored)
         return np.asarray(np.linalg.pinv(new, rcond=NEW, hermitian=True) @ self.products[at])
 
     def similarity(self, *pair: int) -> float:
         """Return the cosine between the least-squares fits of two candidates to the residual beside the model."""
         fits = [(self.fitted(number), self.evidence.places[number]) for number in pair]
         (own, across), (_, other) = (
-            [float(fit @ self.evidence.new(self.reduced, a, b) @ rival) for rival, b in fits] for fit, a in fits
+            [float(fit @ self.evidence.new(a, b, self.restored) @ rival) for rival, b in fits] for fit, a in fits
         )
         return min(max(across / math.sqrt(own * other), -1.0), 1.0) if min(own, other) > 0.0 else 0.0
 
@@ -349,51 +349,52 @@ class Evidence:
     ) -> None:
         """Take the whitened ``columns`` ``(n, K)`` of the candidates ``numbers``, which are scored; all if None."""
         numbers = range(len(candidates)) if numbers is None else numbers
-        self._white, self.columns = white, columns
-        self._gram, self._rhs = white.columns.T @ white.columns, white.columns.T @ white.y
-        self.cross, self.products = white.columns.T @ columns, columns.T @ white.y
+        self.white, self.rows = white, np.ascontiguousarray(columns.T)
+        """``(K, n)`` whitened columns of the candidates."""
+        reduced = solve_triangular(white.triangle, (self.rows @ white.columns).T, lower=True)
+        self._reduced = np.ascontiguousarray(reduced.T)
+        self._inverse = solve_triangular(white.triangle, np.eye(len(white.triangle)), lower=True)
+        self._products = self.rows @ white.y - self._reduced @ white.reduced
+        self.square = float(white.y @ white.y - white.reduced @ white.reduced)
+        """y'P y."""
         self._log_prior = np.array([candidate.log_prior for candidate in candidates])
         self._positive = np.array([candidate.effect.traits.is_nonnegative for candidate in candidates], dtype=bool)
         sizes = np.array([len(candidates[number].terms) for number in numbers], dtype=np.int64)
-        own_columns = np.split(np.arange(columns.shape[1]), np.cumsum(sizes)[:-1])
+        own_columns = np.split(np.arange(len(self.rows)), np.cumsum(sizes)[:-1])
         self.places = dict(zip(numbers, own_columns, strict=False))
         """Columns of each candidate that is scored."""
-        # Candidates of the same number of coefficients: their numbers, columns (C, q), products of columns (C, q, q),
-        # and multiples of the usual size with the log prior of each (C, T).
+        # Candidates of the same number of coefficients: their numbers, columns (C, q), traces of the products of
+        # columns, what is new of these products (C, q, q), and multiples of the usual size with the log prior of each.
         self._groups = []
         for size in np.unique(sizes):
             same = np.asarray(numbers, dtype=np.int64)[sizes == size]
             at = np.array([self.places[number] for number in same.tolist()])
             scales, log_prior = np.stack([candidates[number].scales for number in same.tolist()], axis=1)
-            self._groups.append((same, at, _products(columns[:, at]), scales, log_prior))
+            gram = _products(self.rows[at])
+            new, trace = gram - _products(self._reduced[at]), np.trace(gram, axis1=1, axis2=2)
+            self._groups.append((same, at, trace, new, scales, log_prior))
 
-    def new(self, reduced: Array, first: NDArray[np.int64], second: NDArray[np.int64]) -> Array:
-        """Return the products of some columns with others, less what the model with ``reduced`` products explains."""
-        return np.asarray(self.columns[:, first].T @ self.columns[:, second] - reduced[:, first].T @ reduced[:, second])
-
-    def conditioned(self, kept: NDArray[np.int64]) -> tuple[Array, Array, float]:
-        """Return reduced products ``(P', K)`` with the candidates, ``(K,)`` Z'P y and y'P y, given columns ``kept``."""
-        system = self._gram[np.ix_(kept, kept)] + np.eye(kept.size)
-        triangle = np.linalg.cholesky(system)
-        right = solve_triangular(triangle, np.column_stack((self._rhs[kept], self.cross[kept])), lower=True)
-        reduced, square = right[:, 1:], float(self._white.y @ self._white.y - right[:, 0] @ right[:, 0])
-        return reduced, self.products - reduced.T @ right[:, 0], square
+    def new(self, first: NDArray[np.int64], second: NDArray[np.int64], restored: Array | None = None) -> Array:
+        """Return the products of some columns with others, less what the model explains; it may lack coefficients."""
+        new = self.rows[first] @ self.rows[second].T - self._reduced[first] @ self._reduced[second].T
+        return np.asarray(new if restored is None else new + restored[:, first].T @ restored[:, second])
 
     def effective(self, chosen: NDArray[np.bool_]) -> float:
         """Return how many of the ``chosen`` coefficients ``(P,)`` of the model the data decide, not the prior."""
-        inverse = solve_triangular(self._white.triangle, np.eye(chosen.size), lower=True)
-        return float(np.sum((1.0 - np.sum(np.square(inverse), axis=0))[chosen]))
+        return float(np.sum((1.0 - np.sum(np.square(self._inverse), axis=0))[chosen]))
 
-    def scores(self, kept: NDArray[np.int64], flat: float) -> Scores:
-        """Return the scores beside the columns ``kept`` of the model; the data decide ``flat`` broad coefficients."""
-        reduced, products, square = self.conditioned(kept)
-        dof = max(float(self._white.y.size - flat), 1.0)
+    def scores(self, absent: NDArray[np.int64], flat: float) -> Scores:
+        """Return the scores beside the model without ``absent`` columns; the data decide ``flat`` coefficients."""
+        directions = np.linalg.qr(self._inverse[:, absent])[0]
+        restored, along_y = (self._reduced @ directions).T, directions.T @ self.white.reduced
+        products, square = self._products + along_y @ restored, self.square + float(along_y @ along_y)
+        dof = max(float(self.white.measured - flat), 1.0)
         count = self._log_prior.size
         log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
-        for numbers, at, gram, scales, log_prior in self._groups:
-            values, vectors = np.linalg.eigh(gram - _products(reduced[:, at]))
+        for numbers, at, trace, new, scales, log_prior in self._groups:
+            values, vectors = np.linalg.eigh(new + _products(restored.T[at]))
             along = np.einsum("cqr,cq->cr", vectors, products[at])
-            seen = values > NEW * np.trace(gram, axis1=1, axis2=2)[:, None]
+            seen = values > NEW * trace[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
             noise = np.full(scales.shape, square / dof)
             for _ in range(3):
@@ -407,17 +408,15 @@ class Evidence:
             log_scales += log_prior
             best = np.argmax(log_scales, axis=1)
             each = np.arange(best.size)
-            log_bayes[numbers] = np.where(seen.any(axis=1), logsumexp(log_scales, axis=1), -np.inf)
+            log_bayes[numbers] = np.where(seen.any(axis=1), np.logaddexp.reduce(log_scales, axis=1), -np.inf)
             scale[numbers] = scales[each, best]
             gain[numbers] = explained[each, best] / square
-        return Scores(self, reduced, products, log_bayes + self._log_prior, log_bayes, scale, gain)
+        return Scores(self, restored, products, log_bayes + self._log_prior, log_bayes, scale, gain)
 
 
-def _products(columns: Array) -> Array:
-    """Return the products ``(C, q, q)`` of ``C`` sets of columns ``(n, C, q)``."""
-    if columns.shape[2] == 1:
-        return np.asarray(np.einsum("ncq,ncq->c", columns, columns)[:, None, None])
-    return np.asarray(np.matmul(columns.transpose(1, 2, 0), columns.transpose(1, 0, 2)))
+def _products(rows: Array) -> Array:
+    """Return the products ``(C, q, q)`` of ``C`` sets of rows ``(C, q, n)``."""
+    return np.asarray(np.einsum("cqn,crn->cqr", rows, rows))
 
 
 # The test that the evidence amounts to.

@@ -7,6 +7,7 @@ one, a second search adds the terms first; the more probable model is the result
 
 from __future__ import annotations
 
+import contextlib
 import dataclasses
 import itertools
 import math
@@ -222,14 +223,13 @@ class _Search:
     # -- fits
 
     def _linearised(self, bound: BoundModel, theta: Array, scales: Sequence[float]) -> Linearised:
-        declared, stds = self.model.free, []
-        for term, owner in zip(bound.terms, bound.owners, strict=True):
-            size = term.typical * term.weight
-            if owner >= len(declared):
-                stds.append(size * scales[owner - len(declared)])
-            else:
-                stds.append(PRIOR_STDS.get(declared[owner].name, LARGEST * size))
-        return Linearised.at(bound, theta, np.array(stds), self.rows, self.data)
+        names = [effect.name for effect in self.model.free]
+        multiples = np.array([*([LARGEST] * len(names)), *scales])[list(bound.owners)]
+        stds = multiples * [term.typical * term.weight for term in bound.terms]
+        for column, owner in enumerate(bound.owners):
+            if owner < len(names):
+                stds[column] = PRIOR_STDS.get(names[owner], stds[column])
+        return Linearised.at(bound, theta, stds, self.rows, self.data)
 
     def _start(self) -> State:
         """Return the fit of the declared effects beside independent noise; rows far off have less weight."""
@@ -259,23 +259,20 @@ class _Search:
         white, prior = whitened(state.noise, state.linear), state.linear.prior_std
         step = white.coefficients * prior - state.theta
 
-        def objective(theta: Array) -> float:
-            try:
-                residual = residuals(self.data, state.bound.poses(theta))
-            except RobaccError:
-                return math.inf
-            error = white.apply(residual.T)
+        def objective(linear: Linearised, theta: Array) -> float:
+            error = white.apply(linear.y - linear.columns @ theta)
             return float(error @ error + np.sum(np.square(theta / prior)))
 
-        start, share = objective(state.theta), 1.0
-        while share > 0.02 and not objective(state.theta + share * step) <= start * (1 + 1e-9):
+        start, share = objective(state.linear, state.theta), 1.0
+        while share > 0.02:
+            theta = state.theta + share * step
+            with contextlib.suppress(RobaccError):
+                linear = self._linearised(state.bound, theta, state.scales)
+                if objective(linear, theta) <= start * (1 + 1e-9):
+                    moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
+                    return dataclasses.replace(state, theta=theta, linear=linear), moved
             share *= 0.3
-        if share <= 0.02:
-            return state, 0.0
-        theta = state.theta + share * step
-        linear = self._linearised(state.bound, theta, state.scales)
-        moved = float(np.linalg.norm(white.columns @ (share * step / prior)))
-        return dataclasses.replace(state, theta=theta, linear=linear), moved
+        return state, 0.0
 
     def _fitted(self, state: State, rounds: int = ROUNDS) -> State:
         """Return a state whose effects are fitted to convergence, with its noise estimated again."""
@@ -362,8 +359,8 @@ class _Search:
         evidence = Evidence(white, columns, pool, numbers.tolist())
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         flat = evidence.effective(owners < 0)
-        without = [evidence.scores(np.flatnonzero(owners != k), flat) for k in range(len(state.chosen))]
-        return evidence.scores(np.arange(owners.size), flat), without
+        without = [evidence.scores(np.flatnonzero(owners == k), flat) for k in range(len(state.chosen))]
+        return evidence.scores(np.empty(0, dtype=np.int64), flat), without
 
     def _log_posterior(self, state: State) -> float:
         """Return the log posterior probability of effects and terms together, up to a constant."""
@@ -578,23 +575,22 @@ class DetectionLimit:
 
 def detection_limits(found: SearchResult) -> list[DetectionLimit]:
     """Return the limit of every named candidate given the findings, except forms of mixed units."""
-    reduced, _, square = found.evidence.conditioned(np.arange(len(found.state.theta)))
-    dof = found.evidence.columns.shape[0] - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
+    dof = found.evidence.white.measured - found.evidence.effective(np.ones(len(found.state.theta), dtype=bool))
     present = {effect.key() for effect in found.effects}
     weight = 1.0 / found.state.noise.independent(found.state.linear.rows.stated).T
     result = []
     for candidate, columns in _forms(found):
         if candidate.key in present:
             continue
-        own = found.evidence.columns[:, columns]
-        values, vectors = visible(found.evidence.new(reduced, columns, columns), np.einsum("nq,nq->q", own, own))
+        own = found.evidence.rows[columns].T
+        values, vectors = visible(found.evidence.new(columns, columns), np.einsum("nq,nq->q", own, own))
         effect, size, rms = candidate.effect, None, None
         if values[0] > 0 and dof > 0:
             needed = decisive_test(values.size, dof, candidate.log_prior_of_size).noncentrality_at_limit
-            multiple = math.sqrt(needed * square / dof / float(values[0]))
+            multiple = math.sqrt(needed * found.evidence.square / dof / float(values[0]))
             size = multiple * float(candidate.sizes[0]) if multiple <= candidate.scales[0][-1] else None
             if size is not None:
-                moved = by_row(own @ vectors[:, 0], found.state.linear.rows, len(weight)).T[:3] / weight[:3]
+                moved = by_row(own @ vectors[:, 0], len(weight)).T[:3] / weight[:3]
                 rms = multiple * rms_length(moved)
         result.append(DetectionLimit(effect.name, effect.joints, effect.settings(), size, candidate.terms[0].unit, rms))
     return result

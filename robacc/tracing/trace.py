@@ -27,8 +27,7 @@ from robacc.error_model.structure import (
     with_error_structure,
 )
 from robacc.errors import RobaccError
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import Fit, HoldOut, Options
 from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
 from robacc.fitting.outliers import outlier_pattern
@@ -602,10 +601,11 @@ def trace(
         structured = dataclasses.replace(structured, fit=final)
         numbers = [number_of(effect, final) for effect in effects]
         fitted_effects = [final.model.free[number] for number in numbers]
-        judged = judge(stated, mistakes, before, structured, form, data, how, fitted_effects)
+        after, *without = how.residuals(final, [(), *([number] for number in numbers)])
+        judged = judge(stated, mistakes, before, structured, form, data, how, after, fitted_effects)
         noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
-        for one, without in zip(identified, how.residuals(final, [[number] for number in numbers]), strict=True):
-            findings.append(finding := describe_finding(one, effects, judged, without, data))
+        for one, residual in zip(identified, without, strict=True):
+            findings.append(finding := describe_finding(one, effects, judged, residual, data))
             if finding.alternatives and final.theta.size <= SAMPLE:
                 rival = finding.alternatives[0]
                 poses = advise(declared, effects, one.effect, rival, data, noise.noise.position, seed)

@@ -9,7 +9,7 @@ import pytest
 from arms import arm
 
 from robacc.accuracy.error_statistics import paired_gain
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import HoldOut
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import registered_residuals
 

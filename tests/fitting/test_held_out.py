@@ -9,8 +9,7 @@ import pytest
 from arms import arm
 
 from robacc.effects.specification import build, parse_requests
-from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.held_out import HoldOut, held_out_poses
+from robacc.fitting.fit_result import Fit, HoldOut, Options, held_out_poses
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import LEAST_PLACES
 from robacc.geometry import Array
@@ -134,7 +133,7 @@ def test_blocks_of_many_poses_are_held_out_as_one(orientation: bool, monkeypatch
     found = fitted(data, robust=False)
     groups = np.random.default_rng(0).permutation(data.n)
     (whole,) = held_out_poses(found, data, groups)
-    monkeypatch.setattr("robacc.fitting.held_out.BLOCK_NUMBERS", 20_000)
+    monkeypatch.setattr("robacc.fitting.fit_result.BLOCK_NUMBERS", 20_000)
     (parts,) = held_out_poses(found, data, groups)
     change = np.abs(whole.translation - data.position + found.residual[:3]).max()
     np.testing.assert_allclose(parts.translation, whole.translation, rtol=0, atol=1e-6 * change)

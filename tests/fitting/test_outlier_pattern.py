@@ -12,8 +12,7 @@ from arms import arm
 
 from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.outliers import outlier_pattern
-from robacc.fitting.solver import fit
+from robacc.fitting.solver import fit, outlier_pattern
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict

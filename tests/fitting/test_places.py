@@ -11,8 +11,7 @@ from arms import arm
 
 from robacc.effects.specification import build, parse_requests
 from robacc.error_model.structure import with_error_structure
-from robacc.fitting.fit_result import Options
-from robacc.fitting.held_out import HoldOut
+from robacc.fitting.fit_result import HoldOut, Options
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places, places_warning
 from robacc.measurements import Measurements

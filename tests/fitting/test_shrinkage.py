@@ -29,7 +29,7 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     design = waves(angle) / noise_std
     measured = (30e-3 * np.sign(angle - 1.0) * angle + rng.normal(scale=noise_std, size=angle.size)) / noise_std
     gram, rhs = design.T @ design, design.T @ measured
-    normal = NormalEquations(np.zeros(72), gram, gram, rhs, float(measured @ measured))
+    normal = NormalEquations(np.zeros(72), gram[None], rhs[None], np.array([measured @ measured]))
     terms = [Term(f"t{i}", "rad", TYPICAL, (), "profile") for i in range(72)]
     priors = Priors(terms, np.full(72, np.inf), np.full(72, np.inf), {})
     columns = np.arange(72)
@@ -49,9 +49,8 @@ def linear_problem(seed: int) -> tuple[Array, Array, NormalEquations]:
     truth = np.concatenate((rng.normal(scale=3e-4, size=10), rng.normal(scale=2e-5, size=5), rng.normal(size=4)))
     design = rng.normal(size=(60, 19)) * np.repeat((1e4, 1e5, 1e2), (10, 5, 4))
     measured = design @ truth + rng.normal(size=60)
-    normal = NormalEquations(
-        np.zeros(19), design.T @ design, design.T @ design, design.T @ measured, float(measured @ measured)
-    )
+    gram, rhs = design.T @ design, design.T @ measured
+    normal = NormalEquations(np.zeros(19), gram[None], rhs[None], np.array([measured @ measured]))
     return design, measured, normal
 
 

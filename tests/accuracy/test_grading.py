@@ -37,18 +37,18 @@ otherwise: C
 """
 
 
-def errors_of(value: float, bound: float | None, unit: str = "m", why: str | None = None) -> ErrorStatistics:
-    """Statistics whose RMS and its upper bound are as given."""
+def errors_of(value: float, bound: float | None, unit: str = "m", why: str | None = "few") -> ErrorStatistics:
+    """Statistics whose RMS and its upper bound are as given, or why there is no bound."""
     result = error_statistics(np.random.default_rng(0).normal(size=(3, 30)), unit)
-    interval = Interval(None, None, bound, 0.95, "given", why)
+    interval = Interval(None, None, bound, 0.95, "given", why if bound is None else None)
     return dataclasses.replace(result, rms=value, intervals=dataclasses.replace(result.intervals, rms=interval))
 
 
 def graded(
     value: float, bound: float | None, angle: float | None = None, angle_bound: float | None = None, why: str = "few"
 ) -> Grade:
-    orientation = None if angle is None else errors_of(angle, angle_bound, "rad", why if angle_bound is None else None)
-    return grade(errors_of(value, bound, why=why if bound is None else None), orientation, SCALE)
+    orientation = None if angle is None else errors_of(angle, angle_bound, "rad", why)
+    return grade(errors_of(value, bound, why=why), orientation, SCALE)
 
 
 @pytest.mark.parametrize(
@@ -117,14 +117,6 @@ def test_reasons_in_words() -> None:
     )
     assert "beyond the limit of C, 0.5 mm" in graded(9e-4, 1e-3).reason
     assert graded(9e-4, 1e-3).reason.endswith("no step of the scale is met, so no grade can be confirmed")
-
-
-def test_many_good_poses_confirm_the_papers_requirement() -> None:
-    rng = np.random.default_rng(0)
-    position = error_statistics(2e-5 * rng.standard_normal((3, 100)), "m")
-    orientation = error_statistics(math.radians(0.02) * rng.standard_normal((3, 100)), "rad")
-    result = grade(position, orientation, default_scale())
-    assert (result.grade, result.demonstrated) == ("A", True)
 
 
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
@@ -363,7 +355,7 @@ def test_position_and_orientation_together() -> None:
 def test_free_orientation_is_met_for_certain() -> None:
     scale = Scale("free", "rms", 0.95, (GradeStep("A", 1e-4, None), GradeStep("B", 3e-4, None)), "C")
     position = error_statistics(errors_like(50), "m")
-    alone, free = grade(position, None, scale), grade(position, errors_of(0.5, None, "rad", "few"), scale)
+    alone, free = (grade(position, turned, scale) for turned in (None, errors_of(0.5, None, "rad")))
     assert alone.probabilities == free.probabilities
 
 

@@ -9,11 +9,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from refusals import problems_of
 from scipy.stats import chi2
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics
 from robacc.accuracy.grade import Grade, GradeStep, Scale, default_scale, grade, load_scale
-from robacc.errors import InputError, UsageError
+from robacc.errors import UsageError
 from robacc.statistics.intervals import ChiSquareCurve, Interval
 
 CONFIGS = Path(__file__).resolve().parents[2] / "configs" / "grades"
@@ -165,12 +166,6 @@ def test_a_free_orientation_limits_nothing() -> None:
     assert result.orientation.limit is None
 
 
-def problems(text: str) -> list[str]:
-    with pytest.raises(InputError) as caught:
-        load_scale(text, "s.yaml")
-    return [str(problem) for problem in caught.value.problems]
-
-
 @pytest.mark.parametrize(
     ("old", "new", "message"),
     [
@@ -234,7 +229,8 @@ def test_every_message_of_a_scale(old: str, new: str, message: str | None) -> No
     if message is None:
         assert load_scale(text, "s.yaml").steps[0].orientation is None
     else:
-        assert any(problem.startswith(message) for problem in problems(text)), problems(text)
+        problems = problems_of(load_scale, text, "s.yaml")
+        assert any(problem.startswith(message) for problem in problems), problems
 
 
 HEAD, TAIL = GOOD.split("steps:")[0], "\notherwise" + GOOD.split("otherwise")[1]
@@ -269,7 +265,7 @@ HEAD, TAIL = GOOD.split("steps:")[0], "\notherwise" + GOOD.split("otherwise")[1]
     ids=range(12),
 )
 def test_every_problem_of_a_whole_scale(text: str, messages: list[str]) -> None:
-    found = problems(text)
+    found = problems_of(load_scale, text, "s.yaml")
     assert [part[: len(message)] for part, message in zip(found, messages, strict=True)] == messages
 
 

@@ -17,6 +17,8 @@ import yaml
 from arms import arm
 from commands import document, missing, output
 from independent_arm import TOOL, robot, run, target
+from refusals import problems_of
+from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_ROBOT, TRUTH
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -195,10 +197,7 @@ def test_poses_of_a_campaign_with_a_step_follow_their_times(shifted: Path) -> No
 
 
 # A model remembers the poses that it was fitted to, and says so where it meets them again.
-ROOT = Path(__file__).resolve().parents[2]
-
-
-POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
+POSES, ROBOT = str(CLEAN), str(NOMINAL)
 
 
 WARNING = "poses.csv: the robot file was fitted to these same poses, so the errors show how well the model fits them"
@@ -278,9 +277,7 @@ def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
 def test_a_digest_that_is_none_is_named() -> None:
     text = "robacc: 1\nconvention: standard\nunits: {length: m, angle: rad}\n" + "fitted_to: [poses.csv]\njoints:\n"
     text += "  - {type: revolute, theta: 0, d: 1, a: 0, alpha: 0}\n"
-    with pytest.raises(InputError) as caught:
-        parse_robot(text, "arm.yaml")
-    assert [str(problem) for problem in caught.value.problems] == [
+    assert problems_of(parse_robot, text, "arm.yaml") == [
         "arm.yaml:4, fitted_to[0]: expected the SHA-256 of a pose file, 64 hexadecimal digits, found 'poses.csv'; "
         "`write_model` writes it; do not change it"
     ]
@@ -373,15 +370,6 @@ def test_one_name_is_the_tool(table: list[list[str]], tmp_path: Path) -> None:
 
 
 # Results that could be taken for more than they are: a warning says so, and unknown figures are absent.
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-
-
-CLEAN, NOMINAL = SAMPLES / "poses.csv", SAMPLES / "robot.yaml"
-
-
-TRACED_ROBOT, TRUTH = SAMPLES / "trace/robot.yaml", SAMPLES / "trace/truth.yaml"
-
-
 @pytest.fixture(scope="module")
 def without_frames() -> robacc.Calibrated:
     return robacc.calibrate(CLEAN, robot=NOMINAL, fit=("joint_offset[j2]", "gear_ratio"), folds=2)
@@ -424,9 +412,7 @@ DRILL = Frame((0.0, 0.0, 0.05))
 
 def arms(tool: Frame = DRILL) -> tuple[Robot, Robot]:
     """The nominal arm, and the real one with other links and zeros."""
-    path = ROOT / "configs" / "robots" / "puma560.yaml"
-    nominal = parse_robot(path.read_text(encoding="utf-8"), path.name)
-    nominal = dataclasses.replace(nominal, effects=(), tool=tool)
+    nominal = dataclasses.replace(read_robot(PUMA), effects=(), tool=tool)
     random = np.random.default_rng(4)
     joints = [
         dataclasses.replace(

@@ -10,7 +10,6 @@ import os
 import re
 import shutil
 from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ import numpy as np
 import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
+from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH
 
 import robacc
 from robacc.effects.specification import parse_requests
@@ -77,23 +77,15 @@ def values(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {one["name"]: one for one in found["parameters"]}
 
 
-def test_json_has_the_contract_keys(files: Path) -> None:
+def test_coefficients_that_the_poses_do_not_show_have_their_reason(files: Path) -> None:
     found = calibrated(files, GEOMETRY)
     assert (found["schema"], found["n_poses"]) == ("robacc.calibrate/2", 50)
-    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
-    for stage, kind in product(("nominal", "before", "after"), ("fitted", "held_out")):
-        for quantity, unit in (("position", "m"), ("orientation", "rad")):
-            names = {f"{name}_{unit}" for name in ("rms", "mean_error", "p95", "max")}
-            assert set(found[stage][kind][quantity]) >= names
     for name, one in values(found).items():
-        assert set(one) >= {"name", "value", "std", "unit"}
         assert (one["std"] is None) == ("why" in one), name
     assert "joint_offset.j1 is not distinguishable from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
     identifiability = found["identifiability"]
     # The axes of joints 2 and 3 are parallel: their rotation about y is idle.
-    assert identifiability["n_identifiable"] == 4 * 6 + 6 - 1
-    assert set(identifiability["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
-    assert identifiability["condition_number"] > 1
+    assert (identifiability["n_identifiable"], identifiability["condition_number"] > 1) == (4 * 6 + 6 - 1, True)
     dropped = {one["name"] for one in identifiability["not_identifiable"]}
     assert dropped == {name for name, one in values(found).items() if one["std"] is None}
 
@@ -198,17 +190,15 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
 
 
-def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
-    screen = output(*calibrate_command(files, GEOMETRY, "--folds", "2"))
-    lines = screen.splitlines()
-    assert len(lines) <= 25
-    assert max(map(len, lines[:1] + lines[2:])) <= 80
-    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
-    assert in_order(one_line(screen), (*parts, "--full adds", "next: "))
-    # Without --fit the effects of every arm are fitted, which these are.
-    bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml", "--folds", "2")
+def test_without_fit_the_effects_of_every_arm_are_fitted(files: Path) -> None:
+    asked, bare = (
+        one_line(output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml", "--folds", "2", *more))
+        for more in (("--fit", GEOMETRY), ())
+    )
     told = "joint_offset, link_geometry (default; --fit changes them)"
-    assert one_line(bare) == one_line(screen).replace("joint_offset, link_geometry", told)
+    assert bare == asked.replace("joint_offset, link_geometry", told)
+    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
+    assert in_order(asked, (*parts, "--full adds", "next: "))
 
 
 def test_the_table(files: Path) -> None:
@@ -351,31 +341,16 @@ def traced(traced_files: Path, *more: str, poses: str = "poses") -> dict[str, An
     return commands.document(*trace_command(traced_files, *more, poses=poses))
 
 
-FIGURES = {"rms_m", "mean_error_m", "p95_m", "max_m"}
-
-
-def test_json_of_a_trace_has_the_contract_keys(traced_files: Path) -> None:
+def test_json_of_a_trace_names_the_finding_its_value_and_its_files(traced_files: Path) -> None:
     found = traced(traced_files)
-    assert found["schema"] == "robacc.trace/2"
-    assert {"robacc", "command", "options", "inputs", "seed", "candidates"} <= set(found)
-    assert (found["n_poses"], found["verdict"], found["seed"]) == (50, "explained", 0)
-    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
-    for stage in ("nominal", "before", "after"):
-        for kind in ("fitted", "held_out"):
-            assert set(found[stage][kind]["position"]) >= FIGURES
-            assert found[stage][kind]["orientation"] is None
+    assert (found["schema"], found["n_poses"]) == ("robacc.trace/2", 50)
+    assert (found["verdict"], found["seed"], found["after"]["held_out"]["orientation"]) == ("explained", 0, None)
     (finding,) = found["findings"]
-    keys = {"effect", "joints", "alternatives", "p_value", "held_out_before_m", "held_out_after_m", "parameters"}
-    assert keys <= set(finding)
     assert (finding["effect"], finding["joints"]) == ("backlash", ["j2"])
-    assert all({"effect", "joints"} <= set(other) for other in finding["alternatives"])
     (parameter,) = finding["parameters"]
     assert (parameter["name"], parameter["unit"]) == ("backlash.j2", "rad")
     assert abs(parameter["value"] - 2e-4) < 4 * parameter["std"]
-    assert set(found["unexplained"]) >= {"rms_m", "noise_rms_m", "structured", "p_value", "hints"}
-    for one in found["parameters"]:
-        assert set(one) >= {"name", "value", "std", "unit"}
-        assert (one["std"] is None) == ("why" in one)
+    assert all((one["std"] is None) == ("why" in one) for one in found["parameters"])
     hashes = {Path(one["name"]).name: one["sha256"] for one in found["inputs"]}
     for name in ("poses.csv", "arm.yaml"):
         assert hashes[name] == hashlib.sha256((traced_files / name).read_bytes()).hexdigest()
@@ -548,10 +523,6 @@ def test_nothing_is_declared_by_none(traced_files: Path) -> None:
 
 # First screens of the commands on the sample data, at 80 columns, as a user sees them.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-GOLDEN = Path(__file__).resolve().parents[1] / "golden"
-
 SCREENS = {
     "estimate": "estimate poses.csv --robot robot.yaml",
     "trace": "trace poses.csv --robot robot.yaml",
@@ -582,7 +553,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def screens(folder: Path) -> dict[str, str]:
     """Standard output of each command, in the folder."""
     for name in ("poses.csv", "robot.yaml"):
-        shutil.copy(ROOT / "sample_data" / name, folder)
+        shutil.copy(SAMPLES / name, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         return {name: output(*words.split()) for name, words in SCREENS.items()}
@@ -590,7 +561,7 @@ def screens(folder: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_a_first_screen_is_as_agreed(name: str, screens: dict[str, str]) -> None:
-    path, screen = GOLDEN / f"first_screen_{name}.txt", screens[name]
+    path, screen = ROOT / "tests" / "golden" / f"first_screen_{name}.txt", screens[name]
     if os.environ.get("UPDATE_GOLDEN"):
         path.write_text(screen, encoding="utf-8")
     agreed = path.read_text(encoding="utf-8")
@@ -633,9 +604,7 @@ def test_refused_targets_stand_once_for_each_reason(screens: dict[str, str], fol
 
 # Targets, candidates and poses to visit as exports: the options that answer what their names leave open.
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-
-ROBOT, MODEL = str(SAMPLES / "trace" / "robot.yaml"), str(SAMPLES / "trace" / "truth.yaml")
+ROBOT, MODEL = str(TRACED_ROBOT), str(TRUTH)
 
 
 @pytest.fixture

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import importlib.util
 import json
 import re
@@ -19,19 +20,17 @@ import pytest
 import results
 from commands import document, missing, one_line, output, refused, run
 from pages import parsed
+from sample_files import POSES, ROBOT, ROOT, UR10
 from typer.testing import CliRunner
 
+import robacc
 from robacc.cli.main import app
 from robacc.comparison.stored_results import errors_behind, read_compared_result
 from robacc.gates import figure_at
 
 # `robacc check`, and `--gate` with its outputs on the commands that have a result.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
-
-ESTIMATE = ("estimate", POSES, "--robot", ROBOT)
+ESTIMATE = ("estimate", str(POSES), "--robot", str(ROBOT))
 
 PASSING = "{key: position.rms, limit: 9 mm, reason: r}"
 
@@ -99,19 +98,19 @@ def carries_the_figures_of_its_own_errors(found: dict[str, Any], owners: Iterabl
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
     parts = (("nominal", "before", "after"), ("fitted", "held_out"), ("position", "orientation"))
-    found = json.loads((stored / "calibrate.json").read_text())
-    carries_the_figures_of_its_own_errors(found, map(".".join, product(*parts)))
+    carries_the_figures_of_its_own_errors(
+        json.loads((stored / "calibrate.json").read_text()), map(".".join, product(*parts))
+    )
 
 
 @pytest.mark.slow
-def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
-    lines = Path(POSES).read_text().splitlines()
-    x, cells = lines[1].split(",").index("x"), lines[8].split(",")
-    cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
-    lines[8] = ",".join(cells)
-    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
-    command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
-    traced = document(*command, "--named-only")
+def test_a_trace_carries_the_figures_of_its_own_errors_too() -> None:
+    data = robacc.read_poses(POSES, robot=robacc.read_robot(ROBOT))
+    broken = np.where((np.arange(data.n) == 6) & (np.arange(3)[:, None] == 0), 1.1, 1.0)  # a beam, which is left out
+    poses = dataclasses.replace(data, position=data.position * broken)
+    traced = json.loads(
+        robacc.trace(poses, robot=ROBOT, declared=("base_frame", "tool_frame"), empirical=False).to_json()
+    )
     assert traced["poses"]["used"].count(False) == 1
     stages = ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted")
     carries_the_figures_of_its_own_errors(traced, (f"{stage}.position" for stage in stages))
@@ -251,8 +250,6 @@ def test_examples_judge_what_they_are_written_for(stored: Path) -> None:
 
 
 # `robacc compare` from stored results to its table and its JSON.
-
-UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
 
 STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
 

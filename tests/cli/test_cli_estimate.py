@@ -20,21 +20,16 @@ import commands
 import numpy as np
 import pytest
 from commands import in_order, missing, one_line, output
+from sample_files import POSES, ROBOT, ROOT
 from scipy.spatial.transform import Rotation
 
 from robacc.cli.many import distinct_names, each
 
 # `robacc estimate` from files to its table, its JSON and its per-pose CSV.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-POSES = ROOT / "sample_data" / "poses.csv"
-
-ROBOT = ROOT / "sample_data" / "robot.yaml"
-
 SAMPLE = (str(POSES), "--robot", str(ROBOT))
 
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "estimate.txt"
+GOLDEN = ROOT / "tests" / "golden" / "estimate.txt"
 
 calls = (commands.run, commands.document, commands.refused)
 
@@ -259,11 +254,7 @@ def test_ending_of_the_output_chooses_the_form(tmp_path: Path, name: str, form: 
 
 # `robacc estimate` on several files: one table, one document or a file each, failures in their place.
 
-SAMPLES = ROOT / "sample_data"
-
-ROBOT = ("--robot", str(SAMPLES / "robot.yaml"))
-
-HOW = (*ROBOT, "--align", "base_frame,tool_frame")
+HOW = (*SAMPLE[1:], "--align", "base_frame,tool_frame")
 
 GATE = "robacc_gate: 1\nname: g\ncriteria:\n  - {{key: position.rms, limit: {limit} mm, reason: r}}\n"
 
@@ -271,7 +262,7 @@ GATE = "robacc_gate: 1\nname: g\ncriteria:\n  - {{key: position.rms, limit: {lim
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Three files: the sample's poses, the first half of them, and one with two bad rows between them."""
-    lines = (SAMPLES / "poses.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    lines = POSES.read_text(encoding="utf-8").splitlines(keepends=True)
     (tmp_path / "a.csv").write_text("".join(lines), encoding="utf-8")
     (tmp_path / "b.csv").write_text("".join([*lines[:8], "1,2,3\n", "1,2\n"]), encoding="utf-8")
     (tmp_path / "c.csv").write_text("".join(lines[:32]), encoding="utf-8")
@@ -481,7 +472,7 @@ def test_an_interrupt_leaves_whole_files_and_no_process(folder: Path) -> None:
     for path in waiting:
         os.mkfifo(path)
     out = folder / "out"
-    options = (*ROBOT, "--format", "json", "--jobs", "2", "--output", f"{out}/")
+    options = (*SAMPLE[1:], "--format", "json", "--jobs", "2", "--output", f"{out}/")
     process = subprocess.Popen(
         [sys.executable, "-m", "robacc", "estimate", *files(folder, "ac"), *map(str, waiting), *options],
         stdout=subprocess.PIPE,

@@ -23,6 +23,7 @@ import commands
 import pytest
 import yaml
 from commands import missing, output, refused, run
+from sample_files import CONFIGS, POSES, ROBOT, ROOT, SAMPLES, TRACED_POSES, TRACED_ROBOT
 from typer.testing import CliRunner
 
 import robacc
@@ -34,9 +35,7 @@ from robacc.render.text import _MARKED, as_options, say_error
 
 # The frame of the command line: exit statuses, what goes to which stream, colour, completion.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-ESTIMATED = (str(ROOT / "sample_data" / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"))
+ESTIMATED = (str(POSES), "--robot", str(ROBOT))
 
 
 def process(*arguments: str, code: str = "", **environment: str) -> subprocess.CompletedProcess[str]:
@@ -79,7 +78,7 @@ def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
     ],
 )
 def test_names_of_0_2_do_what_the_new_ones_do_with_one_note(old: str, new: str, tmp_path: Path) -> None:
-    files = ROOT / "sample_data", tmp_path, ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
+    files = SAMPLES, tmp_path, ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
     before, now = (commands.run(*text.format(*files).split()) for text in (old, new))
     assert (before.exit_code, now.exit_code, now.stderr) == (0, 0, "")
     assert before.stdout == now.stdout != ""
@@ -221,14 +220,12 @@ def test_completion_knows_commands_and_their_options(words: str, number: int, fo
 
 # The example that ends every command's help runs as it stands, on the sample data.
 
-SAMPLE = ROOT / "sample_data"
-
 FILES = {
-    "poses.csv": SAMPLE / "poses.csv",
-    "robot.yaml": SAMPLE / "robot.yaml",
-    "targets.csv": SAMPLE / "iso9283" / "plan.csv",
-    "model.yaml": SAMPLE / "truth.yaml",
-    "cycles.csv": SAMPLE / "iso9283" / "poses.csv",
+    "poses.csv": POSES,
+    "robot.yaml": ROBOT,
+    "targets.csv": SAMPLES / "iso9283" / "plan.csv",
+    "model.yaml": SAMPLES / "truth.yaml",
+    "cycles.csv": SAMPLES / "iso9283" / "poses.csv",
     "calibration.conf": ROOT / "tests" / "plugins" / "samples" / "calibration.conf",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
@@ -241,7 +238,7 @@ TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.006, d: 0.1, a: 0.
 
 ESTIMATE = ("estimate", "poses.csv", "--robot", "robot.yaml", "--align", "base_frame,tool_frame", "--format", "json")
 
-TRACE = ("trace", str(SAMPLE / "trace" / "poses.csv"), "--robot", str(SAMPLE / "trace" / "robot.yaml"))
+TRACE = ("trace", str(TRACED_POSES), "--robot", str(TRACED_ROBOT))
 
 DECLARED = ("--declared", "base_frame,tool_frame,joint_offset,link_geometry", "--format", "json")
 
@@ -479,7 +476,7 @@ def test_the_container_has_extras_and_the_command_that_exist() -> None:
 def test_the_hook_stops_at_a_wrong_robot_file(tmp_path: Path) -> None:
     (hook,) = yaml.safe_load((ROOT / ".pre-commit-hooks.yaml").read_text(encoding="utf-8"))
     assert hook["entry"] == "python -m robacc.cli.hooks"
-    robots = sorted(map(str, (ROOT / "configs" / "robots").glob("*.yaml")))
+    robots = sorted(map(str, CONFIGS.glob("*.yaml")))
     assert all(re.search(hook["files"], path) for path in robots)
     assert main(robots) == 0
     wrong = tmp_path / "wrong.yaml"

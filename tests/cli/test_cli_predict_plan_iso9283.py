@@ -18,12 +18,11 @@ import commands
 import numpy as np
 import pytest
 from commands import missing, one_line, output, refused, run
+from sample_files import ROBOT as PLANNED_ROBOT, ROOT, SAMPLES, SCARA
 
 from robacc.poses.csv_file import read_poses
 
 # ``robacc predict`` as a process: exit statuses, standard output, the contract's keys, files.
-
-PROJECT = Path(__file__).resolve().parents[2]
 
 PUMA = "configs/robots/puma560.yaml"
 
@@ -50,9 +49,9 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
 
 
 def test_as_a_process() -> None:
-    environment = os.environ | {"PYTHONPATH": str(PROJECT), "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
-    result = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True)
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     # The same call gives the same bytes, in another process too.
     same = run_predict(PUMA, "--samples", "20", "--format", "json").stdout
     assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
@@ -167,10 +166,6 @@ def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> N
 
 # ``robacc plan`` from the command line: its files, its answers, and its messages.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-PLANNED_ROBOT = ROOT / "sample_data" / "robot.yaml"
-
 plan, planned, refused_plan = (partial(call, "plan") for call in (output, commands.document, commands.refused))
 
 SMALL = ("--candidates", "200")
@@ -210,7 +205,7 @@ def test_json_and_csv_agree(tmp_path: Path) -> None:
 
 
 def test_enough_or_the_next_ten(tmp_path: Path) -> None:
-    measured = (PLANNED_ROBOT, *SMALL, "--already", ROOT / "sample_data" / "poses.csv", "-o", tmp_path / "next.csv")
+    measured = (PLANNED_ROBOT, *SMALL, "--already", SAMPLES / "poses.csv", "-o", tmp_path / "next.csv")
     fit = ("--fit", "base_frame,joint_offset")
     assert "Enough" in plan(*measured, *fit)
     strict = plan(*measured, *fit, "--target-error", "1um", "--full")
@@ -251,19 +246,16 @@ def test_messages(arguments: tuple[str, ...], message: str) -> None:
 
 
 def test_another_arm_is_no_model() -> None:
-    other = ROOT / "configs" / "robots" / "scara.yaml"
-    assert "give the model of this robot" in refused_plan(PLANNED_ROBOT, *SMALL, "--model", other)
+    assert "give the model of this robot" in refused_plan(PLANNED_ROBOT, *SMALL, "--model", SCARA)
 
 
 # `robacc iso9283` and `robacc plan --for iso9283` from files to tables, JSON, CSV and exit statuses.
 
-SAMPLE = ROOT / "sample_data" / "iso9283"
+SAMPLE = SAMPLES / "iso9283"
 
 POSES, ROBOT = SAMPLE / "poses.csv", SAMPLE / "robot.yaml"
 
 judged = partial(commands.document, "iso9283")
-
-SCARA = ROOT / "configs" / "robots" / "scara.yaml"
 
 
 @pytest.fixture(scope="module")
@@ -421,7 +413,7 @@ def test_sample_data_are_what_their_commands_make(tmp_path: Path) -> None:
     plan, poses = tmp_path / "plan.csv", tmp_path / "poses.csv"
     output("plan", "--for", "iso9283", ROBOT, "--payload", "6", "-o", plan)
     assert "cube with an edge of 630 mm" in plan.read_text(encoding="utf-8")
-    command = next(line for line in (ROOT / "sample_data" / "README.md").read_text().splitlines() if "--at" in line)
+    command = next(line for line in (SAMPLES / "README.md").read_text().splitlines() if "--at" in line)
     arguments = [str(ROOT / one) if one.startswith("sample_data") else one for one in command.split()[1:]]
     arguments[arguments.index("-o") + 1] = str(poses)
     output(*arguments)

@@ -15,6 +15,7 @@ import commands
 import numpy as np
 import pytest
 from commands import document, missing, one_line, output, refused, run
+from sample_files import CONFIGS, POSES, PUMA, ROBOT, ROOT, SAMPLES, SCARA, TRACED_POSES, TRACED_ROBOT, TRUTH, UR10
 
 from robacc.effects import REGISTRY
 from robacc.io.files import sha256_of
@@ -32,13 +33,9 @@ from robacc.simulation.simulate import Plan, simulate
 
 # ``robacc show``: its figures, its table, its JSON, its exit statuses.
 
-ROOT = Path(__file__).resolve().parents[2]
-
 calls = (commands.output, commands.document, commands.refused)
 
 show, shown, refused_show = (partial(call, "show") for call in calls)
-
-CONFIGS = ROOT / "configs" / "robots"
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
@@ -233,7 +230,7 @@ def test_many_coefficients_are_counted(tmp_path: Path) -> None:
         for i in (1, 2)
     )
     path = tmp_path / "arm.yaml"
-    text = (ROOT / "sample_data" / "robot.yaml").read_text()
+    text = ROBOT.read_text()
     path.write_text(f"{text}\neffects:\n{entries}")
     output = show(path)
     assert "effects  transmission_error (2 entries)" in output
@@ -243,14 +240,6 @@ def test_many_coefficients_are_counted(tmp_path: Path) -> None:
 
 
 # ``robacc simulate``, ``robacc show effects``, ``export`` and ``init --from`` from the command line.
-
-SAMPLES = ROOT / "sample_data"
-
-TRUTH = SAMPLES / "trace" / "truth.yaml"
-
-PUMA = ROOT / "configs" / "robots" / "puma560.yaml"
-
-SCARA = ROOT / "configs" / "robots" / "scara.yaml"
 
 
 @pytest.mark.parametrize("motion", [(), ("--no-motion",)])
@@ -417,10 +406,10 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     robot = offers("--robot", SCARA)
     without = {"joint_hardening", "friction_windup", "compliance_variation"}  # the file has no masses
     assert {name: why for name, why in robot.items() if why} == dict.fromkeys(without, "no masses in the robot file")
-    both = offers("--robot", SAMPLES / "trace" / "robot.yaml", "--poses", SAMPLES / "trace" / "poses.csv")
+    both = offers("--robot", TRACED_ROBOT, "--poses", TRACED_POSES)
     expected = {"payload_compliance": "no payload_kg column", "frame_drift": "no time_s column that varies"}
     assert both | expected | {"backlash": None} == both
-    no_motion = ("--robot", SAMPLES / "robot.yaml", "--poses", SAMPLES / "poses.csv")
+    no_motion = ("--robot", ROBOT, "--poses", POSES)
     assert offers(*no_motion)["approach_lag"] == "no speed_q columns, and `ordered` is not set"
     assert offers(*no_motion, "--ordered")["approach_lag"] is None
     text = run("show", "effects", "--robot", SCARA).stdout
@@ -429,7 +418,7 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
 
 def test_poses_without_a_robot_cannot_be_judged() -> None:
     message = "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"
-    assert message in refused("show", "effects", "--poses", SAMPLES / "poses.csv")
+    assert message in refused("show", "effects", "--poses", POSES)
 
 
 def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
@@ -458,8 +447,6 @@ def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) 
     assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")
     assert "its folder does not exist" in refused("export", PUMA, "--urdf", tmp_path / "no" / "x.urdf", status=3)
 
-
-UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
 
 CONF = ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
 

@@ -22,6 +22,7 @@ import pytest
 from commands import output, refused, run
 from pose_files import Reader
 from results import run as run_in_project
+from sample_files import ROOT, SAMPLES
 
 import robacc
 from robacc.errors import InputError
@@ -33,11 +34,7 @@ from robacc.poses.csv_file import format_poses, read_poses
 
 # Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run.
 
-ROOT = Path(__file__).resolve().parents[2]
-
 COMMANDED = "x,y,z,cmd_x,cmd_y,cmd_z"
-
-SAMPLES = ROOT / "sample_data"
 
 ESTIMATE = ("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"))
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from refusals import problems_of
 
 from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
@@ -17,7 +18,6 @@ from robacc.comparison.stored_results import NoValueError, errors_behind, value_
 from robacc.documents.accuracy import GRADE
 from robacc.documents.envelope import gate_document
 from robacc.documents.keys import STATISTICS
-from robacc.errors import InputError
 from robacc.gates import KEYS, Evaluation, GateOutcome, evaluate_gate, figure_at, is_known, load_gate
 from robacc.io.json_text import json_text
 
@@ -51,12 +51,6 @@ def test_limits_become_si_and_rules_have_their_defaults(entry: str, expected: di
     (criterion,) = load_gate(f"{HEAD}  - {{reason: r, {entry}}}\n", "g.yaml").criteria
     for name, value in expected.items():
         assert getattr(criterion, name) == (pytest.approx(value) if isinstance(value, float) else value), name
-
-
-def problems(text: str) -> list[str]:
-    with pytest.raises(InputError) as caught:
-        load_gate(text, "g.yaml")
-    return [str(problem) for problem in caught.value.problems]
 
 
 @pytest.mark.parametrize(
@@ -129,7 +123,7 @@ def test_what_a_gate_has_beside_its_criteria() -> None:
     ],
 )
 def test_each_mistake_is_named(entry: str, message: str) -> None:
-    messages = problems(f"{HEAD}  - {{reason: r, {entry}}}\n")
+    messages = problems_of(load_gate, f"{HEAD}  - {{reason: r, {entry}}}\n", "g.yaml")
     assert any(message in text for text in messages), messages
     assert all(text.startswith("g.yaml:4, criteria[0]") for text in messages)
 
@@ -159,14 +153,15 @@ RMS = "  - {key: position.rms, limit: 1 mm, reason: r}\n"
     ],
 )
 def test_what_is_no_gate(text: str, problem: str) -> None:
-    assert problems(text) == [f"g.yaml:{problem}"]
+    assert problems_of(load_gate, text, "g.yaml") == [f"g.yaml:{problem}"]
 
 
 def test_every_problem_of_the_file_at_once() -> None:
-    messages = problems(
+    text = (
         "robacc_gate: 2\nnam: g\ncriteria:\n  - {key: position.rms, limit: 1 cm, reason: r}\n"
         "  - {key: x, limit: 1 mm, reason: r}\n"
     )
+    messages = problems_of(load_gate, text, "g.yaml")
     assert [text.partition(":")[2].partition(",")[0] for text in messages] == ["1", "1", "2", "4", "5"]
     assert "expected 1, found '2'" in messages[0]
 

@@ -1,0 +1,9 @@
+"""Places of the sample data and of the robots beside the package, for every test."""
+
+from pathlib import Path
+
+ROOT = Path(__file__).resolve().parents[1]
+SAMPLES, CONFIGS = ROOT / "sample_data", ROOT / "configs" / "robots"
+POSES, ROBOT = SAMPLES / "poses.csv", SAMPLES / "robot.yaml"
+TRACED_POSES, TRACED_ROBOT, TRUTH = (SAMPLES / "trace" / name for name in ("poses.csv", "robot.yaml", "truth.yaml"))
+PUMA, SCARA, UR10 = (CONFIGS / f"{name}.yaml" for name in ("puma560", "scara", "ur10"))

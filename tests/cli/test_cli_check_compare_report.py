@@ -8,7 +8,6 @@ import json
 import re
 import shutil
 from collections.abc import Callable, Iterable
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -253,9 +252,7 @@ def test_examples_judge_what_they_are_written_for(stored: Path) -> None:
 
 STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
 
-run_compare, compared, refused_compare = (
-    partial(call, "compare") for call in (commands.run, commands.document, commands.refused)
-)
+run_compare, _, compared, refused_compare = commands.calls_of("compare")
 
 PLACES = np.random.default_rng(7).uniform(-0.8, 0.8, (60, 3))
 

@@ -12,7 +12,6 @@ import subprocess
 import sys
 import time
 from concurrent.futures.process import BrokenProcessPool
-from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -31,9 +30,7 @@ SAMPLE = (str(POSES), "--robot", str(ROBOT))
 
 GOLDEN = ROOT / "tests" / "golden" / "estimate.txt"
 
-calls = (commands.run, commands.document, commands.refused)
-
-run, document, refused = (partial(call, "estimate") for call in calls)
+run, _, document, refused = commands.calls_of("estimate")
 
 COMMANDED = """\
 pose,x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg,cmd_x_mm,cmd_y_mm,cmd_z_mm,cmd_roll_deg,cmd_pitch_deg,cmd_yaw_deg

@@ -10,7 +10,6 @@ import os
 import re
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -28,9 +27,7 @@ PUMA = "configs/robots/puma560.yaml"
 
 AGAINST = ("sample_data/robot.yaml", "--against", "sample_data/poses.csv")
 
-calls = (commands.run, commands.document, commands.refused)
-
-run_predict, predicted, refused_predict = (partial(call, "predict") for call in calls)
+run_predict, _, predicted, refused_predict = commands.calls_of("predict")
 
 TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2, alpha: 0.01}\n"
 
@@ -166,7 +163,7 @@ def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> N
 
 # ``robacc plan`` from the command line: its files, its answers, and its messages.
 
-plan, planned, refused_plan = (partial(call, "plan") for call in (output, commands.document, commands.refused))
+_, plan, planned, refused_plan = commands.calls_of("plan")
 
 SMALL = ("--candidates", "200")
 
@@ -255,7 +252,7 @@ SAMPLE = SAMPLES / "iso9283"
 
 POSES, ROBOT = SAMPLE / "poses.csv", SAMPLE / "robot.yaml"
 
-judged = partial(commands.document, "iso9283")
+judged = commands.calls_of("iso9283")[2]
 
 
 @pytest.fixture(scope="module")

@@ -8,7 +8,6 @@ import json
 import re
 import shlex
 from dataclasses import replace
-from functools import partial
 from pathlib import Path
 
 import commands
@@ -33,9 +32,7 @@ from robacc.simulation.simulate import Plan, simulate
 
 # ``robacc show``: its figures, its table, its JSON, its exit statuses.
 
-calls = (commands.output, commands.document, commands.refused)
-
-show, shown, refused_show = (partial(call, "show") for call in calls)
+_, show, shown, refused_show = commands.calls_of("show")
 
 
 def drawn(robot: Robot, width: int = 100) -> str:

@@ -1,7 +1,5 @@
 """Commands in this process: what ends, the document of a success, the message of a refusal."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from functools import partial

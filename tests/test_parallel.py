@@ -1,7 +1,5 @@
 """Work in several processes: outcomes, order, deaths and signals."""
 
-from __future__ import annotations
-
 import os
 import signal
 from concurrent.futures.process import BrokenProcessPool

@@ -1,7 +1,5 @@
 """Statistics of errors, their assumptions, structure and gain, against numpy, scipy and independent computations."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Iterator
 

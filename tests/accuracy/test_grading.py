@@ -1,7 +1,5 @@
 """Grades: the scale file with every message, the grade, and when it counts as demonstrated."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from importlib.resources import files

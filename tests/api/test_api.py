@@ -1,7 +1,5 @@
 """Every call gives what its command gives, takes paths, objects, arrays and data frames, and says what is wrong."""
 
-from __future__ import annotations
-
 import ast
 import csv
 import dataclasses

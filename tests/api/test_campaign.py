@@ -1,7 +1,5 @@
 """What a model remembers of its campaign, targets and programs that it corrects, and warnings of results."""
 
-from __future__ import annotations
-
 import csv
 import dataclasses
 import hashlib

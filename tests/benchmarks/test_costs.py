@@ -1,7 +1,5 @@
 """What calls, commands and rules of gates cost: ``pytest tests/benchmarks -m slow -s`` prints it."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import subprocess

@@ -1,7 +1,5 @@
 """`robacc calibrate` and `trace` from files to tables, JSON and models; first screens; files of targets."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

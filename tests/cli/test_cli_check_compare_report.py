@@ -1,7 +1,5 @@
 """`robacc check`, `compare` and `report` on stored results, and --gate and --report beside a command."""
 
-from __future__ import annotations
-
 import dataclasses
 import importlib.util
 import json

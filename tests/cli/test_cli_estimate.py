@@ -1,7 +1,5 @@
 """`robacc estimate` from files to its table, its JSON and its per-pose CSV; several files at once."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json

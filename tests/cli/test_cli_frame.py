@@ -1,7 +1,5 @@
 """The frame of the command line: exit statuses, streams, colour, completion, help, names of options, build servers."""
 
-from __future__ import annotations
-
 import ast
 import inspect
 import itertools

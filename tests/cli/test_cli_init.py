@@ -1,7 +1,5 @@
 """`robacc init`: what it writes is valid at once, and nothing is written over unasked."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 

@@ -1,7 +1,5 @@
 """`robacc predict`, `plan` and `iso9283` from files to tables, JSON, CSV and exit statuses."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io

@@ -1,7 +1,5 @@
 """`robacc show`, `simulate`, `export` and `init --from` on the command line."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json

@@ -1,7 +1,5 @@
 """Every exit status, what ends a run from outside, robots at the edges, and files made to mislead."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math

@@ -1,7 +1,5 @@
 """Text in and out, and which format a robot is in."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Corrected commands reach their poses on any arm; the record of a fit predicts how well, and measurements check it."""
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import json

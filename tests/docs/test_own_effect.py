@@ -1,7 +1,5 @@
 """The effect that a how-to page adds passes the checks that every effect of the catalogue passes."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Iterator

@@ -1,7 +1,5 @@
 """Gate files with every mistake at its line, and a gate's outcome on a result: keys, baselines, grades, warnings."""
 
-from __future__ import annotations
-
 import copy
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Weight of links, of branches that move and of joints that follow others, against potential energies and matrices."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 from pathlib import Path

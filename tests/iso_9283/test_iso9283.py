@@ -1,7 +1,5 @@
 """The criteria of ISO 9283, their intervals, and the conditions of its protocol: by hand, by loops, by scipy."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping

@@ -1,7 +1,5 @@
 """Journeys of new users, command by command, with positions, photos of boards and other kinds of measurements."""
 
-from __future__ import annotations
-
 import json
 import math
 import re

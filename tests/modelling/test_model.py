@@ -1,7 +1,5 @@
 """Models: evaluation, files, and the range in which they are valid."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path

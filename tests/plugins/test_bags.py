@@ -1,7 +1,5 @@
 """Recordings of ROS: topics, clocks, stands of the robot, and the association of joints with measured poses."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path

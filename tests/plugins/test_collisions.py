@@ -1,7 +1,5 @@
 """Collisions of links: against another transform of the same shapes, and against places that are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

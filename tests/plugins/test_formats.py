@@ -1,7 +1,5 @@
 """Files of controllers, ROS, LeRobot and VAL3 hold the same arm, by kinematics and transforms of the tests' own."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import re

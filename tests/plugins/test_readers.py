@@ -1,7 +1,5 @@
 """Readers and other entry points of a site's own package: a kind of files, a dialect, an effect, an exporter."""
 
-from __future__ import annotations
-
 import os
 import subprocess
 import sys

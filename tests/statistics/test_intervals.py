@@ -1,7 +1,5 @@
 """Distributions, intervals and resamples against scipy, closed forms, NumPy and a plain resampling loop."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Lengths of Gaussian vectors and intervals of their percentiles, against scipy, closed forms, integrals and draws."""
 
-from __future__ import annotations
-
 from itertools import pairwise
 
 import numpy as np

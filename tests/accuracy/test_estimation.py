@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 from homogeneous import shift, turn
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -236,8 +237,7 @@ def test_a_correction_used_outside_its_validity_range_gives_a_warning() -> None:
 
 def test_a_quaternion_in_another_order_is_not_blamed_on_the_joints(tmp_path: Path) -> None:
     text = (SAMPLES / "poses.csv").read_text(encoding="utf-8").replace("qw,qx,qy,qz", "qx,qy,qz,qw", 1)
-    path = tmp_path / "poses.csv"
-    path.write_text(text, encoding="utf-8")
+    path = saved(tmp_path / "poses.csv", text)
     result = robacc.estimate(path, robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
     assert any("the positions agree, but the orientation errors" in warning for warning in result.warnings)
 

@@ -20,7 +20,7 @@ import pytest
 import results
 from commands import missing, output, run
 from refusals import problems_of
-from sample_files import ROBOT as SAMPLE_ROBOT, ROOT, SAMPLES
+from sample_files import ROBOT as SAMPLE_ROBOT, ROOT, SAMPLES, saved
 
 import robacc
 import robacc.api
@@ -532,8 +532,7 @@ def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> 
 
 
 def test_without_poses_there_is_nothing_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "header.csv"
-    path.write_text("q1,q2,q3,q4,q5,q6,x,y,z\n", encoding="utf-8")
+    path = saved(tmp_path / "header.csv", "q1,q2,q3,q4,q5,q6,x,y,z\n")
     for call in (
         lambda: robacc.estimate(path, robot=ROBOT),
         lambda: robacc.estimate(path, robot=ROBOT, align="base_frame"),

@@ -16,7 +16,7 @@ from arms import arm
 from commands import document, missing, output
 from independent_arm import TOOL, robot, run, target
 from refusals import problems_of
-from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_ROBOT, TRUTH
+from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_ROBOT, TRUTH, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -215,8 +215,9 @@ def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
 @pytest.fixture(scope="module")
 def others(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The same poses in a file that is not the same, as if they had been measured again."""
-    path = tmp_path_factory.mktemp("others") / "others.csv"
-    path.write_text(Path(POSES).read_text(encoding="utf-8") + "# measured again\n", encoding="utf-8")
+    path = saved(
+        tmp_path_factory.mktemp("others") / "others.csv", Path(POSES).read_text(encoding="utf-8") + "# measured again\n"
+    )
     return path
 
 
@@ -609,8 +610,7 @@ def tp_program(poses: np.ndarray, configurations: list[str], home: np.ndarray) -
 @pytest.fixture
 def frames(tmp_path: Path) -> Path:
     """A file with a tool that is the flange."""
-    path = tmp_path / "frames.yaml"
-    path.write_text("units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
+    path = saved(tmp_path / "frames.yaml", "units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
     return path
 
 

@@ -16,7 +16,7 @@ import numpy as np
 import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
-from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH
+from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
 
 import robacc
 from robacc.effects.specification import parse_requests
@@ -178,8 +178,7 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     x, row = lines[header].split(",").index("x"), lines[header + 7].split(",")
     row[x] = str(float(row[x]) + 0.02)
     lines[header + 7] = ",".join(row)
-    poses = tmp_path / "poses.csv"
-    poses.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    poses = saved(tmp_path / "poses.csv", "\n".join(lines) + "\n")
     arguments = ("calibrate", poses, "--robot", files / "arm.yaml", "--fit", GEOMETRY, "--format", "json")
     done, every = run(*arguments), json.loads(output(*arguments, "--all-rows"))
     assert [one["line"] for one in json.loads(done.stdout)["outliers"]] == [header + 8]
@@ -247,9 +246,8 @@ def test_wrong_usage_is_status_2(files: Path, fit: str, message: str) -> None:
 
 
 def test_too_few_poses_are_status_3(files: Path, tmp_path: Path) -> None:
-    few = tmp_path / "few.csv"
     lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
-    few.write_text("\n".join(lines[:5]) + "\n", encoding="utf-8")
+    few = saved(tmp_path / "few.csv", "\n".join(lines[:5]) + "\n")
     told = refused("calibrate", few, "--robot", files / "arm.yaml", "--fit", GEOMETRY, status=3)
     assert missing(told, "too few for", "measure more poses or fit fewer effects") == []
 
@@ -443,8 +441,7 @@ def test_poses_held_out_by_a_file(traced_files: Path) -> None:
 def test_poses_that_were_fitted_are_not_held_out(traced_files: Path, tmp_path: Path, name: str) -> None:
     lines = (traced_files / "apart.csv").read_text(encoding="utf-8").splitlines()
     lines.append((traced_files / "poses.csv").read_text(encoding="utf-8").splitlines()[-1])
-    mixed = tmp_path / "mixed.csv"
-    mixed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    mixed = saved(tmp_path / "mixed.csv", "\n".join(lines) + "\n")
     option = {"trace": "--declared", "calibrate": "--fit"}[name]
     arguments = [str(traced_files / "poses.csv"), "--robot", str(traced_files / "arm.yaml"), option, DECLARED]
     told = refused(name, *arguments, "--holdout", mixed, status=3)
@@ -664,8 +661,7 @@ def test_options_of_measurements_are_not_there(command: str) -> None:
 
 
 def test_a_program_states_its_own_units(tmp_path: Path) -> None:
-    program = tmp_path / "drill.script"
-    program.write_text("def drill():\n  movej([0.1, -1.2, 1.0, 0.2, 0.3, 0.4])\nend\n")
+    program = saved(tmp_path / "drill.script", "def drill():\n  movej([0.1, -1.2, 1.0, 0.2, 0.3, 0.4])\nend\n")
     out = tmp_path / "out.script"
     told = refused("correct", program, "--model", MODEL, "--units", "mm,deg", "-o", out)
     assert "a program states its own units" in told

@@ -17,7 +17,7 @@ import pytest
 import results
 from commands import document, missing, one_line, output, refused, run
 from pages import parsed
-from sample_files import POSES, ROBOT, ROOT, UR10
+from sample_files import POSES, ROBOT, ROOT, UR10, saved
 from typer.testing import CliRunner
 
 import robacc
@@ -37,8 +37,7 @@ ELSEWHERE = "{key: verdict, limit: clean, reason: r}"
 
 
 def gate(folder: Path, *criteria: str, name: str = "gate.yaml") -> str:
-    path = folder / name
-    path.write_text("robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
+    path = saved(folder / name, "robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
     return str(path)
 
 
@@ -171,8 +170,9 @@ def test_a_table_ends_with_the_gate_and_a_stored_results_summary_is_the_gate_alo
 
 
 def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
-    tolerances = tmp_path / "t.yaml"
-    tolerances.write_text("units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n")
+    tolerances = saved(
+        tmp_path / "t.yaml", "units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n"
+    )
     command = ("predict", ROBOT, "--samples", "50", "--tolerances", tolerances, "--gate")
     done = run(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}"))
     assert done.exit_code == 5, done.stderr
@@ -568,8 +568,7 @@ MAGIC = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 @pytest.fixture
 def iso_result(tmp_path: Path) -> Path:
-    path = tmp_path / "iso.json"
-    path.write_text(results.text("iso9283"), encoding="utf-8")
+    path = saved(tmp_path / "iso.json", results.text("iso9283"))
     return path
 
 
@@ -670,8 +669,7 @@ def test_without_the_extra_the_way_to_it_is_said(
 def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any, told: str, tmp_path: Path) -> None:
     document = results.document("iso9283")
     change(document)
-    broken = tmp_path / "broken.json"
-    broken.write_text(json.dumps(document), encoding="utf-8")
+    broken = saved(tmp_path / "broken.json", json.dumps(document))
     assert missing(refused("report", broken, "-o", tmp_path / "x.html", status=3), "broken.json", told) == []
     assert not list(tmp_path.glob("*.html"))
 

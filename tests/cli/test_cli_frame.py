@@ -21,7 +21,7 @@ import commands
 import pytest
 import yaml
 from commands import missing, output, refused, run
-from sample_files import CONFIGS, POSES, ROBOT, ROOT, SAMPLES, TRACED_POSES, TRACED_ROBOT
+from sample_files import CONFIGS, POSES, ROBOT, ROOT, SAMPLES, TRACED_POSES, TRACED_ROBOT, saved
 from typer.testing import CliRunner
 
 import robacc
@@ -134,8 +134,7 @@ def test_a_defect_and_an_interrupt_have_their_status(error: str, status: int, st
 
 
 def test_a_reader_that_leaves_is_no_error_and_loses_no_warning(tmp_path: Path) -> None:
-    path = tmp_path / "warm.csv"
-    path.write_text(WARM)
+    path = saved(tmp_path / "warm.csv", WARM)
     for poses, told in ((ESTIMATED[0], ""), (str(path), "temperatur_c")):
         reading, writing = os.pipe()
         words = [sys.executable, "-m", "robacc", "estimate", poses, *ESTIMATED[1:]]
@@ -477,6 +476,5 @@ def test_the_hook_stops_at_a_wrong_robot_file(tmp_path: Path) -> None:
     robots = sorted(map(str, CONFIGS.glob("*.yaml")))
     assert all(re.search(hook["files"], path) for path in robots)
     assert main(robots) == 0
-    wrong = tmp_path / "wrong.yaml"
-    wrong.write_text("robacc: 1\nname: x\n", encoding="utf-8")
+    wrong = saved(tmp_path / "wrong.yaml", "robacc: 1\nname: x\n")
     assert main([robots[0], str(wrong)]) == 3

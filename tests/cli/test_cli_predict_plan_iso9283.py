@@ -15,7 +15,7 @@ import commands
 import numpy as np
 import pytest
 from commands import missing, one_line, output, refused, run
-from sample_files import ROBOT as PLANNED_ROBOT, ROOT, SAMPLES, SCARA
+from sample_files import ROBOT as PLANNED_ROBOT, ROOT, SAMPLES, SCARA, saved
 
 from robacc.poses.csv_file import read_poses
 
@@ -32,8 +32,7 @@ TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2
 
 @pytest.fixture
 def tolerances(tmp_path: Path) -> Path:
-    path = tmp_path / "tolerances.yaml"
-    path.write_text(TOLERANCES)
+    path = saved(tmp_path / "tolerances.yaml", TOLERANCES)
     return path
 
 
@@ -126,10 +125,10 @@ def test_per_pose_file(tmp_path: Path) -> None:
 
 
 def test_poses_of_a_file_and_another_scale(tmp_path: Path, tolerances: Path) -> None:
-    scale = tmp_path / "scale.yaml"
-    scale.write_text(
+    scale = saved(
+        tmp_path / "scale.yaml",
         "robacc: 1\nname: mine\nstatistic: rms\nconfidence: 0.95\nunits: {length: mm, angle: deg}\n"
-        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n"
+        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n",
     )
     poses = ("sample_data/robot.yaml", "--poses", "sample_data/poses.csv")
     found = predicted(*poses, "--scale", scale, "--tolerances", tolerances)
@@ -208,9 +207,9 @@ def test_enough_or_the_next_ten(tmp_path: Path) -> None:
 
 
 def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
-    gate = tmp_path / "gate.yaml"
-    gate.write_text(
-        "robacc_gate: 1\nname: cell\ncriteria:\n  - {key: position.p95, limit: 1mm, name: tool, reason: drawing}\n"
+    gate = saved(
+        tmp_path / "gate.yaml",
+        "robacc_gate: 1\nname: cell\ncriteria:\n  - {key: position.p95, limit: 1mm, name: tool, reason: drawing}\n",
     )
     words = (PLANNED_ROBOT, "--for", "acceptance", "--gate", gate, *SMALL, "--expected")
     assert "59 poses" in plan(*words, "0.5mm", "-o", tmp_path / "a").splitlines()[0]
@@ -357,9 +356,8 @@ def test_several_files_are_robots(tmp_path: Path) -> None:
     ],
 )
 def test_gate(tmp_path: Path, key: str, limit: str, status: int, outcome: str) -> None:
-    gate = tmp_path / "gate.yaml"
     criterion = f"{{key: iso9283.{key}.max, limit: {limit}, reason: a test}}"
-    gate.write_text(f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n", encoding="utf-8")
+    gate = saved(tmp_path / "gate.yaml", f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n")
     result = run("iso9283", POSES, "--gate", gate, "--format", "json")
     assert result.exit_code == status
     if key == "RP":

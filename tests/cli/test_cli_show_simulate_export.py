@@ -12,7 +12,20 @@ import commands
 import numpy as np
 import pytest
 from commands import document, missing, one_line, output, refused, run
-from sample_files import CONFIGS, POSES, PUMA, ROBOT, ROOT, SAMPLES, SCARA, TRACED_POSES, TRACED_ROBOT, TRUTH, UR10
+from sample_files import (
+    CONFIGS,
+    POSES,
+    PUMA,
+    ROBOT,
+    ROOT,
+    SAMPLES,
+    SCARA,
+    TRACED_POSES,
+    TRACED_ROBOT,
+    TRUTH,
+    UR10,
+    saved,
+)
 
 from robacc.effects import REGISTRY
 from robacc.io.files import sha256_of
@@ -170,10 +183,9 @@ BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
 
 
 def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_path: Path) -> None:
-    path = tmp_path / "bad.yaml"
     text = (CONFIGS / "irb1600.yaml").read_text(encoding="utf-8")
     start = text.count("\n") + 2
-    path.write_text(f"{text}effects:\n{BAD_EFFECTS}", encoding="utf-8")
+    path = saved(tmp_path / "bad.yaml", f"{text}effects:\n{BAD_EFFECTS}")
     result = commands.run("show", path)
     assert (result.exit_code, result.stdout) == (3, "")
     told = [line.removeprefix(f"error: {path}:") for line in result.stderr.splitlines() if line.startswith("error")]
@@ -209,8 +221,7 @@ def test_numbers_of_a_wide_table_stay_whole(tmp_path: Path) -> None:
         '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
         for i in range(3)
     )
-    path = tmp_path / "arm.urdf"
-    path.write_text(f'<robot name="arm">{links}{joints}</robot>')
+    path = saved(tmp_path / "arm.urdf", f'<robot name="arm">{links}{joints}</robot>')
     lines = show(path).splitlines()
     assert max(map(len, lines)) <= 80
     words = [line.split() for line in lines]
@@ -224,9 +235,8 @@ def test_many_coefficients_are_counted(tmp_path: Path) -> None:
         f"values: {{{', '.join(f'j{i}.cos{n}: 1.0e-5' for n in range(1, 25))}}}}}\n"
         for i in (1, 2)
     )
-    path = tmp_path / "arm.yaml"
     text = ROBOT.read_text()
-    path.write_text(f"{text}\neffects:\n{entries}")
+    path = saved(tmp_path / "arm.yaml", f"{text}\neffects:\n{entries}")
     output = show(path)
     assert "effects  transmission_error (2 entries)" in output
     shown = sum(line.lstrip().startswith("transmission_error.") for line in output.splitlines())
@@ -333,8 +343,7 @@ def test_each_wrong_option_has_its_message(arguments: tuple[str, ...], message: 
 
 def test_no_poses_is_wrong_usage_and_a_robot_that_lacks_something_is_named(tmp_path: Path) -> None:
     assert "Invalid value for '--poses'" in refused("simulate", PUMA, "--poses", 0)
-    path = tmp_path / "robot.yaml"
-    path.write_text(SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""), encoding="utf-8")
+    path = saved(tmp_path / "robot.yaml", SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""))
     assert "the prismatic joint j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
     entry = "effects: [{effect: frame_drift, values: {x: 1e-4}}]\n"
     path.write_text(PUMA.read_text(encoding="utf-8") + entry, encoding="utf-8")
@@ -463,8 +472,7 @@ def test_standard_output_is_the_file_and_nothing_else(tmp_path: Path) -> None:
     result = run("export", UR10, "--format", "xarm", "--output", "-")
     assert result.stdout.startswith("# written by robacc")
     assert result.stderr.startswith("Export as xarm")
-    again = tmp_path / "links.yaml"
-    again.write_text(result.stdout, encoding="utf-8")
+    again = saved(tmp_path / "links.yaml", result.stdout)
     assert output("init", "--from", again, "--output", "-").startswith("# Written by robacc")
 
 

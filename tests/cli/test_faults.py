@@ -20,7 +20,7 @@ import pytest
 from commands import output, refused, run
 from pose_files import Reader
 from results import run as run_in_project
-from sample_files import ROOT, SAMPLES
+from sample_files import ROOT, SAMPLES, saved
 
 import robacc
 from robacc.errors import InputError
@@ -124,8 +124,7 @@ def limited() -> None:
 
 
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    path.write_text("old")
+    path = saved(tmp_path / "result.json", "old")
     words = process_words(*ESTIMATE, "--format", "json", "-o", str(path))
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, preexec_fn=limited)
     assert (done.returncode, done.stdout, done.stderr) == (3, "", f"error: {path}: cannot be written: file too large\n")
@@ -229,8 +228,7 @@ def test_dash_is_standard_input_and_output_everywhere(line: str, status: int, wa
 
 def repeats(folder: Path, head: str, rows: Iterable[Iterable[object]]) -> str:
     """What is said of repeated rows of a pose file, without its name."""
-    path = folder / "poses.csv"
-    path.write_text("\n".join([head, *(",".join(map(str, row)) for row in rows)]))
+    path = saved(folder / "poses.csv", "\n".join([head, *(",".join(map(str, row)) for row in rows)]))
     return "; ".join(text for text in read_poses(path).warnings if "repeat" in text).removeprefix(f"{path}: ")
 
 
@@ -623,8 +621,7 @@ def test_a_mesh_stays_inside_the_package_and_any_failure_is_one_message(
     folder.mkdir(parents=True)
     for name in ("arm/secret.stl", "arm/meshes.stl", "secret.stl", "arm/urdf/poses.json"):
         (tmp_path / name).write_text("{}")
-    urdf = folder / "arm.urdf"
-    urdf.write_text(URDF.format(mesh=mesh))
+    urdf = saved(folder / "arm.urdf", URDF.format(mesh=mesh))
     with pytest.raises(InputError, match=message):
         robacc.plan(urdf, poses=5, purpose="calibrate", collisions=True)
 
@@ -642,8 +639,7 @@ def test_a_mesh_of_the_package_or_of_one_beside_it_is_read(tmp_path: Path, mesh:
     (tmp_path / "arm" / "package.xml").write_text("<package/>")
     for name in ("arm", "tool"):
         trimesh.creation.box((1, 1, 1)).export(tmp_path / name / "meshes" / "a.stl")
-    urdf = tmp_path / "arm" / "urdf" / "arm.urdf"
-    urdf.write_text(URDF.format(mesh=mesh))
+    urdf = saved(tmp_path / "arm" / "urdf" / "arm.urdf", URDF.format(mesh=mesh))
     (shape,) = read_link_shapes(str(urdf), robacc.read_robot(urdf))
     assert shape.faces.shape == (12, 3)
 

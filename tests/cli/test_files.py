@@ -7,6 +7,7 @@ from pathlib import Path
 import pytest
 from refusals import problems_of
 from robot_files import MINIMAL
+from sample_files import saved
 
 from robacc.errors import InputError, UsageError
 from robacc.io.files import read_text, sha256_of, write_text
@@ -30,8 +31,7 @@ def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "a.yaml"
-    path.write_bytes(content)
+    path = saved(tmp_path / "a.yaml", content)
     assert f"{path}{message}" in problems_of(read_text, path, limit=1024)[0]
 
 

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from arms import arm
+from sample_files import saved
 
 from robacc.effects import REGISTRY
 
@@ -25,8 +26,7 @@ def _registered(tmp_path: Path) -> Iterator[None]:
     """The page's file, imported as its reader would."""
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
-    path = tmp_path / f"{NAME}.py"
-    path.write_text(source, encoding="utf-8")
+    path = saved(tmp_path / f"{NAME}.py", source)
     spec = importlib.util.spec_from_file_location(NAME, path)
     assert spec is not None
     assert spec.loader is not None

@@ -13,6 +13,7 @@ from commands import missing, run
 from homogeneous import shift, turn
 from independent_arm import DECLARED, LIMITS, link_frames, robot, target
 from refusals import problems_of
+from sample_files import saved
 from typer.testing import CliRunner, Result
 
 import robacc
@@ -293,8 +294,7 @@ JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
     ],
 )
 def test_a_row_that_lacks_what_its_kind_needs_is_refused(row: str, message: str, tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text(f"{GOOD}{JOINTS},point,a,,,,,,p0,1e-5\n{JOINTS},{row}\n")
+    path = saved(tmp_path / "poses.csv", f"{GOOD}{JOINTS},point,a,,,,,,p0,1e-5\n{JOINTS},{row}\n")
     problems = "\n".join(problems_of(robacc.calibrate, path, robot=robot()))
     assert missing(problems, message, "poses.csv:3") == []
 
@@ -661,8 +661,7 @@ def test_what_could_mislead_is_said(tmp_path: Path) -> None:
     result = robacc.estimate(path, robot=robot())
     assert result.n_poses == 20
     assert any("40 points repeat pixel and joints of earlier rows" in warning for warning in result.warnings)
-    apart = tmp_path / "apart.csv"
-    apart.write_text("\n".join(rows[:41]) + "\n")
+    apart = saved(tmp_path / "apart.csv", "\n".join(rows[:41]) + "\n")
     with pytest.raises(InputError, match="validation poses are also among the calibration poses"):
         robacc.calibrate(path, robot=robot(), holdout=PoseFile(apart, camera=tmp_path / "camera.yaml"))
     Path(path).write_text("\n".join(rows[:101] + rows[101:104]) + "\n")

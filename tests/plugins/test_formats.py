@@ -14,6 +14,7 @@ import pytest
 import yaml
 from commands import output
 from homogeneous import dh, frame, shift, turn
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -85,8 +86,7 @@ def perturbed(path: Path, seed: int = 3) -> Robot:
 
 
 def imported(folder: Path, text: str, arm: str | None = None) -> Robot:
-    path = folder / "file"
-    path.write_text(text)
+    path = saved(folder / "file", text)
     return import_(path, arm=arm)
 
 
@@ -220,8 +220,7 @@ def test_ros_kinematics_files_hold_the_arm(form: str, name: str, tmp_path: Path)
 
 def test_the_hash_of_the_arm_is_kept(tmp_path: Path) -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
-    template = tmp_path / "kinematics.yaml"
-    template.write_text("kinematics:\n  shoulder: {}\n  hash: calib_12345\n")
+    template = saved(tmp_path / "kinematics.yaml", "kinematics:\n  shoulder: {}\n  hash: calib_12345\n")
     text = export(robot, format="ur-kinematics", template=template).text
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12345"
 
@@ -495,8 +494,7 @@ def arms(sign: int = 1) -> tuple[Robot, Robot]:
 
 
 def exported(folder: Path, before: Any, nominal: Robot, model: Robot) -> robacc.Exported:
-    path = folder / "calibration.json"
-    path.write_text(before if isinstance(before, str) else json.dumps(before))
+    path = saved(folder / "calibration.json", before if isinstance(before, str) else json.dumps(before))
     return robacc.export(model, format="lerobot", nominal=nominal, template=path)
 
 
@@ -673,12 +671,10 @@ def test_angles_stay_near_those_of_the_program() -> None:
 
 def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
     text = (SAMPLES / "cell.dtx").read_text(encoding="utf-8")
-    cut = tmp_path / "cut.dtx"
-    cut.write_text(text[: text.index("</Datas>")], encoding="utf-8")
+    cut = saved(tmp_path / "cut.dtx", text[: text.index("</Datas>")])
     with pytest.raises(InputError, match="is truncated: it has no </Database>"):
         read_program(cut)
-    other = tmp_path / "other.dtx"
-    other.write_text("<Database><Datas/></Database>", encoding="utf-8")
+    other = saved(tmp_path / "other.dtx", "<Database><Datas/></Database>")
     with pytest.raises(InputError, match="is not a VAL3 data file"):
         read_program(other)
     with pytest.raises(InputError, match=r"give the \.dtx file beside it"):

@@ -306,8 +306,7 @@ def test_arrays_are_estimated_and_recorded(tmp_path: Path) -> None:
     (record,) = found.made.inputs
     robacc.write_poses(tmp_path / "made.csv", found.data)
     assert record.sha256 == hashlib.sha256((tmp_path / "made.csv").read_bytes()).hexdigest()
-    again = robacc.estimate(tmp_path / "made.csv")
-    assert again.position.rms == found.position.rms
+    assert robacc.estimate(tmp_path / "made.csv").position.rms == found.position.rms
     lists = robacc.Measurements(position=wanted.tolist(), commanded_position=wanted.tolist(), pose=range(30))  # type: ignore[arg-type]
     assert robacc.estimate(lists).position.max == 0.0
 
@@ -484,8 +483,7 @@ def test_every_name_is_there_and_seen_by_type_checkers() -> None:
 
 @pytest.mark.parametrize("module", ["robacc", *MODULES])
 def test_examples_of_docstrings_run(module: str) -> None:
-    found = doctest.testmod(importlib.import_module(module))
-    assert found.failed == 0
+    assert doctest.testmod(importlib.import_module(module)).failed == 0
 
 
 SCRIPT = """\

@@ -511,8 +511,7 @@ def test_the_size_at_the_tool_is_that_of_the_effect_alone(traced_files: Path) ->
 def test_nothing_is_declared_by_none(traced_files: Path) -> None:
     found = traced(traced_files, poses="clean")
     assert found["declared"]["effects"] == ["base_frame", "tool_frame", "joint_offset"]
-    done = run(*trace_command(traced_files, declared="none,backlash"))
-    assert done.exit_code == 2
+    assert run(*trace_command(traced_files, declared="none,backlash")).exit_code == 2
 
 
 # First screens of the commands on the sample data, at 80 columns, as a user sees them.

@@ -568,8 +568,7 @@ MAGIC = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 @pytest.fixture
 def iso_result(tmp_path: Path) -> Path:
-    path = saved(tmp_path / "iso.json", results.text("iso9283"))
-    return path
+    return saved(tmp_path / "iso.json", results.text("iso9283"))
 
 
 def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> None:

@@ -32,8 +32,7 @@ TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2
 
 @pytest.fixture
 def tolerances(tmp_path: Path) -> Path:
-    path = saved(tmp_path / "tolerances.yaml", TOLERANCES)
-    return path
+    return saved(tmp_path / "tolerances.yaml", TOLERANCES)
 
 
 def test_a_robot_without_tolerances_is_bad_input() -> None:
@@ -371,8 +370,7 @@ def test_gate(tmp_path: Path, key: str, limit: str, status: int, outcome: str) -
 
 
 def test_positions_of_one_pose_without_a_command() -> None:
-    text = "pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n"
-    table = output("iso9283", "-", text=text)
+    table = output("iso9283", "-", text="pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n")
     assert missing(table, "1 commanded pose, 3 visits\nno commanded poses", "RP  pose repeatability") == []
     assert "no AP (pose accuracy): the commanded poses are not known" in one_line(table)
     assert len(table.splitlines()) <= 25

@@ -236,8 +236,7 @@ def test_many_coefficients_are_counted(tmp_path: Path) -> None:
         for i in (1, 2)
     )
     text = ROBOT.read_text()
-    path = saved(tmp_path / "arm.yaml", f"{text}\neffects:\n{entries}")
-    output = show(path)
+    output = show(saved(tmp_path / "arm.yaml", f"{text}\neffects:\n{entries}"))
     assert "effects  transmission_error (2 entries)" in output
     shown = sum(line.lstrip().startswith("transmission_error.") for line in output.splitlines())
     (more,) = [line for line in output.splitlines() if "more coefficients" in line]

@@ -481,8 +481,7 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
 
 def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
     """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
-    text = robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]")
-    files = made(tmp_path, text, 20, "0.02mm")
+    files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 20, "0.02mm")
     status, found = answers(files, "calibrate")
     assert (status, found["n_poses"]) == (0, 20)
 
@@ -650,8 +649,7 @@ def test_ids_that_a_spreadsheet_would_run_are_marked_and_read_back(read: Reader,
     text = format_poses(data)
     written = [line.rpartition(",")[2] for line in text.splitlines()[1:]]
     assert written == ["'=1+1", "'+cmd|x", "-2", "'-a", "'@sum", "'b", "P1", "+3.5"]
-    again = read(text)
-    assert again.pose.tolist() == ids
+    assert read(text).pose.tolist() == ids
     commanded = Measurements(data.position, commanded_position=data.position + 1e-4, pose=data.pose)
     cells = [line.split(",")[1] for line in robacc.estimate(commanded).per_pose_csv().splitlines()[1:]]
     assert cells == written

@@ -253,8 +253,7 @@ def test_cartesian_targets_with_and_without_joints() -> None:
 def test_frame_base_takes_targets_of_the_controller() -> None:
     nominal, model = robacc.read_robot(ROBOT), robacc.read_robot(TRUTH)
     q = middle_joints(nominal, 10, seed=3)
-    own = nominal.base
-    assert own.xyz == (0.0, 0.0, 0.0)
+    assert nominal.base.xyz == (0.0, 0.0, 0.0)
     pose = predict(nominal, joint_targets(q))
     data = Measurements(
         position=np.zeros((3, 10)), q=q, commanded_position=pose.translation, commanded_rotation=pose.rotation
@@ -416,8 +415,7 @@ def calibrated(seed: int, n: int = 60, *, orientation: bool = True) -> robacc.Ca
 
 def test_model_file_keeps_the_record() -> None:
     result = calibrated(1)
-    text = result.model_yaml()
-    robot = parse_robot(text, "model.yaml")
+    robot = parse_robot(result.model_yaml(), "model.yaml")
     own, read = model_fit(result.robot), model_fit(robot)
     assert read.coefficients == own.coefficients
     np.testing.assert_allclose(read.covariance, own.covariance, rtol=1e-10)

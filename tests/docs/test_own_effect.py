@@ -26,8 +26,7 @@ def _registered(tmp_path: Path) -> Iterator[None]:
     """The page's file, imported as its reader would."""
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
-    path = saved(tmp_path / f"{NAME}.py", source)
-    spec = importlib.util.spec_from_file_location(NAME, path)
+    spec = importlib.util.spec_from_file_location(NAME, saved(tmp_path / f"{NAME}.py", source))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

@@ -300,8 +300,7 @@ def test_a_row_that_lacks_what_its_kind_needs_is_refused(row: str, message: str,
 
 
 def test_estimate_says_that_the_rows_are_no_positions(tmp_path: Path) -> None:
-    rows = list(rows_of("anchor", 5, np.random.default_rng(1)))
-    path = written(rows, tmp_path / "poses.csv")
+    path = written(list(rows_of("anchor", 5, np.random.default_rng(1))), tmp_path / "poses.csv")
     arm = tmp_path / "arm.yaml"
     robacc.write_robot(arm, robot())
     done = run("estimate", str(path), "--robot", str(arm))

@@ -82,8 +82,7 @@ def test_an_equilibrium_sees_the_deflections_of_the_rigid_form_and_not_the_other
     first = {"effect": "joint_compliance", "joints": ["j1"], "deflection": "rigid", "values": {"j1": compliance}}
     second = {"effect": "payload_compliance", "joints": ["j1"], "values": {"j1": compliance}}
     robot = dataclasses.replace(pendulum(), effects=(second, first), payload_com=(0.0, 0.0, 0.0))
-    data = dataclasses.replace(at(q), payload=np.array([10.0]))
-    predicted = predict(robot, data).translation[:, 0]
+    predicted = predict(robot, dataclasses.replace(at(q), payload=np.array([10.0]))).translation[:, 0]
     sag = compliance * weight * np.cos(q)
     angle = brentq(lambda t: t - (q - sag - compliance * weight * np.cos(t)), -1.0, 1.0, xtol=1e-15)
     np.testing.assert_allclose(predicted, [np.cos(angle), 0.0, np.sin(angle)], rtol=0, atol=1e-13)
@@ -289,8 +288,7 @@ def test_a_model_differs_from_its_file_by_what_was_fitted_alone() -> None:
 
 
 def test_effects_that_a_fit_absorbs_leave_the_file() -> None:
-    robot = parse_robot(ARM, "arm.yaml")
-    without = dataclasses.replace(with_effect_units(robot), effects=())
+    without = dataclasses.replace(with_effect_units(parse_robot(ARM, "arm.yaml")), effects=())
     text = model_text(without)
     assert "# drawing 12-3" in text
     assert parse_robot(text, "arm.yaml").effects == ()

@@ -40,8 +40,7 @@ URDF = """<robot name="planar">
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
-    path = saved(tmp_path / "planar.urdf", URDF)
-    return path
+    return saved(tmp_path / "planar.urdf", URDF)
 
 
 def collisions_of(urdf: Path) -> ShapeCollisions:
@@ -103,8 +102,7 @@ def test_the_plan_counts_self_collisions(urdf: Path) -> None:
     reasons = {entry["reason"]: entry["count"] for entry in plan.candidates.excluded}
     assert reasons["self-collision"] > 10
     assert not collisions_of(urdf).self_collision(plan.q).any()
-    document = plan.document()
-    assert ["mast", "lower"] in document["collisions"]["pairs"]
+    assert ["mast", "lower"] in plan.document()["collisions"]["pairs"]
     free = robacc.plan(urdf, **more)  # type: ignore[arg-type]
     assert free.document()["collisions"] is None
     assert collisions_of(urdf).self_collision(free.candidates.q).any()

@@ -86,8 +86,7 @@ def perturbed(path: Path, seed: int = 3) -> Robot:
 
 
 def imported(folder: Path, text: str, arm: str | None = None) -> Robot:
-    path = saved(folder / "file", text)
-    return import_(path, arm=arm)
+    return import_(saved(folder / "file", text), arm=arm)
 
 
 def samples(robot: Robot, n: int = 40) -> Array:
@@ -638,8 +637,7 @@ def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
 
 
 def test_a_frame_that_a_program_sets_is_unknown() -> None:
-    program = read_program(SAMPLES / "cell.dtx")
-    base = named(program, "pPick[2]").base
+    base = named(read_program(SAMPLES / "cell.dtx"), "pPick[2]").base
     assert (base.name, base.frame) == ("fMoved[0]", None)
 
 
@@ -663,8 +661,7 @@ def test_angles_stay_near_those_of_the_program() -> None:
     x, y, z, *quaternion = program.targets[0].values
     turned = Rotation.from_euler("XYZ", (-179.9, 0.05, 0.02), degrees=True).as_quat()
     assert quaternion == pytest.approx([0, 1, 0, 0], abs=1e-15)
-    data = with_targets(program, [(x, y, z, turned[3], *turned[:3]), None])
-    text = data.decode()
+    text = with_targets(program, [(x, y, z, turned[3], *turned[:3]), None]).decode()
     assert 'rx="180.10000" ry="0.05000" rz="0.02000"' in text or 'rx="-179.90000" ry="0.05000" rz="0.02000"' in text
     assert text.count("\r\n") == text.count("\n")
 

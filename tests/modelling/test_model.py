@@ -302,17 +302,18 @@ def test_a_part_of_an_older_fit_does_not_stay() -> None:
     assert "# nest 1" in text
 
 
-def test_joints_of_a_urdf_kept_as_a_robot_file() -> None:
-    robot = fitted(parse_robot(URDF_LIKE, "arm.yaml"))
+@pytest.mark.parametrize(
+    ("robot", "units"),
+    [
+        pytest.param(fitted(parse_robot(URDF_LIKE, "arm.yaml")), "{length: mm, angle: deg}", id="joints of a URDF"),
+        pytest.param(
+            dataclasses.replace(parse_robot(ARM, "arm.yaml"), file_text=None), "{length: m, angle: rad}", id="no file"
+        ),
+    ],
+)
+def test_a_model_has_the_units_of_its_file_or_metres_and_radians(robot: Robot, units: str) -> None:
     text = model_text(robot)
-    assert "units: {length: mm, angle: deg}" in text
-    assert_same(parse_robot(text, "arm.yaml"), robot)
-
-
-def test_a_robot_without_a_file_is_written_in_metres_and_radians() -> None:
-    robot = dataclasses.replace(parse_robot(ARM, "arm.yaml"), file_text=None)
-    text = model_text(robot)
-    assert "units: {length: m, angle: rad}" in text
+    assert f"units: {units}" in text
     assert_same(parse_robot(text, "arm.yaml"), robot)
 
 

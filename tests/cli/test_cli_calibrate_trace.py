@@ -17,6 +17,7 @@ import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
 from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
+from slow_parameters import some_fast
 
 import robacc
 from robacc.effects.specification import parse_requests
@@ -126,12 +127,7 @@ def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path
             assert abs(value - before.parameters.get(label, 0.0)) < 0.01
 
 
-SLOW_ARMS = ("puma560", "urdf:ur10", "targets:puma560")
-
-
-@pytest.mark.parametrize(
-    "name", ["panda", "stanford", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW_ARMS)]
-)
+@pytest.mark.parametrize("name", some_fast(("panda", "puma560", "urdf:ur10", "stanford", "targets:puma560"), 3))
 def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     robot = arm(name).robot
     joint = arm(name).names[1]

@@ -252,10 +252,6 @@ RESULTS = {
 
 """Results that examples name, by the command that makes them."""
 
-GATED = {"check": (0, 4, 5)}
-
-"""Exit statuses of what is no error, where a gate decides."""
-
 
 @cache
 def result(file: str) -> str:
@@ -290,7 +286,8 @@ def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monk
         robacc.history_add(fitted, db="arm.db")
     before = set(tmp_path.iterdir())
     done = run(*words[1:])
-    assert done.exit_code in GATED.get(name, (0,)), done.stderr
+    # A gate may fail or be undecided, which is no error.
+    assert done.exit_code in ((0, 4, 5) if name == "check" else (0,)), done.stderr
     assert "error:" not in done.stderr
     assert done.stdout or set(tmp_path.iterdir()) > before
     for flag, file in itertools.pairwise(words):

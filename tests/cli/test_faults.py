@@ -274,8 +274,6 @@ def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> No
 
 SAMPLE = ("sample_data/poses.csv", "--robot", "sample_data/robot.yaml")
 
-HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"
-
 GATES = {
     "pass": "  - {key: position.rms, limit: 9 mm, reason: r}\n",
     "fail": "  - {key: position.rms, limit: 1 mm, reason: r}\n  - {key: verdict, limit: clean, reason: r}\n",
@@ -289,7 +287,7 @@ GATES = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("gates")
     for name, text in GATES.items():
-        (made / f"{name}.yaml").write_text(HEAD + text)
+        (made / f"{name}.yaml").write_text(f"robacc_gate: 1\nname: g\ncriteria:\n{text}")
     output("estimate", *SAMPLE, "--format", "json", "-o", made / "result.json")
     (made / "broken.json").write_text('{"schema": "robacc.estimate/1", ')
     return made
@@ -337,8 +335,6 @@ def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
 
 # Robots, errors and poses at the edges of what there is: each command answers with finite numbers or says why.
 
-DECLARED = "base_frame,tool_frame"
-
 FAR = f"\nbase: {{xyz: [40, -50, 3], rpy: [3.1, {math.pi / 2!r}, 1]}}"
 
 TWISTS = (math.pi / 2, 0.0, -math.pi / 2, 0.3)
@@ -383,7 +379,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "estimate": ("{poses}", "--robot", "{robot}"),
     "predict": ("{robot}", "--samples", "8"),
     "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance"),
-    "trace": ("{poses}", "--robot", "{robot}", "--declared", DECLARED),
+    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame"),
     "iso9283": ("{poses}", "--robot", "{robot}"),
 }
 

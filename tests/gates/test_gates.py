@@ -131,9 +131,6 @@ def test_a_reason_may_have_several_lines() -> None:
     assert load_gate(text, "g.yaml").criteria[0].reason == "one two"
 
 
-RMS = "  - {key: position.rms, limit: 1 mm, reason: r}\n"
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -147,7 +144,10 @@ RMS = "  - {key: position.rms, limit: 1 mm, reason: r}\n"
             "robacc_gate: 1\nname: g\ncriteria: []\n",
             "3, criteria: the list is empty; a gate needs at least one criterion",
         ),
-        (HEAD + RMS * 2, "5, criteria[1].name: two criteria have the name 'position.rms'"),
+        (
+            HEAD + "  - {key: position.rms, limit: 1 mm, reason: r}\n" * 2,
+            "5, criteria[1].name: two criteria have the name 'position.rms'",
+        ),
     ],
 )
 def test_what_is_no_gate(text: str, problem: str) -> None:

@@ -400,9 +400,6 @@ def test_many_poses_are_paired_with_their_neighbours() -> None:
 LARGEST = "every criterion is the largest over all measured poses or pairs of poses"
 
 
-TAILS = "has longer tails than a Gaussian"
-
-
 LONG = random_cycles(0, cycles=40)
 
 
@@ -415,7 +412,7 @@ OUTLYING = dataclasses.replace(LONG, position=LONG.position + 2e-3 * (np.arange(
         (KNOWN, (LARGEST, "their distance from the commanded pose is AP"), ()),
         (random_cycles(0, poses=1), (), (LARGEST,)),
         (LONG, (), ("longer tails",)),
-        (OUTLYING, (TAILS,), ()),
+        (OUTLYING, ("has longer tails than a Gaussian",), ()),
     ],
 )
 def test_notes(measured: Measurements, told: tuple[str, ...], untold: tuple[str, ...]) -> None:

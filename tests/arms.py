@@ -1,7 +1,5 @@
 """Arms and made-up circumstances that several test modules share."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 from pathlib import Path

@@ -1,7 +1,5 @@
 """Debian's Chromium without a window, for tests that look at pages; they are skipped where it is not installed."""
 
-from __future__ import annotations
-
 import base64
 import json
 import shutil

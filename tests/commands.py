@@ -1,9 +1,8 @@
 """Commands in this process: what ends, the document of a success, the message of a refusal."""
 
-from __future__ import annotations
-
 import json
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
+from functools import partial
 from typing import Any
 
 import pytest
@@ -35,6 +34,11 @@ def refused(*words: object, status: int = 2, text: str | None = None) -> str:
     ended = run(*words, text=text)
     assert (ended.exit_code, ended.stdout) == (status, "")
     return one_line(ended.stderr)
+
+
+def calls_of(command: str) -> tuple[Callable[..., Any], ...]:
+    """Return :func:`run`, :func:`output`, :func:`document` and :func:`refused` of one command."""
+    return tuple(partial(call, command) for call in (run, output, document, refused))
 
 
 def one_line(text: str) -> str:

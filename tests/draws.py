@@ -1,7 +1,5 @@
 """Arms, errors, poses and one undeclared effect at its detection limit, all drawn at random."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import zlib

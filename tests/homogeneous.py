@@ -1,7 +1,5 @@
 """Homogeneous matrices ``(..., 4, 4)`` in plain NumPy: what tests compare the package's kinematics with."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Tests of effects use it so that an error of the package's kinematics or gravity cannot hide on both sides.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -14,8 +14,6 @@ The same holds for modified (Craig) rows, where x_i comes before z_i. For a pris
 error, and d_i is the variable.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

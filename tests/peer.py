@@ -1,7 +1,5 @@
 """scipy's answer to the problem that a fit has solved."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Pose files as text, which several test modules read."""
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Predicted positions of a fit to a nominal arm, and whether their 95 % intervals hold the truth."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Results of every command on the sample data, as their JSON, made once for the tests that report them."""
 
-from __future__ import annotations
-
 import contextlib
 import json
 from functools import cache

@@ -1,7 +1,5 @@
 """Small robot files that several test modules read, and change."""
 
-from __future__ import annotations
-
 from importlib import metadata
 from pathlib import Path
 

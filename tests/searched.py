@@ -1,7 +1,5 @@
 """Fits and searches beside frames, zeros and geometry, on poses of the independent arm."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """Parameters of which a part runs by default, and the others with ``-m slow``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from typing import Any
 

@@ -1,7 +1,5 @@
 """Names, docstrings and messages use the project's words: ``docs/glossary.md`` has them, CONTRIBUTING the rules."""
 
-from __future__ import annotations
-
 import ast
 import json
 import re

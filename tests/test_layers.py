@@ -1,7 +1,5 @@
 """Imports point one way: each module may use its own layer and those below it, and nothing above."""
 
-from __future__ import annotations
-
 import ast
 import subprocess
 import sys

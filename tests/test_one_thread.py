@@ -1,7 +1,5 @@
 """Calls from Python compute in one thread of linear algebra, whatever NumPy was started with."""
 
-from __future__ import annotations
-
 import subprocess
 import sys
 

@@ -1,7 +1,5 @@
 """Numbers with units."""
 
-from __future__ import annotations
-
 import pytest
 
 from robacc.quantities import parse_quantity

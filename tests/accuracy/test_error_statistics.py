@@ -1,17 +1,25 @@
-"""The statistics of an estimate against numpy, and every small, flat or broken input."""
-
-from __future__ import annotations
+"""Statistics of errors, their assumptions, structure and gain, against numpy, scipy and independent computations."""
 
 import dataclasses
 from collections.abc import Iterator
 
 import numpy as np
 import pytest
+from arms import arm
 from scipy import stats
 
-from robacc.accuracy.error_statistics import error_statistics
+from robacc.accuracy.error_statistics import (
+    assumption_tests,
+    error_statistics,
+    paired_gain,
+    pose_structure,
+    principal_axes,
+)
 from robacc.errors import InputError
+from robacc.fitting.fit_result import HoldOut
+from robacc.simulation.simulate import Plan, simulate
 from robacc.statistics.intervals import Interval
+from robacc.tracing.calibrating import registered_residuals
 
 COVARIANCE = 1e-8 * np.array([[1.0, 0.3, 0.0], [0.3, 2.0, -0.5], [0.0, -0.5, 4.0]])
 
@@ -248,22 +256,9 @@ def test_one_commanded_pose_measured_often_is_one_pose_and_two_have_wide_interva
     assert result.intervals.rms.upper > 2 * result.rms
 
 
-BROKEN = np.where(
-    np.arange(5) == [[9], [3], [9]], np.nan, np.where(np.arange(5) == [[4], [9], [9]], np.inf, gaussian(5))
-)
-
-
-@pytest.mark.parametrize(
-    ("errors", "groups", "kind", "message"),
-    [
-        (np.zeros((3, 0)), None, InputError, "there are no poses; statistics need at least one"),
-    ],
-)
-def test_errors_that_have_no_statistics(
-    errors: np.ndarray, groups: np.ndarray | None, kind: type[Exception], message: str
-) -> None:
-    with pytest.raises(kind, match=message):
-        error_statistics(errors, "m", groups=groups)
+def test_no_poses_have_no_statistics() -> None:
+    with pytest.raises(InputError, match="there are no poses; statistics need at least one"):
+        error_statistics(np.zeros((3, 0)), "m")
 
 
 def test_same_seed_same_document() -> None:
@@ -295,3 +290,186 @@ def test_fitted_parameters_count_as_poses() -> None:
     few = error_statistics(gaussian(4), "m", share=0.25)
     why = "4 poses, of which the fitted frames leave 1: too few for an interval"
     assert few.intervals.rms.why == few.intervals.mean[0].why == few.intervals.covariance.why == why
+
+
+FRAME = np.linalg.qr(np.random.default_rng(1).normal(size=(3, 3)))[0]
+
+
+def skewed(n: int, seed: int = 0) -> np.ndarray:
+    rng = np.random.default_rng(seed)
+    return 1e-4 * FRAME @ (rng.gamma(3.0, size=(3, n)) * np.array([[1.0], [2.0], [3.0]]))
+
+
+@pytest.mark.parametrize("dimension", [1, 2, 3])
+def test_hotelling_within_the_directions_of_the_errors_by_its_definition(dimension: int) -> None:
+    within = np.random.default_rng(3).gamma(3.0, 1e-4, (dimension, 40)) - 2e-4
+    test, mean = assumption_tests(FRAME[:, :dimension] @ within).zero_mean, within.mean(axis=1)
+    t_squared = 40 * mean @ np.linalg.solve(np.atleast_2d(np.cov(within)), mean)
+    degrees = 40 - dimension
+    p_value = stats.f.sf(t_squared * degrees / (dimension * 39), dimension, degrees)
+    assert (test.dimension, test.statistic, test.p_value) == (
+        dimension,
+        pytest.approx(t_squared),
+        pytest.approx(p_value),
+    )
+    if dimension == 1:
+        assert test.p_value == pytest.approx(stats.ttest_1samp(within[0], 0.0).pvalue, rel=1e-9)
+
+
+@pytest.mark.parametrize("block", [16384, 7])
+def test_mardia_by_its_definition_over_all_pairs(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("robacc.accuracy.error_statistics.BLOCK", block)
+    n = 50
+    errors = skewed(n)
+    tests = assumption_tests(errors)
+    centred = errors - errors.mean(axis=1)[:, None]
+    products = centred.T @ np.linalg.inv(centred @ centred.T / n) @ centred
+    b1, b2 = np.mean(products**3), np.mean(np.diag(products) ** 2)
+    assert (tests.skewness.statistic, tests.kurtosis.statistic) == (pytest.approx(b1), pytest.approx(b2))
+    k = 4 * (n + 1) * (n + 3) / (n * ((n + 1) * 4 - 6))
+    assert tests.skewness.p_value == pytest.approx(stats.chi2.sf(n * k * b1 / 6, 10), rel=1e-9)
+    variance = 8 * 15 * (n - 3) * (n - 4) * (n - 2) / ((n + 1) ** 2 * (n + 3) * (n + 5))
+    z = (b2 - 15 * (n - 1) / (n + 1)) / np.sqrt(variance)
+    assert tests.kurtosis.p_value == pytest.approx(2 * stats.norm.sf(abs(z)), rel=1e-9)
+    assert tests.skewness.p_value < 0.01
+
+
+def test_mardias_moments_under_a_gaussian() -> None:
+    """Mean and variance of the kurtosis, mean of the skewness: exact for Gaussian data, so simulation must agree."""
+    n, sets = 12, 4000
+    rng = np.random.default_rng(6)
+    samples = [assumption_tests(rng.standard_normal((3, n))) for _ in range(sets)]
+    kurtosis = np.array([tests.kurtosis.statistic for tests in samples])
+    skewness = np.array([tests.skewness.statistic for tests in samples])
+    expected_variance = 8 * 15 * (n - 3) * (n - 4) * (n - 2) / ((n + 1) ** 2 * (n + 3) * (n + 5))
+    assert kurtosis.mean() == pytest.approx(15 * (n - 1) / (n + 1), abs=4 * kurtosis.std() / np.sqrt(sets))
+    assert kurtosis.var() == pytest.approx(expected_variance, rel=0.12)
+    expected_skewness = 3 * 5 / ((n + 1) * (n + 3)) * ((n + 1) * 4 - 6)
+    assert skewness.mean() == pytest.approx(expected_skewness, abs=4 * skewness.std() / np.sqrt(sets))
+
+
+@pytest.mark.parametrize(
+    ("errors", "which", "why"),
+    [
+        (np.ones((3, 1)), "zero_mean", "one pose: too few for scatter in one direction"),
+        (np.eye(3), "zero_mean", "3 poses: too few for scatter in 3 directions"),
+        (np.zeros((3, 9)), "zero_mean", "every error is zero"),
+        (np.ones((3, 9)), "zero_mean", "the errors do not scatter along every direction of their mean"),
+        (np.eye(3), "skewness", "3 poses: too few to test the shape of the distribution"),
+        (np.ones((3, 9)), "kurtosis", "the errors do not scatter"),
+        (np.ones((3, 1)), "kurtosis", "one pose: too few to test the shape of the distribution"),
+        (np.arange(3.0)[None] * np.ones((3, 1)), "kurtosis", "3 poses: too few to test the shape of the distribution"),
+    ],
+)
+def test_a_test_without_a_result_has_a_reason(errors: np.ndarray, which: str, why: str) -> None:
+    test = getattr(assumption_tests(errors), which)
+    assert test.p_value is None
+    assert test.why == why
+
+
+def test_principal_axes() -> None:
+    values, axes = principal_axes(FRAME @ np.diag([1.0, 9.0, 4.0]) @ FRAME.T)
+    assert values == pytest.approx([9.0, 4.0, 1.0])
+    assert np.abs(axes.T @ FRAME[:, [1, 2, 0]]) == pytest.approx(np.eye(3), abs=1e-12)
+    assert all(axes[np.argmax(np.abs(axes[:, k])), k] > 0 for k in range(3))
+    assert principal_axes(np.outer([1, 2, 2], [1, 2, 2]))[0].tolist() == pytest.approx([9.0, 0.0, 0.0])
+
+
+def test_pose_structure_of_balanced_data_is_the_textbook_anova() -> None:
+    rng = np.random.default_rng(8)
+    between, within = rng.normal(0, 2e-4, (3, 15)), rng.normal(0, 1e-4, (3, 15, 4))
+    errors = (between[:, :, None] + within).reshape(3, 60)
+    structure = pose_structure(errors, np.repeat(np.arange(15), 4))
+    table = errors.reshape(3, 15, 4)
+    ms_within = table.var(axis=2, ddof=1).mean(axis=1).sum()
+    ms_between = 4 * table.mean(axis=2).var(axis=1, ddof=1).sum()
+    assert structure.within == pytest.approx(ms_within)
+    assert structure.between == pytest.approx((ms_between - ms_within) / 4)
+    correlation = (ms_between - ms_within) / (ms_between + 3 * ms_within)
+    assert structure.intraclass_correlation == pytest.approx(correlation)
+    assert structure.effective_poses == pytest.approx(60 / (1 + 3 * correlation))
+    assert structure.text.startswith("60 rows of 15 commanded poses: ")
+    assert "all poses share the parameter errors of one robot" in structure.text
+
+
+def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
+    rng = np.random.default_rng(9)
+    sizes = np.array([1, 2, 3, 5, 8, 2, 2, 7])
+    groups = np.repeat(np.arange(8), sizes)
+    samples = [
+        pose_structure(rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)), groups)
+        for _ in range(600)
+    ]
+    # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
+    assert np.mean([structure.between for structure in samples]) == pytest.approx(12.0, abs=0.8)
+    assert np.mean([structure.within for structure in samples]) == pytest.approx(3.0, abs=0.1)
+
+
+def test_pose_structure_without_repetitions() -> None:
+    errors = np.random.default_rng(0).normal(size=(3, 6))
+    alone = pose_structure(errors, None)
+    assert alone.why == "no commanded pose was repeated"
+    assert "not independent draws" in alone.text
+    one_pose = pose_structure(errors, np.zeros(6, dtype=np.int64))
+    assert one_pose.why == "all rows are of one commanded pose"
+    assert "repeatability" in one_pose.text
+    still = pose_structure(np.ones((3, 6)), np.arange(6) // 2)
+    assert (still.why, still.intraclass_correlation) == ("the errors do not scatter", None)
+
+
+T = {3: 4.302652729911275, 5: 2.7764451051977987, 40: 2.0226909200367604}
+
+"""Student's quantile of 0.975 with n - 1 degrees of freedom, from tables."""
+
+
+def gain_per_pose(before: np.ndarray, after: np.ndarray) -> np.ndarray:
+    """First-order influence of each pose on the fall of the RMS, ``(N,)``."""
+    squares = [np.sum(residual[:3] ** 2, axis=0) for residual in (before, after)]
+    rms = [np.sqrt(square.mean()) for square in squares]
+    return squares[0] / (2 * rms[0]) - squares[1] / (2 * rms[1])
+
+
+@pytest.mark.parametrize("n", [3, 5, 40])
+def test_half_width_is_the_sample_standard_error(n: int) -> None:
+    rng = np.random.default_rng(n)
+    before, after = 1e-3 * rng.standard_normal((6, n)), 2e-4 * rng.standard_normal((6, n))
+    gain = paired_gain(before, after, np.arange(n))
+    standard_error = np.std(gain_per_pose(before, after), ddof=1) / np.sqrt(n)
+    assert gain.value == pytest.approx(
+        np.sqrt(np.mean(np.sum(before[:3] ** 2, axis=0))) - np.sqrt(np.mean(np.sum(after[:3] ** 2, axis=0)))
+    )
+    # Both are sums of the same n numbers: rounding only.
+    assert gain.high - gain.value == pytest.approx(T[n] * standard_error, rel=1e-9)
+    assert gain.value - gain.low == pytest.approx(T[n] * standard_error, rel=1e-9)
+
+
+@pytest.mark.parametrize("numbers", [np.arange(8), 3 * np.arange(8)], ids=["all", "with gaps"])
+def test_repeats_of_a_pose_count_once_and_absent_poses_not_at_all(numbers: np.ndarray) -> None:
+    rng = np.random.default_rng(1)
+    before, after = 1e-3 * rng.standard_normal((3, 8)), 2e-4 * rng.standard_normal((3, 8))
+    single = paired_gain(before, after, np.arange(8))
+    repeated = paired_gain(np.repeat(before, 3, axis=1), np.repeat(after, 3, axis=1), np.repeat(numbers, 3))
+    assert (repeated.value, repeated.low, repeated.high) == pytest.approx((single.value, single.low, single.high))
+
+
+def test_two_poses_have_a_gain_without_interval() -> None:
+    gain = paired_gain(np.full((3, 2), 1e-3), np.full((3, 2), 1e-4), np.arange(2))
+    assert gain.value == pytest.approx(np.sqrt(3) * 9e-4)
+    assert np.isnan(gain.low)
+    assert np.isnan(gain.high)
+
+
+def test_folds_that_cannot_be_fitted_do_not_undo_the_registration() -> None:
+    robot = dataclasses.replace(arm("irb1600").robot, effects=())
+    data = simulate(robot, Plan(6, seed=1, noise_position=1e-5, orientation=False)).data
+    data = dataclasses.replace(data, position=data.position + np.array([[0.3], [-0.2], [0.1]]))
+    rms = [
+        float(
+            np.sqrt(
+                np.mean(np.sum(registered_residuals(robot, data, HoldOut.of(data, None, folds, 0))[0] ** 2, axis=0))
+            )
+        )
+        for folds in (2, 6)
+    ]
+    assert rms[0] == pytest.approx(rms[1], rel=1e-6)
+    assert rms[0] < 1e-3

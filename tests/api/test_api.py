@@ -1,8 +1,7 @@
-"""Every call gives what its command gives, byte for byte; takes paths, objects and arrays; and says what is wrong."""
-
-from __future__ import annotations
+"""Every call gives what its command gives, takes paths, objects, arrays and data frames, and says what is wrong."""
 
 import ast
+import csv
 import dataclasses
 import doctest
 import hashlib
@@ -19,21 +18,33 @@ from typing import Any
 import numpy as np
 import pytest
 import results
-from commands import output, run
+from commands import missing, output, run
+from refusals import problems_of
+from sample_files import ROBOT as SAMPLE_ROBOT, ROOT, SAMPLES, saved
 
 import robacc
 import robacc.api
 from robacc.api.parameters import choices_of, meanings
 from robacc.cli import commands
 from robacc.cli.command import declared_options
+from robacc.errors import InputError, UsageError
 from robacc.io.json_text import json_text
 
-ROOT = Path(__file__).resolve().parents[2]
 POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
+
+
 PLAN = "sample_data/iso9283/plan.csv"
+
+
 MODULES = [f"robacc.api.{one.name}" for one in pkgutil.iter_modules(robacc.api.__path__)]
+
+
 FRAMES = ("base_frame", "tool_frame")
+
+
 COMMANDS = ["calibrate", "check", "compare", "correct", "estimate", "export", "import_", "iso9283", "plan", "predict"]
+
+
 COMMANDS += ["simulate", "trace"]
 
 
@@ -175,10 +186,17 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: printed("fleet", f"{FOLDER}/c.json", f"{FOLDER}/d.json"),
     ),
 }
+
 """A call and the command that does the same."""
+
+
 TOLD: list[tuple[str, int, int]] = []
+
 """How far the trace was."""
+
+
 FOLDER = ""
+
 """Of the files that some of them read; set before they run."""
 
 
@@ -288,8 +306,7 @@ def test_arrays_are_estimated_and_recorded(tmp_path: Path) -> None:
     (record,) = found.made.inputs
     robacc.write_poses(tmp_path / "made.csv", found.data)
     assert record.sha256 == hashlib.sha256((tmp_path / "made.csv").read_bytes()).hexdigest()
-    again = robacc.estimate(tmp_path / "made.csv")
-    assert again.position.rms == found.position.rms
+    assert robacc.estimate(tmp_path / "made.csv").position.rms == found.position.rms
     lists = robacc.Measurements(position=wanted.tolist(), commanded_position=wanted.tolist(), pose=range(30))  # type: ignore[arg-type]
     assert robacc.estimate(lists).position.max == 0.0
 
@@ -343,6 +360,8 @@ def test_results_are_compared_and_checked_without_files() -> None:
 
 
 FLAT = np.zeros((3, 4))
+
+
 WRONG_ARRAYS = {
     "position: expected an array of shape (3, 4), found (4, 3); components come first and poses last, so give "
     "position.T": {"position": np.zeros((4, 3))},
@@ -372,9 +391,7 @@ WRONG_ARRAYS = {
 @pytest.mark.parametrize("message", WRONG_ARRAYS)
 def test_wrong_arrays_are_bad_input(message: str) -> None:
     columns = {"position": FLAT, "q": np.zeros((6, 4))} | WRONG_ARRAYS[message]
-    with pytest.raises(robacc.InputError) as caught:
-        robacc.estimate(robacc.Measurements(**columns), robot=ROBOT)
-    assert message in [str(problem) for problem in caught.value.problems]
+    assert message in problems_of(robacc.estimate, robacc.Measurements(**columns), robot=ROBOT)
 
 
 WRONG_CALLS: dict[str, Callable[[], object]] = {
@@ -466,8 +483,7 @@ def test_every_name_is_there_and_seen_by_type_checkers() -> None:
 
 @pytest.mark.parametrize("module", ["robacc", *MODULES])
 def test_examples_of_docstrings_run(module: str) -> None:
-    found = doctest.testmod(importlib.import_module(module))
-    assert found.failed == 0
+    assert doctest.testmod(importlib.import_module(module)).failed == 0
 
 
 SCRIPT = """\
@@ -514,17 +530,14 @@ def test_a_typed_script_passes_mypy_and_a_wrong_one_does_not(tmp_path: Path) -> 
 
 
 def test_without_poses_there_is_nothing_to_do(tmp_path: Path) -> None:
-    path = tmp_path / "header.csv"
-    path.write_text("q1,q2,q3,q4,q5,q6,x,y,z\n", encoding="utf-8")
+    path = saved(tmp_path / "header.csv", "q1,q2,q3,q4,q5,q6,x,y,z\n")
     for call in (
         lambda: robacc.estimate(path, robot=ROBOT),
         lambda: robacc.estimate(path, robot=ROBOT, align="base_frame"),
         lambda: robacc.calibrate(path, robot=ROBOT, fit="base_frame"),
         lambda: robacc.simulate(ROBOT, at=path),
     ):
-        with pytest.raises(robacc.InputError) as caught:
-            call()
-        assert str(caught.value) == f"{path}: there are no poses; one row is needed at least below the header"
+        assert problems_of(call) == [f"{path}: there are no poses; one row is needed at least below the header"]
 
 
 def test_a_compliance_without_equilibrium_is_bad_input() -> None:
@@ -535,3 +548,184 @@ def test_a_compliance_without_equilibrium_is_bad_input() -> None:
     ) as caught:
         robacc.simulate(robot, poses=3)
     assert caught.value.exit_status == 3
+
+
+# Data frames in place of pose files: pandas, Polars, Arrow, and mappings of arrays.
+def columns() -> dict[str, list[Any]]:
+    with (SAMPLES / "poses.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(line for line in file if not line.startswith("#")))
+    texts = ("pose", "cycle", "target", "visit")
+    return {name: [row[name] if name in texts else float(row[name]) for row in rows] for name in rows[0]}
+
+
+class StreamOnly:
+    """Table that speaks Arrow's stream interface only, as a database's relation does."""
+
+    def __init__(self, table: Any) -> None:
+        self._table = pytest.importorskip("pyarrow").table(table)
+
+    def __arrow_c_stream__(self, schema: Any = None) -> Any:
+        return self._table.__arrow_c_stream__(schema)
+
+
+def as_mapping(table: dict[str, list[Any]]) -> Any:
+    return {name: np.array(values) for name, values in table.items()}
+
+
+TABLES = {
+    "mapping": as_mapping,
+    "arrow": lambda table: pytest.importorskip("pyarrow").table(table),
+    "pandas": lambda table: pytest.importorskip("pandas").DataFrame(table),
+    "polars": lambda table: pytest.importorskip("polars").DataFrame(table),
+    "stream": StreamOnly,
+}
+
+
+@pytest.mark.parametrize("kind", TABLES)
+def test_a_frame_gives_the_figures_of_its_file(kind: str) -> None:
+    results = (
+        robacc.estimate(source, robot=SAMPLE_ROBOT) for source in (SAMPLES / "poses.csv", TABLES[kind](columns()))
+    )
+    from_file, from_frame = (json.loads(result.to_json()) for result in results)
+    record = from_frame["inputs"][0]
+    assert (record["name"], len(record["sha256"])) == ("DataFrame", 64)
+    for key in ("position", "orientation", "grade", "noise"):
+        assert from_frame[key] == from_file[key]
+
+
+def test_names_of_exports_are_read_in_frames_too() -> None:
+    table = columns()
+    frame = {f"J{i} [deg]": np.degrees(table[f"q{i}"]) for i in range(1, 7)}
+    frame |= {f"{axis.upper()} [mm]": 1e3 * np.array(table[axis]) for axis in "xyz"}
+    frame["Timestamp"] = np.datetime64("2026-11-22T10:00:00") + np.arange(len(table["x"])) * np.timedelta64(60, "s")
+    data = robacc.read_poses(frame, robot=robacc.read_robot(SAMPLE_ROBOT))
+    expected = robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(SAMPLE_ROBOT))
+    np.testing.assert_allclose(data.q, expected.q, atol=1e-14)
+    assert data.time[:2].tolist() == [36000.0, 36060.0]
+
+
+def test_statements_apply_to_frames() -> None:
+    table = columns()
+    frame = {f"J{i}": np.degrees(table[f"q{i}"]) for i in range(1, 7)} | {axis: table[axis] for axis in "xyz"}
+    with pytest.raises(InputError, match="state no unit"):
+        robacc.read_poses(frame | {f"J{i}": table[f"q{i}"] for i in range(1, 7)})
+    with_units = robacc.PoseFile(frame, units="m,deg")
+    assert robacc.estimate(with_units, robot=SAMPLE_ROBOT).document()["inputs"][0]["reading"] == {"units": "m,deg"}
+
+
+@pytest.mark.parametrize("missing", [None, float("nan"), "---"])
+def test_gaps_of_frames_have_a_row_and_a_column(missing: object) -> None:
+    table = columns()
+    table["y"][3] = missing
+    frame = {name: np.array(values, dtype=object if name == "y" else None) for name, values in table.items()}
+    with pytest.raises(InputError, match="row 4, y: the value is missing"):
+        robacc.read_poses(frame)
+    data = robacc.read_poses(frame, skip_gaps=True)
+    assert data.n == len(table["y"]) - 1
+    assert any("1 row with a missing value left out (row 4)" in text for text in data.warnings)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ({"x": np.zeros((60, 2))}, r"x: expected one value per row, found an array of shape \(60, 2\)"),
+        ({"x": np.zeros(7)}, "the columns have 7 to 60 rows"),
+        ({"x": np.array(["1,5"] * 60)}, "x: the column holds <U3, expected numbers"),
+        ({"x": np.array(["1,5"] * 60, dtype=object)}, "row 1, x: found '1,5', expected a number"),
+        ({5: np.zeros(60)}, "expected a text as the name of each column, found 5"),
+    ],
+)
+def test_frames_that_are_refused(change: dict[Any, Any], message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        robacc.read_poses({**as_mapping(columns()), **change})
+
+
+def test_the_named_index_of_pandas_is_a_column() -> None:
+    pandas = pytest.importorskip("pandas")
+    table = columns()
+    table["pose"] = [f"P{i}" for i in range(len(table["x"]))]
+    data = robacc.read_poses(pandas.DataFrame(table).set_index("pose"))
+    assert data.pose[:2].tolist() == ["P0", "P1"]
+
+
+@pytest.mark.parametrize("poses", [[{"x": 1.0}], np.zeros((3, 4)), 5, None])
+def test_what_is_no_table_is_a_wrong_argument(poses: Any) -> None:
+    with pytest.raises(UsageError, match="expected a path, a data frame or Measurements as poses, found"):
+        robacc.estimate(poses, robot=SAMPLE_ROBOT)
+
+
+# Results in a notebook: headline, arrays, table, chart and report of the same figures.
+@pytest.fixture(scope="module")
+def result() -> robacc.Estimate:
+    return robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
+
+
+def test_the_headline_has_the_figures_and_escapes_names(result: robacc.Estimate) -> None:
+    text = result._repr_html_()
+    assert missing(text, f"{result.position.rms * 1e3:.3f} mm", "grade D") == []
+    assert text.count("<table>") == text.count("</table>") == 1
+
+
+def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.Estimate) -> None:
+    command = ("estimate", SAMPLES / "poses.csv", "--robot", SAMPLES / "robot.yaml")
+    screen = run(*command, "--align", "base_frame,tool_frame").stdout
+    assert str(result).splitlines()[2:] == screen.replace(f"{SAMPLES}/", "").splitlines()[2:]
+    assert str(result).splitlines()[1] == "poses.csv against the model robot.yaml"
+    stepped = robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="none", frame="base")
+    assert str(dataclasses.replace(stepped, warnings=("a doubt",))).endswith("\nwarning: a doubt")
+    traced = robacc.trace(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", declared="base_frame,tool_frame")
+    assert str(traced).startswith("Trace of 60 measured poses: ")
+    assert "next:" in str(traced)
+
+
+def test_other_results_have_their_headline_and_no_table(result: robacc.Estimate) -> None:
+    compared = robacc.compare(result, result)
+    lines = str(compared).splitlines()
+    assert "mm" in "".join(lines)
+    assert max(map(len, lines)) < 200
+    assert (compared.to_numpy(), json.loads(compared.to_json())["command"]) == ({}, "compare")
+
+
+def test_the_text_of_poses_has_ten_lines_at_most() -> None:
+    lines = str(robacc.read_poses(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml")).splitlines()
+    assert lines[0].endswith("poses.csv, in m and rad")
+    assert lines[1].startswith("position           -0.66…0.82, ")
+    assert lines[-1] == "pose               60 different"
+    full = robacc.simulate(SAMPLES / "robot.yaml", poses=9, seed=1, temperature=(20, 25), payload=(0, 2)).data
+    assert len(str(full).splitlines()) <= 10
+    assert str(robacc.Measurements(np.zeros((3, 0)))) == "0 measured poses of arrays, in m and rad"
+
+
+def test_arrays_are_those_of_the_document(result: robacc.Estimate) -> None:
+    columns = result.to_numpy()
+    assert {array.shape for array in columns.values()} == {(60,)}
+    errors = np.stack([columns[f"error_{axis}_m"] for axis in "xyz"])
+    np.testing.assert_allclose(errors, result.errors.position, atol=1e-11)
+    assert np.sqrt(np.mean(columns["error_m"] ** 2)) == pytest.approx(result.position.rms, rel=1e-9)
+    assert result.errors.rotation is not None
+    np.testing.assert_allclose(columns["turn_rad"], np.linalg.norm(result.errors.rotation, axis=0), atol=1e-11)
+
+
+def test_a_data_frame_has_a_row_for_each_pose(result: robacc.Estimate) -> None:
+    pandas = pytest.importorskip("pandas")
+    frame = result.to_pandas()
+    assert isinstance(frame, pandas.DataFrame)
+    assert frame.shape == (60, len(result.to_numpy()))
+
+
+def test_chart_and_report_of_a_result(result: robacc.Estimate, tmp_path: Path) -> None:
+    pytest.importorskip("matplotlib")
+    figure = result.plot()
+    assert figure.axes
+    path = tmp_path / "chart.svg"
+    result.plot("time", path=path)
+    assert path.read_text(encoding="utf-8").startswith("<?xml")
+    with pytest.raises(robacc.UsageError, match="has no chart 'nothing'; it has distribution"):
+        result.plot("nothing")
+    page = tmp_path / "page.html"
+    result.report(page, identity={"serial_number": "12345 <b>", "customer": "Example"})
+    text = page.read_text(encoding="utf-8")
+    assert "12345 &lt;b&gt;" in text
+    assert text.index("Customer") < text.index("Serial number")
+    with pytest.raises(robacc.UsageError, match="unknown key 'serial'"):
+        result.report(page, identity={"serial": "1"})

@@ -1,7 +1,5 @@
 """What work costs, as a process of its own or as a call, beside what is wanted; a miss is printed, no test fails."""
 
-from __future__ import annotations
-
 import json
 import os
 import subprocess

@@ -1,7 +1,5 @@
 """`robacc calibrate` and `trace` from files to tables, JSON and models; first screens; files of targets."""
 
-from __future__ import annotations
-
 import dataclasses
 import hashlib
 import json
@@ -10,7 +8,6 @@ import os
 import re
 import shutil
 from functools import cache
-from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +16,8 @@ import numpy as np
 import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
+from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
+from slow_parameters import some_fast
 
 import robacc
 from robacc.effects.specification import parse_requests
@@ -77,23 +76,15 @@ def values(found: dict[str, Any]) -> dict[str, dict[str, Any]]:
     return {one["name"]: one for one in found["parameters"]}
 
 
-def test_json_has_the_contract_keys(files: Path) -> None:
+def test_coefficients_that_the_poses_do_not_show_have_their_reason(files: Path) -> None:
     found = calibrated(files, GEOMETRY)
     assert (found["schema"], found["n_poses"]) == ("robacc.calibrate/2", 50)
-    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
-    for stage, kind in product(("nominal", "before", "after"), ("fitted", "held_out")):
-        for quantity, unit in (("position", "m"), ("orientation", "rad")):
-            names = {f"{name}_{unit}" for name in ("rms", "mean_error", "p95", "max")}
-            assert set(found[stage][kind][quantity]) >= names
     for name, one in values(found).items():
-        assert set(one) >= {"name", "value", "std", "unit"}
         assert (one["std"] is None) == ("why" in one), name
     assert "joint_offset.j1 is not distinguishable from base_frame.yaw" in values(found)["joint_offset.j1"]["why"]
     identifiability = found["identifiability"]
     # The axes of joints 2 and 3 are parallel: their rotation about y is idle.
-    assert identifiability["n_identifiable"] == 4 * 6 + 6 - 1
-    assert set(identifiability["observability"]) == {"O1", "O2", "O3", "O4", "O5"}
-    assert identifiability["condition_number"] > 1
+    assert (identifiability["n_identifiable"], identifiability["condition_number"] > 1) == (4 * 6 + 6 - 1, True)
     dropped = {one["name"] for one in identifiability["not_identifiable"]}
     assert dropped == {name for name, one in values(found).items() if one["std"] is None}
 
@@ -136,12 +127,7 @@ def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path
             assert abs(value - before.parameters.get(label, 0.0)) < 0.01
 
 
-SLOW_ARMS = ("puma560", "urdf:ur10", "targets:puma560")
-
-
-@pytest.mark.parametrize(
-    "name", ["panda", "stanford", *(pytest.param(name, marks=pytest.mark.slow) for name in SLOW_ARMS)]
-)
+@pytest.mark.parametrize("name", some_fast(("panda", "puma560", "urdf:ur10", "stanford", "targets:puma560"), 3))
 def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     robot = arm(name).robot
     joint = arm(name).names[1]
@@ -188,8 +174,7 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     x, row = lines[header].split(",").index("x"), lines[header + 7].split(",")
     row[x] = str(float(row[x]) + 0.02)
     lines[header + 7] = ",".join(row)
-    poses = tmp_path / "poses.csv"
-    poses.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    poses = saved(tmp_path / "poses.csv", "\n".join(lines) + "\n")
     arguments = ("calibrate", poses, "--robot", files / "arm.yaml", "--fit", GEOMETRY, "--format", "json")
     done, every = run(*arguments), json.loads(output(*arguments, "--all-rows"))
     assert [one["line"] for one in json.loads(done.stdout)["outliers"]] == [header + 8]
@@ -198,17 +183,15 @@ def test_outliers_are_named_by_their_line(files: Path, tmp_path: Path) -> None:
     assert every["after"]["fitted"]["position"]["max_m"] > 5e-3
 
 
-def test_the_first_screen_says_how_good_why_and_what_now(files: Path) -> None:
-    screen = output(*calibrate_command(files, GEOMETRY, "--folds", "2"))
-    lines = screen.splitlines()
-    assert len(lines) <= 25
-    assert max(map(len, lines[:1] + lines[2:])) <= 80
-    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
-    assert in_order(one_line(screen), (*parts, "--full adds", "next: "))
-    # Without --fit the effects of every arm are fitted, which these are.
-    bare = output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml", "--folds", "2")
+def test_without_fit_the_effects_of_every_arm_are_fitted(files: Path) -> None:
+    asked, bare = (
+        one_line(output("calibrate", files / "poses.csv", "--robot", files / "arm.yaml", "--folds", "2", *more))
+        for more in (("--fit", GEOMETRY), ())
+    )
     told = "joint_offset, link_geometry (default; --fit changes them)"
-    assert one_line(bare) == one_line(screen).replace("joint_offset, link_geometry", told)
+    assert bare == asked.replace("joint_offset, link_geometry", told)
+    parts = ("Calibration from 50 measured poses", "fitted effects: base_frame", " after, on held-out poses: ")
+    assert in_order(asked, (*parts, "--full adds", "next: "))
 
 
 def test_the_table(files: Path) -> None:
@@ -259,9 +242,8 @@ def test_wrong_usage_is_status_2(files: Path, fit: str, message: str) -> None:
 
 
 def test_too_few_poses_are_status_3(files: Path, tmp_path: Path) -> None:
-    few = tmp_path / "few.csv"
     lines = (files / "poses.csv").read_text(encoding="utf-8").splitlines()
-    few.write_text("\n".join(lines[:5]) + "\n", encoding="utf-8")
+    few = saved(tmp_path / "few.csv", "\n".join(lines[:5]) + "\n")
     told = refused("calibrate", few, "--robot", files / "arm.yaml", "--fit", GEOMETRY, status=3)
     assert missing(told, "too few for", "measure more poses or fit fewer effects") == []
 
@@ -351,31 +333,16 @@ def traced(traced_files: Path, *more: str, poses: str = "poses") -> dict[str, An
     return commands.document(*trace_command(traced_files, *more, poses=poses))
 
 
-FIGURES = {"rms_m", "mean_error_m", "p95_m", "max_m"}
-
-
-def test_json_of_a_trace_has_the_contract_keys(traced_files: Path) -> None:
+def test_json_of_a_trace_names_the_finding_its_value_and_its_files(traced_files: Path) -> None:
     found = traced(traced_files)
-    assert found["schema"] == "robacc.trace/2"
-    assert {"robacc", "command", "options", "inputs", "seed", "candidates"} <= set(found)
-    assert (found["n_poses"], found["verdict"], found["seed"]) == (50, "explained", 0)
-    assert set(found["noise"]) >= {"position_m", "orientation_rad", "source"}
-    for stage in ("nominal", "before", "after"):
-        for kind in ("fitted", "held_out"):
-            assert set(found[stage][kind]["position"]) >= FIGURES
-            assert found[stage][kind]["orientation"] is None
+    assert (found["schema"], found["n_poses"]) == ("robacc.trace/2", 50)
+    assert (found["verdict"], found["seed"], found["after"]["held_out"]["orientation"]) == ("explained", 0, None)
     (finding,) = found["findings"]
-    keys = {"effect", "joints", "alternatives", "p_value", "held_out_before_m", "held_out_after_m", "parameters"}
-    assert keys <= set(finding)
     assert (finding["effect"], finding["joints"]) == ("backlash", ["j2"])
-    assert all({"effect", "joints"} <= set(other) for other in finding["alternatives"])
     (parameter,) = finding["parameters"]
     assert (parameter["name"], parameter["unit"]) == ("backlash.j2", "rad")
     assert abs(parameter["value"] - 2e-4) < 4 * parameter["std"]
-    assert set(found["unexplained"]) >= {"rms_m", "noise_rms_m", "structured", "p_value", "hints"}
-    for one in found["parameters"]:
-        assert set(one) >= {"name", "value", "std", "unit"}
-        assert (one["std"] is None) == ("why" in one)
+    assert all((one["std"] is None) == ("why" in one) for one in found["parameters"])
     hashes = {Path(one["name"]).name: one["sha256"] for one in found["inputs"]}
     for name in ("poses.csv", "arm.yaml"):
         assert hashes[name] == hashlib.sha256((traced_files / name).read_bytes()).hexdigest()
@@ -390,7 +357,6 @@ def test_every_candidates_score_at_every_step_is_there(traced_files: Path) -> No
     assert {("backlash", ("j2",)), ("gear_ratio", ("j3",)), ("joint_compliance", ("j2",))} <= {
         (one["effect"], tuple(one["joints"])) for one in first
     }
-    assert all({"evidence", "p_value", "log_prior"} <= set(one) for one in first)
     assert all(0 <= one["p_value"] <= 1 for step in steps for one in step["ranking"])
     offered = {one["effect"] for one in traced(traced_files)["not_offered"]}
     assert {"payload_compliance", "frame_drift"} <= offered
@@ -471,8 +437,7 @@ def test_poses_held_out_by_a_file(traced_files: Path) -> None:
 def test_poses_that_were_fitted_are_not_held_out(traced_files: Path, tmp_path: Path, name: str) -> None:
     lines = (traced_files / "apart.csv").read_text(encoding="utf-8").splitlines()
     lines.append((traced_files / "poses.csv").read_text(encoding="utf-8").splitlines()[-1])
-    mixed = tmp_path / "mixed.csv"
-    mixed.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    mixed = saved(tmp_path / "mixed.csv", "\n".join(lines) + "\n")
     option = {"trace": "--declared", "calibrate": "--fit"}[name]
     arguments = [str(traced_files / "poses.csv"), "--robot", str(traced_files / "arm.yaml"), option, DECLARED]
     told = refused(name, *arguments, "--holdout", mixed, status=3)
@@ -542,15 +507,10 @@ def test_the_size_at_the_tool_is_that_of_the_effect_alone(traced_files: Path) ->
 def test_nothing_is_declared_by_none(traced_files: Path) -> None:
     found = traced(traced_files, poses="clean")
     assert found["declared"]["effects"] == ["base_frame", "tool_frame", "joint_offset"]
-    done = run(*trace_command(traced_files, declared="none,backlash"))
-    assert done.exit_code == 2
+    assert run(*trace_command(traced_files, declared="none,backlash")).exit_code == 2
 
 
 # First screens of the commands on the sample data, at 80 columns, as a user sees them.
-
-ROOT = Path(__file__).resolve().parents[2]
-
-GOLDEN = Path(__file__).resolve().parents[1] / "golden"
 
 SCREENS = {
     "estimate": "estimate poses.csv --robot robot.yaml",
@@ -582,7 +542,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 def screens(folder: Path) -> dict[str, str]:
     """Standard output of each command, in the folder."""
     for name in ("poses.csv", "robot.yaml"):
-        shutil.copy(ROOT / "sample_data" / name, folder)
+        shutil.copy(SAMPLES / name, folder)
     with pytest.MonkeyPatch.context() as patch:
         patch.chdir(folder)
         return {name: output(*words.split()) for name, words in SCREENS.items()}
@@ -590,7 +550,7 @@ def screens(folder: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_a_first_screen_is_as_agreed(name: str, screens: dict[str, str]) -> None:
-    path, screen = GOLDEN / f"first_screen_{name}.txt", screens[name]
+    path, screen = ROOT / "tests" / "golden" / f"first_screen_{name}.txt", screens[name]
     if os.environ.get("UPDATE_GOLDEN"):
         path.write_text(screen, encoding="utf-8")
     agreed = path.read_text(encoding="utf-8")
@@ -633,9 +593,7 @@ def test_refused_targets_stand_once_for_each_reason(screens: dict[str, str], fol
 
 # Targets, candidates and poses to visit as exports: the options that answer what their names leave open.
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-
-ROBOT, MODEL = str(SAMPLES / "trace" / "robot.yaml"), str(SAMPLES / "trace" / "truth.yaml")
+ROBOT, MODEL = str(TRACED_ROBOT), str(TRUTH)
 
 
 @pytest.fixture
@@ -698,8 +656,7 @@ def test_options_of_measurements_are_not_there(command: str) -> None:
 
 
 def test_a_program_states_its_own_units(tmp_path: Path) -> None:
-    program = tmp_path / "drill.script"
-    program.write_text("def drill():\n  movej([0.1, -1.2, 1.0, 0.2, 0.3, 0.4])\nend\n")
+    program = saved(tmp_path / "drill.script", "def drill():\n  movej([0.1, -1.2, 1.0, 0.2, 0.3, 0.4])\nend\n")
     out = tmp_path / "out.script"
     told = refused("correct", program, "--model", MODEL, "--units", "mm,deg", "-o", out)
     assert "a program states its own units" in told

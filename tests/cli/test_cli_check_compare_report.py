@@ -1,13 +1,11 @@
 """`robacc check`, `compare` and `report` on stored results, and --gate and --report beside a command."""
 
-from __future__ import annotations
-
+import dataclasses
 import importlib.util
 import json
 import re
 import shutil
 from collections.abc import Callable, Iterable
-from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import Any
@@ -19,19 +17,17 @@ import pytest
 import results
 from commands import document, missing, one_line, output, refused, run
 from pages import parsed
+from sample_files import POSES, ROBOT, ROOT, UR10, saved
 from typer.testing import CliRunner
 
+import robacc
 from robacc.cli.main import app
 from robacc.comparison.stored_results import errors_behind, read_compared_result
 from robacc.gates import figure_at
 
 # `robacc check`, and `--gate` with its outputs on the commands that have a result.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-POSES, ROBOT = (str(ROOT / "sample_data" / name) for name in ("poses.csv", "robot.yaml"))
-
-ESTIMATE = ("estimate", POSES, "--robot", ROBOT)
+ESTIMATE = ("estimate", str(POSES), "--robot", str(ROBOT))
 
 PASSING = "{key: position.rms, limit: 9 mm, reason: r}"
 
@@ -41,8 +37,7 @@ ELSEWHERE = "{key: verdict, limit: clean, reason: r}"
 
 
 def gate(folder: Path, *criteria: str, name: str = "gate.yaml") -> str:
-    path = folder / name
-    path.write_text("robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
+    path = saved(folder / name, "robacc_gate: 1\nname: g\ncriteria:\n" + "".join(f"  - {one}\n" for one in criteria))
     return str(path)
 
 
@@ -99,19 +94,19 @@ def carries_the_figures_of_its_own_errors(found: dict[str, Any], owners: Iterabl
 
 def test_a_stored_calibration_carries_the_figures_of_its_own_errors(stored: Path) -> None:
     parts = (("nominal", "before", "after"), ("fitted", "held_out"), ("position", "orientation"))
-    found = json.loads((stored / "calibrate.json").read_text())
-    carries_the_figures_of_its_own_errors(found, map(".".join, product(*parts)))
+    carries_the_figures_of_its_own_errors(
+        json.loads((stored / "calibrate.json").read_text()), map(".".join, product(*parts))
+    )
 
 
 @pytest.mark.slow
-def test_a_trace_carries_the_figures_of_its_own_errors_too(tmp_path: Path) -> None:
-    lines = Path(POSES).read_text().splitlines()
-    x, cells = lines[1].split(",").index("x"), lines[8].split(",")
-    cells[x] = repr(float(cells[x]) * 1.1)  # a broken beam, which is left out
-    lines[8] = ",".join(cells)
-    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n")
-    command = ("trace", str(tmp_path / "poses.csv"), "--robot", ROBOT, "--declared", "base_frame,tool_frame")
-    traced = document(*command, "--named-only")
+def test_a_trace_carries_the_figures_of_its_own_errors_too() -> None:
+    data = robacc.read_poses(POSES, robot=robacc.read_robot(ROBOT))
+    broken = np.where((np.arange(data.n) == 6) & (np.arange(3)[:, None] == 0), 1.1, 1.0)  # a beam, which is left out
+    poses = dataclasses.replace(data, position=data.position * broken)
+    traced = json.loads(
+        robacc.trace(poses, robot=ROBOT, declared=("base_frame", "tool_frame"), empirical=False).to_json()
+    )
     assert traced["poses"]["used"].count(False) == 1
     stages = ("nominal.held_out", "before.held_out", "after.held_out", "before.fitted", "after.fitted")
     carries_the_figures_of_its_own_errors(traced, (f"{stage}.position" for stage in stages))
@@ -175,8 +170,9 @@ def test_a_table_ends_with_the_gate_and_a_stored_results_summary_is_the_gate_alo
 
 
 def test_predict_has_no_intervals_and_says_so(tmp_path: Path) -> None:
-    tolerances = tmp_path / "t.yaml"
-    tolerances.write_text("units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n")
+    tolerances = saved(
+        tmp_path / "t.yaml", "units: {length: mm, angle: deg}\nall: {theta: 0.01, d: 0.1, a: 0.1, alpha: 0.01}\n"
+    )
     command = ("predict", ROBOT, "--samples", "50", "--tolerances", tolerances, "--gate")
     done = run(*command, gate(tmp_path, "{key: position.p95, limit: 5 mm, reason: r}"))
     assert done.exit_code == 5, done.stderr
@@ -252,13 +248,9 @@ def test_examples_judge_what_they_are_written_for(stored: Path) -> None:
 
 # `robacc compare` from stored results to its table and its JSON.
 
-UR10 = ROOT / "configs" / "robots" / "ur10.yaml"
-
 STAGES = {"position", "before.held_out.position", "nominal.held_out.position", "after.fitted.position"}
 
-run_compare, compared, refused_compare = (
-    partial(call, "compare") for call in (commands.run, commands.document, commands.refused)
-)
+run_compare, _, compared, refused_compare = commands.calls_of("compare")
 
 PLACES = np.random.default_rng(7).uniform(-0.8, 0.8, (60, 3))
 
@@ -578,9 +570,7 @@ MAGIC = {"png": b"\x89PNG", "pdf": b"%PDF", "svg": b"<?xml"}
 
 @pytest.fixture
 def iso_result(tmp_path: Path) -> Path:
-    path = tmp_path / "iso.json"
-    path.write_text(results.text("iso9283"), encoding="utf-8")
-    return path
+    return saved(tmp_path / "iso.json", results.text("iso9283"))
 
 
 def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> None:
@@ -680,8 +670,7 @@ def test_without_the_extra_the_way_to_it_is_said(
 def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any, told: str, tmp_path: Path) -> None:
     document = results.document("iso9283")
     change(document)
-    broken = tmp_path / "broken.json"
-    broken.write_text(json.dumps(document), encoding="utf-8")
+    broken = saved(tmp_path / "broken.json", json.dumps(document))
     assert missing(refused("report", broken, "-o", tmp_path / "x.html", status=3), "broken.json", told) == []
     assert not list(tmp_path.glob("*.html"))
 

@@ -1,7 +1,5 @@
 """`robacc estimate` from files to its table, its JSON and its per-pose CSV; several files at once."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import json
@@ -11,7 +9,6 @@ import signal
 import subprocess
 import sys
 import time
-from functools import partial
 from pathlib import Path
 from xml.etree import ElementTree
 
@@ -19,6 +16,7 @@ import commands
 import numpy as np
 import pytest
 from commands import in_order, missing, one_line, output
+from sample_files import POSES, ROBOT, ROOT, saved
 from scipy.spatial.transform import Rotation
 
 from robacc.cli.many import distinct_names
@@ -26,19 +24,11 @@ from robacc.workers import WorkerKilled, Workers
 
 # `robacc estimate` from files to its table, its JSON and its per-pose CSV.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-POSES = ROOT / "sample_data" / "poses.csv"
-
-ROBOT = ROOT / "sample_data" / "robot.yaml"
-
 SAMPLE = (str(POSES), "--robot", str(ROBOT))
 
-GOLDEN = Path(__file__).resolve().parents[1] / "golden" / "estimate.txt"
+GOLDEN = ROOT / "tests" / "golden" / "estimate.txt"
 
-calls = (commands.run, commands.document, commands.refused)
-
-run, document, refused = (partial(call, "estimate") for call in calls)
+run, _, document, refused = commands.calls_of("estimate")
 
 COMMANDED = """\
 pose,x_mm,y_mm,z_mm,roll_deg,pitch_deg,yaw_deg,cmd_x_mm,cmd_y_mm,cmd_z_mm,cmd_roll_deg,cmd_pitch_deg,cmd_yaw_deg
@@ -60,14 +50,12 @@ def independent_errors() -> tuple[np.ndarray, np.ndarray]:
 
 
 def test_json_has_the_contract_keys_and_the_right_numbers(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text(COMMANDED, encoding="utf-8")
+    path = saved(tmp_path / "poses.csv", COMMANDED)
     found = document(str(path))
     assert (found["schema"], found["n_poses"], found["frame"], found["seed"]) == ("robacc.estimate/1", 5, "tool", 0)
     assert found["inputs"] == [
         {"name": "poses.csv", "sha256": hashlib.sha256(path.read_bytes()).hexdigest(), "kind": "poses"}
     ]
-    assert {"robacc", "command", "options", "notes", "warnings"} <= set(found)
     for key, unit, errors in zip(("position", "orientation"), ("m", "rad"), independent_errors(), strict=True):
         part = found[key]
         size = np.linalg.norm(errors, axis=1)
@@ -151,8 +139,7 @@ def test_output_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
     assert run(*SAMPLE, "--format", "json", "--output", str(target)).stdout == ""
     whole = target.read_text(encoding="utf-8")
     assert whole == run(*SAMPLE, "--format", "json").stdout
-    bad = tmp_path / "bad.csv"
-    bad.write_text("x,y,z\n1,2,oops\n", encoding="utf-8")
+    bad = saved(tmp_path / "bad.csv", "x,y,z\n1,2,oops\n")
     refused(bad, "--format", "json", "--output", target, status=3)
     assert target.read_text(encoding="utf-8") == whole
     refused(*SAMPLE, "--output", tmp_path / "no" / "where.txt", status=3)
@@ -160,8 +147,7 @@ def test_output_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
 
 
 def test_bad_rows_are_all_named_with_line_and_column(tmp_path: Path) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n1,,3,1,2,3\n1,2,3,1,2,up\n", encoding="utf-8")
+    path = saved(tmp_path / "poses.csv", "x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n1,,3,1,2,3\n1,2,3,1,2,up\n")
     told = refused(path, "--format", "json", status=3)
     assert in_order(told, (f"error: {path}:3, y", f"error: {path}:4, cmd_z"))
     assert told.count("error: ") == 2
@@ -195,11 +181,10 @@ def test_several_targets_are_reported_apart() -> None:
 
 
 def test_grade_scale_of_the_users_own(tmp_path: Path) -> None:
-    scale = tmp_path / "scale.yaml"
-    scale.write_text(
+    scale = saved(
+        tmp_path / "scale.yaml",
         "robacc: 1\nname: shop floor\nstatistic: max\nconfidence: 0.9\nunits: {length: mm, angle: deg}\n"
         "steps:\n  - {grade: good, position: 10, orientation: 5}\notherwise: poor\n",
-        encoding="utf-8",
     )
     found = document(*SAMPLE, "--scale", str(scale))
     assert (found["grade"]["grade"], found["grade"]["scale"]) == ("good", "shop floor")
@@ -259,11 +244,7 @@ def test_ending_of_the_output_chooses_the_form(tmp_path: Path, name: str, form: 
 
 # `robacc estimate` on several files: one table, one document or a file each, failures in their place.
 
-SAMPLES = ROOT / "sample_data"
-
-ROBOT = ("--robot", str(SAMPLES / "robot.yaml"))
-
-HOW = (*ROBOT, "--align", "base_frame,tool_frame")
+HOW = (*SAMPLE[1:], "--align", "base_frame,tool_frame")
 
 GATE = "robacc_gate: 1\nname: g\ncriteria:\n  - {{key: position.rms, limit: {limit} mm, reason: r}}\n"
 
@@ -271,7 +252,7 @@ GATE = "robacc_gate: 1\nname: g\ncriteria:\n  - {{key: position.rms, limit: {lim
 @pytest.fixture
 def folder(tmp_path: Path) -> Path:
     """Three files: the sample's poses, the first half of them, and one with two bad rows between them."""
-    lines = (SAMPLES / "poses.csv").read_text(encoding="utf-8").splitlines(keepends=True)
+    lines = POSES.read_text(encoding="utf-8").splitlines(keepends=True)
     (tmp_path / "a.csv").write_text("".join(lines), encoding="utf-8")
     (tmp_path / "b.csv").write_text("".join([*lines[:8], "1,2,3\n", "1,2\n"]), encoding="utf-8")
     (tmp_path / "c.csv").write_text("".join(lines[:32]), encoding="utf-8")
@@ -365,8 +346,7 @@ def test_a_folder_takes_each_result_as_the_command_alone_writes_it(
     ("limit", "names", "status"), [(9, "ac", 0), (0.45, "ac", 5), (0.1, "ac", 4), (9, "abc", 3), (0.1, "abc", 3)]
 )
 def test_the_gate_judges_each_and_the_worst_status_counts(folder: Path, limit: float, names: str, status: int) -> None:
-    gate = folder / "gate.yaml"
-    gate.write_text(GATE.format(limit=limit), encoding="utf-8")
+    gate = saved(folder / "gate.yaml", GATE.format(limit=limit))
     junit = folder / "junit.xml"
     done = run(*files(folder, names), *HOW, "--gate", str(gate), "--junit", str(junit))
     assert done.exit_code == status
@@ -383,8 +363,7 @@ def test_the_gate_judges_each_and_the_worst_status_counts(folder: Path, limit: f
 
 
 def test_annotations_say_what_became_of_each_file(folder: Path) -> None:
-    gate = folder / "gate.yaml"
-    gate.write_text(GATE.format(limit=0.45), encoding="utf-8")
+    gate = saved(folder / "gate.yaml", GATE.format(limit=0.45))
     for more, level in (((), "notice"), (("--gate", gate), "warning")):
         lines = run(*files(folder), *HOW, "--format", "github", *more).stdout.splitlines()
         assert [line.split("::")[1].split()[0] for line in lines] == [level, "error", level]
@@ -505,7 +484,7 @@ def test_an_interrupt_leaves_whole_files_and_no_process(folder: Path) -> None:
     for path in waiting:
         os.mkfifo(path)
     out = folder / "out"
-    options = (*ROBOT, "--format", "json", "--jobs", "2", "--output", f"{out}/")
+    options = (*SAMPLE[1:], "--format", "json", "--jobs", "2", "--output", f"{out}/")
     process = subprocess.Popen(
         [sys.executable, "-m", "robacc", "estimate", *files(folder, "ac"), *map(str, waiting), *options],
         stdout=subprocess.PIPE,

@@ -1,7 +1,5 @@
 """`robacc init`: what it writes is valid at once, and nothing is written over unasked."""
 
-from __future__ import annotations
-
 import dataclasses
 from pathlib import Path
 
@@ -140,8 +138,7 @@ def test_a_map_asks_what_the_names_of_columns_leave_open(folder: Path) -> None:
     (folder / "export.csv").write_text(
         f"Point,{joints},X [mm],Y [mm],Z [mm],Q1,Q2,Q3,Q4\nP1,10,20,30,40,5,6,500,100,200,1,0,0,0\n"
     )
-    done = run("init", "export.csv")
-    assert "  fill in angles in columns.yaml\n" in done.stdout
+    assert "  fill in angles in columns.yaml\n" in run("init", "export.csv").stdout
     text = (folder / "columns.yaml").read_text()
     for order, expected in (("wxyz", np.eye(3)), ("xyzw", np.diag([1.0, -1.0, -1.0]))):
         (folder / "columns.yaml").write_text(text.replace("angles: unknown", f"angles: {order}"))

@@ -1,7 +1,5 @@
 """`robacc predict`, `plan` and `iso9283` from files to tables, JSON, CSV and exit statuses."""
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
@@ -10,7 +8,6 @@ import os
 import re
 import subprocess
 import sys
-from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -18,29 +15,24 @@ import commands
 import numpy as np
 import pytest
 from commands import missing, one_line, output, refused, run
+from sample_files import ROBOT as PLANNED_ROBOT, ROOT, SAMPLES, SCARA, saved
 
 from robacc.poses.csv_file import read_poses
 
 # ``robacc predict`` as a process: exit statuses, standard output, the contract's keys, files.
 
-PROJECT = Path(__file__).resolve().parents[2]
-
 PUMA = "configs/robots/puma560.yaml"
 
 AGAINST = ("sample_data/robot.yaml", "--against", "sample_data/poses.csv")
 
-calls = (commands.run, commands.document, commands.refused)
-
-run_predict, predicted, refused_predict = (partial(call, "predict") for call in calls)
+run_predict, _, predicted, refused_predict = commands.calls_of("predict")
 
 TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2, alpha: 0.01}\n"
 
 
 @pytest.fixture
 def tolerances(tmp_path: Path) -> Path:
-    path = tmp_path / "tolerances.yaml"
-    path.write_text(TOLERANCES)
-    return path
+    return saved(tmp_path / "tolerances.yaml", TOLERANCES)
 
 
 def test_a_robot_without_tolerances_is_bad_input() -> None:
@@ -50,9 +42,9 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
 
 
 def test_as_a_process() -> None:
-    environment = os.environ | {"PYTHONPATH": str(PROJECT), "OPENBLAS_NUM_THREADS": "1"}
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
     command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
-    result = subprocess.run(command, cwd=PROJECT, env=environment, capture_output=True, text=True)
+    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
     # The same call gives the same bytes, in another process too.
     same = run_predict(PUMA, "--samples", "20", "--format", "json").stdout
     assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
@@ -72,7 +64,6 @@ def test_json_has_the_contracts_keys() -> None:
         assert len(part["worst"]["q"]) == 6
     for name in ("share_position", "share_orientation"):
         assert sum(entry[name] for entry in found["budget"]) == pytest.approx(1.0, abs=1e-9)
-    assert {"parameter", "joint"} <= set(found["budget"][0])
     assert found["budget"][0]["parameter"].startswith(found["budget"][0]["joint"])
     assert found["allocation"]["met"] is True
 
@@ -114,7 +105,6 @@ def test_against_in_json(tolerances: Path) -> None:
     assert tests["total"]["dof"] == 6 * 60 - 6
     assert tests["total"]["dof"] == tests["parameters"]["dof"] + tests["noise"]["dof"]
     assert tests["total"]["statistic"] == pytest.approx(tests["parameters"]["statistic"] + tests["noise"]["statistic"])
-    assert {"factor", "statistic", "p_value"} <= set(against["likelihood_ratio"])
     names = [component["name"] for component in against["variance_components"]["components"]]
     assert names == ["theta", "d", "a", "alpha"]
     assert [file["kind"] for file in found["inputs"]] == ["robot", "tolerances", "against"]
@@ -134,10 +124,10 @@ def test_per_pose_file(tmp_path: Path) -> None:
 
 
 def test_poses_of_a_file_and_another_scale(tmp_path: Path, tolerances: Path) -> None:
-    scale = tmp_path / "scale.yaml"
-    scale.write_text(
+    scale = saved(
+        tmp_path / "scale.yaml",
         "robacc: 1\nname: mine\nstatistic: rms\nconfidence: 0.95\nunits: {length: mm, angle: deg}\n"
-        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n"
+        "steps: [{grade: fine, position: 5}]\notherwise: coarse\n",
     )
     poses = ("sample_data/robot.yaml", "--poses", "sample_data/poses.csv")
     found = predicted(*poses, "--scale", scale, "--tolerances", tolerances)
@@ -167,11 +157,7 @@ def test_wrong_usage(arguments: tuple[str, ...], status: int, message: str) -> N
 
 # ``robacc plan`` from the command line: its files, its answers, and its messages.
 
-ROOT = Path(__file__).resolve().parents[2]
-
-PLANNED_ROBOT = ROOT / "sample_data" / "robot.yaml"
-
-plan, planned, refused_plan = (partial(call, "plan") for call in (output, commands.document, commands.refused))
+_, plan, planned, refused_plan = commands.calls_of("plan")
 
 SMALL = ("--candidates", "200")
 
@@ -210,7 +196,7 @@ def test_json_and_csv_agree(tmp_path: Path) -> None:
 
 
 def test_enough_or_the_next_ten(tmp_path: Path) -> None:
-    measured = (PLANNED_ROBOT, *SMALL, "--already", ROOT / "sample_data" / "poses.csv", "-o", tmp_path / "next.csv")
+    measured = (PLANNED_ROBOT, *SMALL, "--already", SAMPLES / "poses.csv", "-o", tmp_path / "next.csv")
     fit = ("--fit", "base_frame,joint_offset")
     assert "Enough" in plan(*measured, *fit)
     strict = plan(*measured, *fit, "--target-error", "1um", "--full")
@@ -220,9 +206,9 @@ def test_enough_or_the_next_ten(tmp_path: Path) -> None:
 
 
 def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
-    gate = tmp_path / "gate.yaml"
-    gate.write_text(
-        "robacc_gate: 1\nname: cell\ncriteria:\n  - {key: position.p95, limit: 1mm, name: tool, reason: drawing}\n"
+    gate = saved(
+        tmp_path / "gate.yaml",
+        "robacc_gate: 1\nname: cell\ncriteria:\n  - {key: position.p95, limit: 1mm, name: tool, reason: drawing}\n",
     )
     words = (PLANNED_ROBOT, "--for", "acceptance", "--gate", gate, *SMALL, "--expected")
     assert "59 poses" in plan(*words, "0.5mm", "-o", tmp_path / "a").splitlines()[0]
@@ -251,19 +237,16 @@ def test_messages(arguments: tuple[str, ...], message: str) -> None:
 
 
 def test_another_arm_is_no_model() -> None:
-    other = ROOT / "configs" / "robots" / "scara.yaml"
-    assert "give the model of this robot" in refused_plan(PLANNED_ROBOT, *SMALL, "--model", other)
+    assert "give the model of this robot" in refused_plan(PLANNED_ROBOT, *SMALL, "--model", SCARA)
 
 
 # `robacc iso9283` and `robacc plan --for iso9283` from files to tables, JSON, CSV and exit statuses.
 
-SAMPLE = ROOT / "sample_data" / "iso9283"
+SAMPLE = SAMPLES / "iso9283"
 
 POSES, ROBOT = SAMPLE / "poses.csv", SAMPLE / "robot.yaml"
 
-judged = partial(commands.document, "iso9283")
-
-SCARA = ROOT / "configs" / "robots" / "scara.yaml"
+judged = commands.calls_of("iso9283")[2]
 
 
 @pytest.fixture(scope="module")
@@ -281,7 +264,6 @@ def test_json_has_its_keys_and_the_right_numbers(sample: dict[str, Any]) -> None
     digest = hashlib.sha256(POSES.read_bytes()).hexdigest()
     assert sample["inputs"] == [{"name": "poses.csv", "sha256": digest, "kind": "poses"}]
     found = sample["iso9283"]
-    assert list(found) == ["AP", "RP", "vAP", "AD", "RD", "drift", "exchangeability"]
     accuracy, repeatability = {}, {}
     for name in ("P1", "P2", "P3", "P4", "P5"):
         own = [row for row in rows(POSES) if row["pose"] == name]
@@ -298,7 +280,6 @@ def test_json_has_its_keys_and_the_right_numbers(sample: dict[str, Any]) -> None
         assert interval["lower"] < found[key]["max_m"] < interval["upper_bound"] < interval["upper"]
         assert interval["confidence"] == 0.95
     assert found["AP"]["orientation"]["max_rad"] == pytest.approx(4.0e-4, rel=0.05)
-    assert set(found["drift"]) == {"AP", "RP", "barycentre"}
     for absent in (found["vAP"], found["exchangeability"]):
         assert (absent["max_m"], bool(absent["why"])) == (None, True)
     assert (len(found["AD"]["poses"]), found["AD"]["poses"][0]["poses"]) == (10, ["P1", "P2"])
@@ -374,9 +355,8 @@ def test_several_files_are_robots(tmp_path: Path) -> None:
     ],
 )
 def test_gate(tmp_path: Path, key: str, limit: str, status: int, outcome: str) -> None:
-    gate = tmp_path / "gate.yaml"
     criterion = f"{{key: iso9283.{key}.max, limit: {limit}, reason: a test}}"
-    gate.write_text(f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n", encoding="utf-8")
+    gate = saved(tmp_path / "gate.yaml", f"robacc_gate: 1\nname: cell\ncriteria:\n  - {criterion}\n")
     result = run("iso9283", POSES, "--gate", gate, "--format", "json")
     assert result.exit_code == status
     if key == "RP":
@@ -390,8 +370,7 @@ def test_gate(tmp_path: Path, key: str, limit: str, status: int, outcome: str) -
 
 
 def test_positions_of_one_pose_without_a_command() -> None:
-    text = "pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n"
-    table = output("iso9283", "-", text=text)
+    table = output("iso9283", "-", text="pose,x_mm,y_mm,z_mm\nP1,0,0,0\nP1,0,0,0.1\nP1,0.1,0,0\n")
     assert missing(table, "1 commanded pose, 3 visits\nno commanded poses", "RP  pose repeatability") == []
     assert "no AP (pose accuracy): the commanded poses are not known" in one_line(table)
     assert len(table.splitlines()) <= 25
@@ -421,7 +400,7 @@ def test_sample_data_are_what_their_commands_make(tmp_path: Path) -> None:
     plan, poses = tmp_path / "plan.csv", tmp_path / "poses.csv"
     output("plan", "--for", "iso9283", ROBOT, "--payload", "6", "-o", plan)
     assert "cube with an edge of 630 mm" in plan.read_text(encoding="utf-8")
-    command = next(line for line in (ROOT / "sample_data" / "README.md").read_text().splitlines() if "--at" in line)
+    command = next(line for line in (SAMPLES / "README.md").read_text().splitlines() if "--at" in line)
     arguments = [str(ROOT / one) if one.startswith("sample_data") else one for one in command.split()[1:]]
     arguments[arguments.index("-o") + 1] = str(poses)
     output(*arguments)

@@ -1,7 +1,5 @@
 """Every exit status, what ends a run from outside, robots at the edges, and files made to mislead."""
 
-from __future__ import annotations
-
 import itertools
 import json
 import math
@@ -22,6 +20,7 @@ import pytest
 from commands import output, refused, run
 from pose_files import Reader
 from results import run as run_in_project
+from sample_files import ROOT, SAMPLES, saved
 
 import robacc
 from robacc.errors import InputError
@@ -33,11 +32,7 @@ from robacc.poses.reading import is_documented
 
 # Every exit status, and what ends a run from outside: an interrupt, a full disk, a broken pipe, a second run.
 
-ROOT = Path(__file__).resolve().parents[2]
-
 COMMANDED = "x,y,z,cmd_x,cmd_y,cmd_z"
-
-SAMPLES = ROOT / "sample_data"
 
 ESTIMATE = ("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"))
 
@@ -129,8 +124,7 @@ def limited() -> None:
 
 
 def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
-    path = tmp_path / "result.json"
-    path.write_text("old")
+    path = saved(tmp_path / "result.json", "old")
     words = process_words(*ESTIMATE, "--format", "json", "-o", str(path))
     done = subprocess.run(words, capture_output=True, text=True, timeout=60, check=False, preexec_fn=limited)
     assert (done.returncode, done.stdout, done.stderr) == (3, "", f"error: {path}: cannot be written: file too large\n")
@@ -234,8 +228,7 @@ def test_dash_is_standard_input_and_output_everywhere(line: str, status: int, wa
 
 def repeats(folder: Path, head: str, rows: Iterable[Iterable[object]]) -> str:
     """What is said of repeated rows of a pose file, without its name."""
-    path = folder / "poses.csv"
-    path.write_text("\n".join([head, *(",".join(map(str, row)) for row in rows)]))
+    path = saved(folder / "poses.csv", "\n".join([head, *(",".join(map(str, row)) for row in rows)]))
     return "; ".join(text for text in read_poses(path).warnings if "repeat" in text).removeprefix(f"{path}: ")
 
 
@@ -281,8 +274,6 @@ def test_measured_values_copied_with_new_times_are_told_of(tmp_path: Path) -> No
 
 SAMPLE = ("sample_data/poses.csv", "--robot", "sample_data/robot.yaml")
 
-HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"
-
 GATES = {
     "pass": "  - {key: position.rms, limit: 9 mm, reason: r}\n",
     "fail": "  - {key: position.rms, limit: 1 mm, reason: r}\n  - {key: verdict, limit: clean, reason: r}\n",
@@ -296,7 +287,7 @@ GATES = {
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     made = tmp_path_factory.mktemp("gates")
     for name, text in GATES.items():
-        (made / f"{name}.yaml").write_text(HEAD + text)
+        (made / f"{name}.yaml").write_text(f"robacc_gate: 1\nname: g\ncriteria:\n{text}")
     output("estimate", *SAMPLE, "--format", "json", "-o", made / "result.json")
     (made / "broken.json").write_text('{"schema": "robacc.estimate/1", ')
     return made
@@ -344,8 +335,6 @@ def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
 
 # Robots, errors and poses at the edges of what there is: each command answers with finite numbers or says why.
 
-DECLARED = "base_frame,tool_frame"
-
 FAR = f"\nbase: {{xyz: [40, -50, 3], rpy: [3.1, {math.pi / 2!r}, 1]}}"
 
 TWISTS = (math.pi / 2, 0.0, -math.pi / 2, 0.3)
@@ -390,7 +379,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "estimate": ("{poses}", "--robot", "{robot}"),
     "predict": ("{robot}", "--samples", "8"),
     "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance"),
-    "trace": ("{poses}", "--robot", "{robot}", "--declared", DECLARED),
+    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame"),
     "iso9283": ("{poses}", "--robot", "{robot}"),
 }
 
@@ -488,8 +477,7 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
 
 def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
     """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
-    text = robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]")
-    files = made(tmp_path, text, 20, "0.02mm")
+    files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 20, "0.02mm")
     status, found = answers(files, "calibrate")
     assert (status, found["n_poses"]) == (0, 20)
 
@@ -628,8 +616,7 @@ def test_a_mesh_stays_inside_the_package_and_any_failure_is_one_message(
     folder.mkdir(parents=True)
     for name in ("arm/secret.stl", "arm/meshes.stl", "secret.stl", "arm/urdf/poses.json"):
         (tmp_path / name).write_text("{}")
-    urdf = folder / "arm.urdf"
-    urdf.write_text(URDF.format(mesh=mesh))
+    urdf = saved(folder / "arm.urdf", URDF.format(mesh=mesh))
     with pytest.raises(InputError, match=message):
         robacc.plan(urdf, poses=5, purpose="calibrate", collisions=True)
 
@@ -647,8 +634,7 @@ def test_a_mesh_of_the_package_or_of_one_beside_it_is_read(tmp_path: Path, mesh:
     (tmp_path / "arm" / "package.xml").write_text("<package/>")
     for name in ("arm", "tool"):
         trimesh.creation.box((1, 1, 1)).export(tmp_path / name / "meshes" / "a.stl")
-    urdf = tmp_path / "arm" / "urdf" / "arm.urdf"
-    urdf.write_text(URDF.format(mesh=mesh))
+    urdf = saved(tmp_path / "arm" / "urdf" / "arm.urdf", URDF.format(mesh=mesh))
     (shape,) = read_link_shapes(str(urdf), robacc.read_robot(urdf))
     assert shape.faces.shape == (12, 3)
 
@@ -659,8 +645,7 @@ def test_ids_that_a_spreadsheet_would_run_are_marked_and_read_back(read: Reader,
     text = format_poses(data)
     written = [line.rpartition(",")[2] for line in text.splitlines()[1:]]
     assert written == ["'=1+1", "'+cmd|x", "-2", "'-a", "'@sum", "'b", "P1", "+3.5"]
-    again = read(text)
-    assert again.pose.tolist() == ids
+    assert read(text).pose.tolist() == ids
     commanded = Measurements(data.position, commanded_position=data.position + 1e-4, pose=data.pose)
     cells = [line.split(",")[1] for line in robacc.estimate(commanded).per_pose_csv().splitlines()[1:]]
     assert cells == written

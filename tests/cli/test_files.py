@@ -1,13 +1,13 @@
 """Text in and out, and which format a robot is in."""
 
-from __future__ import annotations
-
 import os
 import stat
 from pathlib import Path
 
 import pytest
+from refusals import problems_of
 from robot_files import MINIMAL
+from sample_files import saved
 
 from robacc.errors import InputError, UsageError
 from robacc.io.files import read_text, sha256_of, write_text
@@ -31,11 +31,8 @@ def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:
     ],
 )
 def test_what_is_no_text_is_said(tmp_path: Path, content: bytes, message: str) -> None:
-    path = tmp_path / "a.yaml"
-    path.write_bytes(content)
-    with pytest.raises(InputError) as caught:
-        read_text(path, limit=1024)
-    assert f"{path}{message}" in str(caught.value)
+    path = saved(tmp_path / "a.yaml", content)
+    assert f"{path}{message}" in problems_of(read_text, path, limit=1024)[0]
 
 
 def test_files_that_cannot_be_read(tmp_path: Path) -> None:
@@ -153,9 +150,7 @@ def test_content_decides_the_format(
     ],
 )
 def test_other_files_are_named(tmp_path: Path, name: str, content: str, message: str) -> None:
-    with pytest.raises(InputError) as caught:
-        read_robot(write(tmp_path / name, content))
-    assert message in str(caught.value)
+    assert message in problems_of(read_robot, write(tmp_path / name, content))[0]
 
 
 def test_links_with_a_robot_file_are_wrong_usage(tmp_path: Path) -> None:

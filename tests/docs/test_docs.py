@@ -1,7 +1,5 @@
 """Commands of the documentation print the outputs of its pages, and generated parts agree with the program."""
 
-from __future__ import annotations
-
 import importlib.util
 import os
 import re

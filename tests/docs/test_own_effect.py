@@ -1,7 +1,5 @@
 """The effect that a how-to page adds passes the checks that every effect of the catalogue passes."""
 
-from __future__ import annotations
-
 import importlib.util
 import sys
 from collections.abc import Iterator
@@ -9,6 +7,7 @@ from pathlib import Path
 
 import pytest
 from arms import arm
+from sample_files import saved
 
 from robacc.effects import REGISTRY
 
@@ -27,9 +26,7 @@ def _registered(tmp_path: Path) -> Iterator[None]:
     """The page's file, imported as its reader would."""
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
-    path = tmp_path / f"{NAME}.py"
-    path.write_text(source, encoding="utf-8")
-    spec = importlib.util.spec_from_file_location(NAME, path)
+    spec = importlib.util.spec_from_file_location(NAME, saved(tmp_path / f"{NAME}.py", source))
     assert spec is not None
     assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)

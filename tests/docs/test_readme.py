@@ -1,7 +1,5 @@
 """README is short, its example is what the program prints, and its commands and links exist."""
 
-from __future__ import annotations
-
 import re
 import sys
 import tomllib

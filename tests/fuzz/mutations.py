@@ -1,7 +1,5 @@
 """Mutate valid files: replace tokens by ones that often break programs, and change JSON trees."""
 
-from __future__ import annotations
-
 import json
 import random
 import re

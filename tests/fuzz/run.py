@@ -5,8 +5,6 @@ message is saved in ``--keep FOLDER``, once for each place in the code; the exit
 With atheris installed (``pip install atheris``), ``--guided`` chooses files by the code that they reach.
 """
 
-from __future__ import annotations
-
 import argparse
 import hashlib
 import json

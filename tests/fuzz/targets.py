@@ -4,8 +4,6 @@ For any bytes, a command ends with the status 0 (valid input), 2, 3, 4 or 5; an 
 has finite numbers only; a valid robot file gives the same robot when it is written and read again.
 """
 
-from __future__ import annotations
-
 import contextlib
 import io
 import json

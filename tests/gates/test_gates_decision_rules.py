@@ -1,7 +1,5 @@
 """Confidence curves, rules, and the number of poses that decides: against exact distributions and simulation."""
 
-from __future__ import annotations
-
 import math
 from typing import Any
 

@@ -1,7 +1,5 @@
 """What a gate says in a terminal, a job's summary, annotations and JUnit XML."""
 
-from __future__ import annotations
-
 import io
 import re
 from typing import Any

@@ -1,21 +1,34 @@
-"""The criteria of ISO 9283: by hand, by plain loops, and what data without cycles, commands or angles give."""
-
-from __future__ import annotations
+"""The criteria of ISO 9283, their intervals, and the conditions of its protocol: by hand, by loops, by scipy."""
 
 import dataclasses
 import math
+from collections.abc import Mapping
 from itertools import combinations
 from typing import Any
 
 import numpy as np
 import pytest
 from commands import missing
+from scipy import stats
 from scipy.spatial.transform import Rotation
 
+from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, UsageError
-from robacc.iso_9283.criteria import Characteristic
-from robacc.iso_9283.evaluation import iso9283
-from robacc.measurements import Measurements
+from robacc.iso_9283 import criteria as estimates
+from robacc.iso_9283.criteria import (
+    DELTA,
+    Characteristic,
+    IntervalEstimate,
+    characteristic,
+    distance,
+    drift,
+    position_repeatability,
+    repeatability,
+    visits_of,
+)
+from robacc.iso_9283.evaluation import five_points, iso9283, protocol
+from robacc.measurements import Measurements, motion_between_rows
+from robacc.robots.description import Frame, Robot
 
 MM = 1e-3
 
@@ -63,16 +76,38 @@ def values(characteristic: Characteristic) -> dict[str, float]:
 
 
 ORIGIN = {"P1": [0, 0, 0]}
+
+
 CROSS = [data({"P1": [[3, 2, 0], [1, 2, 0], [2, 5, 0], [2, -1, 0]]}, ORIGIN)]
+
+
 STRETCH = {"P1": [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]], "P2": [[100.1, 0, 0], [100.3, 0, 0], [100, 0, 0]]}
+
+
 LOST = data({"P1": [[0, 0, 0], [9, 0, 0], [0, 0, 0]], "P2": [[10, 0, 0], [10, 0, 0], [12, 0, 0]]})
+
+
 LOST = LOST.subset(np.flatnonzero((LOST.pose != "P1") | (LOST.cycle != "2")))
+
+
 WAYS = np.array([[1, 1, -1, -1, 0, 0], [1, 1, 1, 1, -1, -1]], dtype=float)
+
+
 APPROACHED = data({"P1": [[0, 0, 1], [0, 0, -1], [3, 4, 1], [3, 4, -1], [0, 4, 1], [0, 4, -1]]})
+
+
 WINDOWS = data({"P1": [[1, -1, 0], [1, 0, 0], [1, 1, 0], [3, -2, 0], [3, 0, 0], [3, 2, 0]]}, ORIGIN)
+
+
 SHUFFLED = dataclasses.replace(WINDOWS, time=np.arange(6.0)).subset(np.array([3, 0, 4, 1, 5, 2]))
+
+
 DRIFTED = {"dAP": 2.0, "dRP": 2 / 3 + 3 * math.sqrt(1 / 3), "shift": 2.0}
+
+
 CIRCLE = data({"P1": [[1, 0, 0.1], [1, 0, -0.1], [1, 0, 0], [-1, 0, 0.1], [-1, 0, -0.1], [-1, 0, 0]]}, ORIGIN)
+
+
 ROBOTS = [
     dataclasses.replace(data({"P1": [[x, y, 1], [x, y, -1]]}, ORIGIN), source=f"/somewhere/{name}.csv")
     for name, x, y in (("a", 0, 0), ("b", 3, 4), ("c", 0, 4))
@@ -214,14 +249,12 @@ def test_angles_against_scipy_with_roll_at_half_a_turn(seed: int) -> None:
     )
     assert np.ptp(attained[:, 0]) > 6.0
     deviation = (attained - commanded + math.pi) % (2 * math.pi) - math.pi
-    for accuracy, repeatability in zip(
-        result.characteristic("AP").places, result.characteristic("RP").places, strict=True
-    ):
+    for accuracy, scatter in zip(result.characteristic("AP").places, result.characteristic("RP").places, strict=True):
         rows = measured.pose == accuracy.poses[0]
         expected = deviation[rows].mean(axis=0)
         assert [figure.value for figure in accuracy.angles or ()] == pytest.approx(expected.tolist(), abs=1e-12)
         three_std = 3 * deviation[rows].std(axis=0, ddof=1)
-        assert [figure.value for figure in repeatability.angles or ()] == pytest.approx(three_std.tolist(), rel=1e-9)
+        assert [figure.value for figure in scatter.angles or ()] == pytest.approx(three_std.tolist(), rel=1e-9)
     largest = max(
         abs(figure.value or 0) for place in result.characteristic("AP").places for figure in place.angles or ()
     )
@@ -264,9 +297,17 @@ def test_angles_half_a_turn_apart_keep_their_distance() -> None:
 
 
 ONCE = "one visit has no scatter to estimate an interval from"
+
+
 UNKNOWN = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
+
+
 KNOWN = random_cycles(0)
+
+
 WITHOUT_COMMAND = dataclasses.replace(KNOWN, commanded_position=None, commanded_rotation=None)
+
+
 APPROACHES = np.random.default_rng(0).choice([-1.0, 1.0], (6, 150))
 
 
@@ -356,8 +397,11 @@ def test_many_poses_are_paired_with_their_neighbours() -> None:
 
 
 LARGEST = "every criterion is the largest over all measured poses or pairs of poses"
-TAILS = "has longer tails than a Gaussian"
+
+
 LONG = random_cycles(0, cycles=40)
+
+
 OUTLYING = dataclasses.replace(LONG, position=LONG.position + 2e-3 * (np.arange(LONG.n) % 37 == 0))
 
 
@@ -367,7 +411,7 @@ OUTLYING = dataclasses.replace(LONG, position=LONG.position + 2e-3 * (np.arange(
         (KNOWN, (LARGEST, "their distance from the commanded pose is AP"), ()),
         (random_cycles(0, poses=1), (), (LARGEST,)),
         (LONG, (), ("longer tails",)),
-        (OUTLYING, (TAILS,), ()),
+        (OUTLYING, ("has longer tails than a Gaussian",), ()),
     ],
 )
 def test_notes(measured: Measurements, told: tuple[str, ...], untold: tuple[str, ...]) -> None:
@@ -441,3 +485,303 @@ def test_unregistered_data_give_a_warning_and_are_registered_without_a_robot() -
     assert accuracy[0] < accuracy[1] < 2.0 < accuracy[2]
     before, after = (result.characteristic("RP").position.value for result in (plain, registered))
     assert after == pytest.approx(before, rel=1e-6)
+
+
+TURN = Rotation.from_euler("xyz", [0.4, -0.7, 1.1]).as_matrix()
+
+
+def test_mean_is_students() -> None:
+    x = np.array([1.0, 2.0, 4.0, 4.5])
+    interval = estimates.mean(x, 1.0).interval_at(0.9)
+    low, high = stats.t.interval(0.9, 3, loc=x.mean() - 1.0, scale=x.std(ddof=1) / 2)
+    assert (interval.lower, interval.upper) == pytest.approx((low, high), rel=1e-9)
+    assert interval.upper_bound == pytest.approx(x.mean() - 1.0 + stats.t.ppf(0.9, 3) * x.std(ddof=1) / 2, rel=1e-9)
+
+
+def test_threefold_standard_deviation_is_chi_square() -> None:
+    x = np.array([1.0, 2.0, 4.0, 4.5])
+    estimate = estimates.threefold_std(x)
+    assert estimate.value == pytest.approx(3 * x.std(ddof=1))
+    bounds = [3 * x.std(ddof=1) * math.sqrt(3 / stats.chi2.ppf(p, 3)) for p in (0.975, 0.025, 0.05)]
+    interval = estimate.interval_at(0.95)
+    assert [interval.lower, interval.upper, interval.upper_bound] == pytest.approx(bounds, rel=1e-9)
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_size_of_a_signed_number(sign: float) -> None:
+    clear = estimates.magnitude(estimates.student(sign * 5.0, 1.0, 30)).interval_at(0.95)
+    t = stats.t.ppf(0.975, 30)
+    assert (clear.lower, clear.upper) == pytest.approx((5 - t, 5 + t))
+    assert clear.upper_bound == pytest.approx(5 + stats.t.ppf(0.95, 30))
+    across = estimates.magnitude(estimates.student(sign * 0.5, 1.0, 30)).interval_at(0.95)
+    assert (across.lower, across.upper) == pytest.approx((0.0, 0.5 + t))
+
+
+def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square() -> None:
+    """The limits are the noncentralities under which the distance found has the tail's probability."""
+    variance, value, dof = 0.04, 1.0, 10_000_000.0
+    estimate = distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).interval_at(0.95)
+    for limit, tail in ((estimate.lower, 0.975), (estimate.upper, 0.025), (estimate.upper_bound, 0.05)):
+        assert limit is not None
+        reached = stats.ncx2.cdf(value**2 / variance, 3, limit**2 / variance)
+        assert reached == pytest.approx(tail, abs=1e-4)
+
+
+def test_distance_far_from_zero_is_students_along_itself() -> None:
+    covariance = TURN @ np.diag([1.0, 0.25, 0.04]) @ TURN.T
+    difference = 100.0 * TURN[:, 1]
+    estimate = distance(difference, covariance, 9).interval_at(0.95)
+    assert (estimate.lower, estimate.upper) == pytest.approx(tuple(stats.t.interval(0.95, 9, loc=100.0, scale=0.5)))
+
+
+def test_distance_that_is_all_scatter_may_be_zero() -> None:
+    estimate = distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).interval_at(0.95)
+    assert estimate.lower == 0.0
+    assert estimate.upper > 0.1
+    none = distance(np.zeros(3), np.eye(3) * 0.01, 29).interval_at(0.95)
+    assert (none.lower, none.upper) == (0.0, estimate.upper)
+
+
+def test_repeatability_does_not_depend_on_unit_or_axes_and_repeats_with_its_seed() -> None:
+    x = np.random.default_rng(3).normal(size=(3, 20)) * np.array([[1.0], [0.5], [0.2]])
+    x -= x.mean(axis=1, keepdims=True)
+    original, transformed = (position_repeatability(y, (1, 2)) for y in (x, 1e-3 * TURN @ x))
+    assert transformed.value == pytest.approx(1e-3 * original.value)
+    assert transformed.interval_at(0.95).upper == pytest.approx(1e-3 * (original.interval_at(0.95).upper or 0.0))
+    assert position_repeatability(x, (1, 3)).interval_at(0.95) != original.interval_at(0.95)
+
+
+def test_repeatability_of_many_visits_goes_over_into_the_delta_method() -> None:
+    x = np.random.default_rng(3).normal(size=(3, 300))
+    x -= x.mean(axis=1, keepdims=True)
+    bootstrap = position_repeatability(x, (1,)).interval_at(0.95)
+    twice = position_repeatability(np.hstack((x, x)), (1,)).interval_at(0.95)
+    widths = [(interval.upper or 0.0) - (interval.lower or 0.0) for interval in (bootstrap, twice)]
+    assert twice.method == DELTA
+    assert widths[0] / widths[1] == pytest.approx(math.sqrt(2), rel=0.15)
+
+
+def test_repeatability_of_two_visits_and_of_none_that_scatter() -> None:
+    assert position_repeatability(np.array([[1.0, -1.0], [0, 0], [0, 0]]), (0,)).interval_at(0.95).upper is None
+    still = position_repeatability(np.zeros((3, 5)), (0,))
+    assert (still.value, still.interval_at(0.95).upper) == (0.0, 0.0)
+
+
+def test_change_of_two_estimates_is_theirs_in_quadrature() -> None:
+    after, before = estimates.student(5.0, 3.0, math.inf), estimates.student(1.0, 4.0, math.inf)
+    estimate = estimates.change(after, before).interval_at(0.95)
+    assert (estimate.lower, estimate.upper) == pytest.approx(
+        tuple(stats.norm.interval(0.95, loc=4.0, scale=5.0)), rel=1e-6
+    )
+    assert estimate.upper_bound == pytest.approx(4.0 + 5.0 * stats.norm.ppf(0.95), rel=1e-6)
+    missing = estimates.change(after, estimates.without_interval(1.0, "because")).interval_at(0.95)
+    assert (missing.upper, missing.why) == (None, "because")
+
+
+def test_largest_has_the_greatest_upper_limit_and_a_corrected_lower_one() -> None:
+    three = [estimates.student(value, 1.0, math.inf) for value in (5.0, 4.9, -8.0)]
+    best, figure = estimates.largest_figure([estimates.magnitude(estimate) for estimate in three], 0.95)
+    assert (best, figure.value) == (2, 8.0)
+    assert figure.interval.upper == pytest.approx(8.0 + stats.norm.ppf(0.975))
+    assert figure.interval.lower == pytest.approx(8.0 - stats.norm.ppf(1 - 0.025 / 3))
+    assert figure.interval.method.endswith("; largest of 3")
+
+
+def visits(rng: np.random.Generator, scale: tuple[float, float, float], n: int, mean: np.ndarray) -> np.ndarray:
+    return mean[:, None] + TURN @ (np.array(scale)[:, None] * rng.normal(size=(3, n)))
+
+
+def coverage(distances: list[IntervalEstimate], truth: float) -> tuple[float, float]:
+    intervals = [estimate.interval_at(0.95) for estimate in distances]
+    # 1e-9: a truth of zero is held by a lower limit of zero.
+    inside = np.mean([i.lower - 1e-9 <= truth <= i.upper for i in intervals])  # type: ignore[operator]
+    return float(inside), float(np.mean([truth <= i.upper_bound for i in intervals]))  # type: ignore[operator]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("away", [0.0, 2.0, 10.0, 100.0], ids=lambda away: f"{away:g} standard errors")
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1)], ids=["round", "long"])
+def test_coverage_of_a_distance(scale: tuple[float, float, float], away: float) -> None:
+    """AP: 95 % within the binomial scatter of 400 runs (± 2.2 %, two of it), or more where it is all scatter."""
+    rng = np.random.default_rng(9283)
+    truth = away * float(np.linalg.norm(scale)) / math.sqrt(30)
+    mean = truth * TURN @ np.array([1.0, 2.0, 2.0]) / 3.0
+    runs = [visits(rng, scale, 30, mean) for _ in range(400)]
+    distances = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
+    interval_coverage, bound_coverage = coverage(distances, truth)
+    assert interval_coverage > 0.925
+    assert bound_coverage > 0.925
+    assert interval_coverage < 0.975 or away < 5.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("n", [10, 30])
+@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.5, 0.2), (1.0, 0.05, 0.01)], ids=["round", "long", "line"])
+def test_coverage_of_repeatability(scale: tuple[float, float, float], n: int) -> None:
+    rng = np.random.default_rng(9283)
+    length = np.linalg.norm(rng.normal(size=(2_000_000, 3)) * scale, axis=1)
+    truth = float(length.mean() + 3 * length.std())
+    repeatabilities = []
+    for run in range(400):
+        x = visits(rng, scale, n, np.zeros(3))
+        repeatabilities.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
+    interval_coverage, bound_coverage = coverage(repeatabilities, truth)
+    assert 0.925 < interval_coverage < 0.995
+    assert bound_coverage > 0.92
+
+
+def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Measurements:
+    """Visits of five points in turn, by default those of a cube of 630 mm."""
+    points = five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-") if points is None else points
+    index = np.tile(np.arange(points.shape[1]), n)
+    noise = np.random.default_rng(7).normal(scale=2e-5, size=(3, index.size))
+    base = Measurements(
+        position=points[:, index] + noise,
+        commanded_position=points[:, index],
+        pose=np.array([f"P{i + 1}" for i in index]),
+    )
+    return dataclasses.replace(base, **columns)
+
+
+def condition(name: str, data: Measurements, rated_load: float | None = None) -> Mapping[str, str]:
+    """One condition, without the criteria that it does not look at."""
+    commanded = data.commanded_position
+    poses = visits_of(data, (None, None) if commanded is None else commanded_poses(data, None), "poses.csv", 0)
+    repeated = repeatability(poses, 0.95, 0) if name == "measuring uncertainty" else characteristic("RP", [], 0.95, "")
+    shift = drift(poses, 0.95, 0)[2] if name == "warm-up" else characteristic("shift", [], 0.95, "")
+    return next(
+        entry for entry in protocol([data], poses, None, repeated, shift, rated_load) if entry["condition"] == name
+    )
+
+
+ROWS = 150
+
+
+ONES = np.ones(ROWS)
+
+
+Q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
+
+
+IN_ORDER = dict(zip(("direction", "speed"), motion_between_rows(Q), strict=True), q=Q)
+
+
+FOUR_CYCLES = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
+
+
+UPRIGHT = cycles(3, points=np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2)
+
+
+WITHOUT_COMMANDS = cycles(commanded_position=None)
+
+
+SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
+
+
+@pytest.mark.parametrize(
+    ("name", "columns", "status", "why"),
+    [
+        ("temperature", {}, "unknown", "no column temperature_c"),
+        ("temperature", {"temperature": np.linspace(19, 21, ROWS)}, "met", "19.0 °C to 21.0 °C, within 20 °C ± 2 °C"),
+        (
+            "temperature",
+            {"temperature": np.linspace(24, 26, ROWS)},
+            "met",
+            "constant within ± 2 °C but not at 20 °C; state it",
+        ),
+        ("temperature", {"temperature": np.linspace(20, 25, ROWS)}, "not_met", "varies by more than ± 2 °C"),
+        ("measuring uncertainty", {}, "unknown", "no columns sigma_x"),
+        ("measuring uncertainty", {"sigma_position": np.full((3, ROWS), 1e-6)}, "met", "at most 25 % is allowed"),
+        ("measuring uncertainty", {"sigma_position": np.full((3, ROWS), 2e-5)}, "not_met", "of the smallest RP"),
+        ("rated load", {}, "unknown", "no column payload_kg"),
+        ("rated load", {"payload": 5 * ONES}, "unknown", "5 kg throughout; give `rated_load` to compare"),
+        ("rated load", {"payload": np.linspace(1, 5, ROWS)}, "not_met", "varies from 1 kg to 5 kg"),
+        ("rated velocity", {}, "unknown", "no speed columns"),
+        ("rated velocity", {"speed": np.zeros((2, ROWS))}, "unknown", "every speed is 0"),
+        ("rated velocity", {"speed": np.vstack((-ONES, 0.3 * ONES))}, "met", "the fastest joint's last motion: 100 %"),
+        ("rated velocity", {"speed": np.full((2, ROWS), 0.5)}, "met", "50 %, an optional step"),
+        ("rated velocity", {"speed": np.full((2, ROWS), 0.1)}, "met", "10 %, an optional step"),
+        (
+            "rated velocity",
+            {"speed": np.full((2, ROWS), 0.3)},
+            "not_met",
+            "30 %; the standard requires 100 %; optional steps are 50 %, 10 %",
+        ),
+        ("rated velocity", {"speed": np.linspace(0.2, 1, ROWS)[None]}, "not_met", "varies from 20 % to 100 %"),
+        ("one approach", {}, "unknown", "approach directions are not known"),
+        ("one approach", {"direction": np.ones((2, ROWS))}, "met", "has the same approach direction"),
+        ("five poses", {}, "met", "5 commanded poses"),
+        ("diagonal plane", {}, "met", "P1 is the centre, and the plane rises at 45° towards x-"),
+        ("10 % from the corners", {}, "met", "10.0 % in a cube of 630 mm"),
+        ("30 cycles", {}, "met", "30 visits of each commanded pose"),
+        ("stabilisation", {}, "unknown", "the time between arrival and measurement is not recorded"),
+        ("warm-up", {}, "unknown", "the warm-up is not recorded"),
+        ("rated load, 5 kg", {"payload": 5 * ONES}, "met", "5 kg of 5 kg: 100 %"),
+        (
+            "rated load, 50 kg",
+            {"payload": 5 * ONES},
+            "met",
+            "10 %, an optional step; a test at 100 % load is needed too",
+        ),
+        (
+            "rated load, 10 kg",
+            {"payload": 5 * ONES},
+            "not_met",
+            "50 %; the standard requires 100 %; optional steps are 10 %",
+        ),
+        ("rated velocity", cycles(**IN_ORDER), "unknown", "they are relative, not absolute"),
+        ("one approach", cycles(**IN_ORDER), "met", "has the same approach direction"),
+        (
+            "one approach",
+            cycles(direction=np.where(np.arange(ROWS) < 75, 1.0, -1.0)[None]),
+            "not_met",
+            "P1, P2, P3 … approached from several directions: AP and RP include vAP",
+        ),
+        ("30 cycles", FOUR_CYCLES, "not_met", "4 visits of each commanded pose"),
+        ("30 cycles", cycles(4).subset(np.arange(19)), "not_met", "3 to 4 visits of a commanded pose"),
+        ("five poses", FOUR_CYCLES, "not_met", "6 commanded poses"),
+        ("diagonal plane", FOUR_CYCLES, "not_met", "needs five commanded poses"),
+        ("diagonal plane", UPRIGHT, "not_met", "the diagonal plane is upright"),
+        ("10 % from the corners", UPRIGHT, "unknown", SIZES),
+        ("diagonal plane", WITHOUT_COMMANDS, "unknown", "the commanded positions are not known"),
+        ("10 % from the corners", WITHOUT_COMMANDS, "unknown", "the commanded positions are not known"),
+        (
+            "warm-up",
+            cycles(position=cycles().position + np.linspace(0, 3e-4, ROWS)),
+            "unknown",
+            "moved 0.3",
+        ),
+        (
+            "measuring uncertainty",
+            cycles(1, sigma_position=np.full((3, 5), 1e-6)),
+            "unknown",
+            "there is no RP to compare it with",
+        ),
+    ],
+)
+def test_conditions(name: str, columns: dict[str, Any] | Measurements, status: str, why: str) -> None:
+    name, _, rated = name.partition(", ")
+    data = cycles(**columns) if isinstance(columns, dict) else columns
+    result = condition(name, data, float(rated.removesuffix(" kg")) if rated else None)
+    assert result["status"] == status
+    assert why in result["why"]
+
+
+def test_a_plane_is_judged_in_the_axes_of_the_base() -> None:
+    """The base is turned in the measuring frame: in its axes the five poses are a cube, in the frame's they are not."""
+    turn = np.array([[np.cos(0.3), -np.sin(0.3), 0], [np.sin(0.3), np.cos(0.3), 0], [0, 0, 1]])
+    data = cycles(3, points=turn @ five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-"))
+    assert "not parallel to the axes of the base" in condition("diagonal plane", data)["why"]
+    robot = Robot("turned", "standard", (), base=Frame((0.1, 0.2, 0.3), (0, 0, 0.3)))
+    poses = visits_of(data, commanded_poses(data, None), "poses.csv", 0)
+    conditions = protocol(
+        [data], poses, robot, characteristic("RP", [], 0.95, ""), characteristic("shift", [], 0.95, ""), None
+    )
+    assert next(entry for entry in conditions if entry["condition"] == "diagonal plane")["status"] == "met"
+
+
+def test_several_files_are_judged_together() -> None:
+    warm, unknown = cycles(temperature=20 * ONES), cycles()
+    conditions = {entry["condition"]: entry for entry in iso9283([warm, unknown]).protocol}
+    assert conditions["temperature"]["status"] == "unknown"
+    assert conditions["five poses"]["status"] == "met"

@@ -1,7 +1,5 @@
 """Inverse kinematics, the standard's cube and its five poses, and poses planned on every arm."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from typing import Any

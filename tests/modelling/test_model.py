@@ -1,7 +1,5 @@
 """Models: evaluation, files, and the range in which they are valid."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from pathlib import Path
@@ -84,8 +82,7 @@ def test_an_equilibrium_sees_the_deflections_of_the_rigid_form_and_not_the_other
     first = {"effect": "joint_compliance", "joints": ["j1"], "deflection": "rigid", "values": {"j1": compliance}}
     second = {"effect": "payload_compliance", "joints": ["j1"], "values": {"j1": compliance}}
     robot = dataclasses.replace(pendulum(), effects=(second, first), payload_com=(0.0, 0.0, 0.0))
-    data = dataclasses.replace(at(q), payload=np.array([10.0]))
-    predicted = predict(robot, data).translation[:, 0]
+    predicted = predict(robot, dataclasses.replace(at(q), payload=np.array([10.0]))).translation[:, 0]
     sag = compliance * weight * np.cos(q)
     angle = brentq(lambda t: t - (q - sag - compliance * weight * np.cos(t)), -1.0, 1.0, xtol=1e-15)
     np.testing.assert_allclose(predicted, [np.cos(angle), 0.0, np.sin(angle)], rtol=0, atol=1e-13)
@@ -291,8 +288,7 @@ def test_a_model_differs_from_its_file_by_what_was_fitted_alone() -> None:
 
 
 def test_effects_that_a_fit_absorbs_leave_the_file() -> None:
-    robot = parse_robot(ARM, "arm.yaml")
-    without = dataclasses.replace(with_effect_units(robot), effects=())
+    without = dataclasses.replace(with_effect_units(parse_robot(ARM, "arm.yaml")), effects=())
     text = model_text(without)
     assert "# drawing 12-3" in text
     assert parse_robot(text, "arm.yaml").effects == ()
@@ -306,17 +302,18 @@ def test_a_part_of_an_older_fit_does_not_stay() -> None:
     assert "# nest 1" in text
 
 
-def test_joints_of_a_urdf_kept_as_a_robot_file() -> None:
-    robot = fitted(parse_robot(URDF_LIKE, "arm.yaml"))
+@pytest.mark.parametrize(
+    ("robot", "units"),
+    [
+        pytest.param(fitted(parse_robot(URDF_LIKE, "arm.yaml")), "{length: mm, angle: deg}", id="joints of a URDF"),
+        pytest.param(
+            dataclasses.replace(parse_robot(ARM, "arm.yaml"), file_text=None), "{length: m, angle: rad}", id="no file"
+        ),
+    ],
+)
+def test_a_model_has_the_units_of_its_file_or_metres_and_radians(robot: Robot, units: str) -> None:
     text = model_text(robot)
-    assert "units: {length: mm, angle: deg}" in text
-    assert_same(parse_robot(text, "arm.yaml"), robot)
-
-
-def test_a_robot_without_a_file_is_written_in_metres_and_radians() -> None:
-    robot = dataclasses.replace(parse_robot(ARM, "arm.yaml"), file_text=None)
-    text = model_text(robot)
-    assert "units: {length: m, angle: rad}" in text
+    assert f"units: {units}" in text
     assert_same(parse_robot(text, "arm.yaml"), robot)
 
 

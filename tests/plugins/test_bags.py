@@ -1,7 +1,5 @@
 """Recordings of ROS: topics, clocks, stands of the robot, and the association of joints with measured poses."""
 
-from __future__ import annotations
-
 import json
 from dataclasses import dataclass
 from pathlib import Path
@@ -113,8 +111,7 @@ def test_joints_in_motion_are_interpolated_to_the_times_of_the_poses(tmp_path: P
     with pytest.raises(InputError, match="the robot moved during 5 of 29 measured poses") as caught:
         robacc.read_poses(path, robot=ROBOT)
     assert "at=rest" in str(caught.value)
-    data = robacc.read_poses(path, robot=ROBOT, bag="at=any")
-    halfway = data.q[:, 4 + 5 * np.arange(DATA.n - 1)]
+    halfway = robacc.read_poses(path, robot=ROBOT, bag="at=any").q[:, 4 + 5 * np.arange(DATA.n - 1)]
     np.testing.assert_allclose(halfway, (DATA.q[:, :-1] + DATA.q[:, 1:]) / 2, atol=1e-6)
 
 
@@ -167,8 +164,7 @@ def test_a_topic_must_be_chosen_where_several_could_be_meant(tmp_path: Path) -> 
 
 
 def test_damaged_recordings_are_one_message(tmp_path: Path) -> None:
-    folder = Bag(tmp_path / "bag").write()
-    file = next(folder.glob("*.mcap"))
+    file = next(Bag(tmp_path / "bag").write().glob("*.mcap"))
     content = file.read_bytes()
     rng = np.random.default_rng(3)
     for cut in rng.integers(9, len(content), 5):

@@ -1,12 +1,11 @@
 """Collisions of links: against another transform of the same shapes, and against places that are known."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 from commands import refused
+from sample_files import saved
 
 import robacc
 from robacc.errors import InputError, UsageError
@@ -41,9 +40,7 @@ URDF = """<robot name="planar">
 
 @pytest.fixture
 def urdf(tmp_path: Path) -> Path:
-    path = tmp_path / "planar.urdf"
-    path.write_text(URDF)
-    return path
+    return saved(tmp_path / "planar.urdf", URDF)
 
 
 def collisions_of(urdf: Path) -> ShapeCollisions:
@@ -93,10 +90,9 @@ def test_a_box_and_a_side_see_the_thickness(urdf: Path) -> None:
 
 
 def test_pairs_that_overlap_by_design_are_named(tmp_path: Path) -> None:
-    path = tmp_path / "fat.urdf"
     fat = URDF.replace('sphere radius="0.08"', 'sphere radius="0.6"')
     # Triangles touch where surfaces cross; a fully folded upper arm would be inside the sphere.
-    path.write_text(fat.replace('lower="-3.1" upper="3.1"', 'lower="-1.5" upper="1.5"'))
+    path = saved(tmp_path / "fat.urdf", fat.replace('lower="-3.1" upper="3.1"', 'lower="-1.5" upper="1.5"'))
     assert collisions_of(path).overlapping == (("upper", "hand"),)
 
 
@@ -106,8 +102,7 @@ def test_the_plan_counts_self_collisions(urdf: Path) -> None:
     reasons = {entry["reason"]: entry["count"] for entry in plan.candidates.excluded}
     assert reasons["self-collision"] > 10
     assert not collisions_of(urdf).self_collision(plan.q).any()
-    document = plan.document()
-    assert ["mast", "lower"] in document["collisions"]["pairs"]
+    assert ["mast", "lower"] in plan.document()["collisions"]["pairs"]
     free = robacc.plan(urdf, **more)  # type: ignore[arg-type]
     assert free.document()["collisions"] is None
     assert collisions_of(urdf).self_collision(free.candidates.q).any()
@@ -124,8 +119,9 @@ def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path)
     logger = logging.getLogger("yourdfpy.urdf")
     collisions_of(urdf)
     assert not logger.disabled
-    broken = tmp_path / "broken.urdf"
-    broken.write_text(urdf.read_text().replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>'))
+    broken = saved(
+        tmp_path / "broken.urdf", urdf.read_text().replace('<sphere radius="0.08"/>', '<mesh filename="hand.stl"/>')
+    )
     with pytest.raises(InputError, match="collision mesh"):
         collisions_of(broken)
     assert not logger.disabled

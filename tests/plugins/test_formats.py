@@ -1,40 +1,60 @@
-"""Controllers' formats hold the same arm: forward kinematics of the tests' own agree with those of the model."""
-
-from __future__ import annotations
+"""Files of controllers, ROS, LeRobot and VAL3 hold the same arm, by kinematics and transforms of the tests' own."""
 
 import dataclasses
 import json
 import re
+import shlex
+import shutil
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
 import pytest
 import yaml
+from commands import output
 from homogeneous import dh, frame, shift, turn
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 
+import robacc
 from robacc import Exported, InputError, UsageError, export, import_
 from robacc.exporters import remaining_error
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import predict
+from robacc.programs.program import Program, ProgramTarget, read_program
+from robacc.programs.targets import flange_targets, with_targets, write_program
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc_plugins.denavit_hartenberg import dh_table, joint_frames
+from robacc_plugins.ros import write_transforms
 
 ROOT = Path(__file__).resolve().parents[2]
+
+
 ROBOTS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
+
+
 CONF = Path(__file__).parent / "samples" / "calibration.conf"
+
+
 MICROMETRE = 1e-6
+
+
 FORMS = ("urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets")
+
+
 UR10 = {
     "d": (0.1273, 0, 0, 0.163941, 0.1157, 0.0922),
     "a": (0, -0.612, -0.5723, 0, 0, 0),
     "alpha": (np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0),
 }
+
 """The maker's published table."""
+
+
 UR10E = {
     "d": (0.1807, 0, 0, 0.17415, 0.11985, 0.11655),
     "a": (0, -0.6127, -0.57155, 0, 0, 0),
@@ -66,9 +86,7 @@ def perturbed(path: Path, seed: int = 3) -> Robot:
 
 
 def imported(folder: Path, text: str, arm: str | None = None) -> Robot:
-    path = folder / "file"
-    path.write_text(text)
-    return import_(path, arm=arm)
+    return import_(saved(folder / "file", text), arm=arm)
 
 
 def samples(robot: Robot, n: int = 40) -> Array:
@@ -201,8 +219,7 @@ def test_ros_kinematics_files_hold_the_arm(form: str, name: str, tmp_path: Path)
 
 def test_the_hash_of_the_arm_is_kept(tmp_path: Path) -> None:
     robot = perturbed(ROOT / "configs" / "robots" / "ur10.yaml")
-    template = tmp_path / "kinematics.yaml"
-    template.write_text("kinematics:\n  shoulder: {}\n  hash: calib_12345\n")
+    template = saved(tmp_path / "kinematics.yaml", "kinematics:\n  shoulder: {}\n  hash: calib_12345\n")
     text = export(robot, format="ur-kinematics", template=template).text
     assert yaml.safe_load(text)["kinematics"]["hash"] == "calib_12345"
 
@@ -340,3 +357,331 @@ def test_a_file_with_all_lengths_needs_no_name_of_an_arm(tmp_path: Path) -> None
     text = export(perturbed(ROBOTS[0]), format="json").text
     with pytest.raises(UsageError, match=r"only a calibration\.conf needs the name of its arm; .*file has all lengths"):
         imported(tmp_path, text, "ur5")
+
+
+PHOTOS = ROOT / "sample_data" / "photos"
+
+
+DIGITS = 1e-8
+
+"""The commands have nine decimals."""
+
+
+def transforms(text: str) -> dict[tuple[str, str], Array]:
+    """What the commands publish: the child's frame in the parent's."""
+    found = {}
+    for line in text.splitlines()[1:]:
+        words = shlex.split(line)
+        assert words[:4] == ["ros2", "run", "tf2_ros", "static_transform_publisher"]
+        options = dict(zip(words[4::2], words[5::2], strict=True))
+        pose = np.eye(4)
+        pose[:3, :3] = Rotation.from_quat([float(options[f"--q{axis}"]) for axis in "xyzw"]).as_matrix()
+        pose[:3, 3] = [float(options[f"--{axis}"]) for axis in "xyz"]
+        found[options["--frame-id"], options["--child-frame-id"]] = pose
+    return found
+
+
+def test_base_and_tool_stand_where_the_model_has_them() -> None:
+    base, tool = Frame((0.1, -0.2, 0.3), (0.01, 0.02, 2.5)), Frame((0.05, -0.02, 0.2), (0.3, -0.4, 3.0))
+    robot = dataclasses.replace(robacc.read_robot("so101"), base=base, tool=tool)
+    result = robacc.export(robot, format="static-transform")
+    found = transforms(result.text)
+    assert [*found] == [("measuring_frame", "base_link"), ("flange", "tool0")]
+    for pose, place in zip(found.values(), (base, tool), strict=True):
+        np.testing.assert_allclose(pose, frame(place.xyz, place.rpy), atol=DIGITS)
+    assert result.not_carried == ("joint zeros and link geometry, which the format urdf has",)
+
+
+def test_links_and_targets_have_their_names() -> None:
+    targets = {"ball; left": Frame((0.1, 0.0, 0.0)), "right": Frame((-0.1, 0.0, 0.0))}
+    robot = dataclasses.replace(
+        robacc.read_robot("so101"), name="arm\nof 1", base_link="base", tip_link="wrist", targets=targets
+    )
+    found = transforms(robacc.export(robot, format="static-transform").text)
+    assert [*found] == [("measuring_frame", "base"), ("wrist", "ball; left"), ("wrist", "right")]
+    np.testing.assert_allclose(found["wrist", "ball; left"], frame((0.1, 0.0, 0.0), (0.0, 0.0, 0.0)), atol=DIGITS)
+
+
+def test_a_camera_on_the_hand_sees_the_board_where_the_photos_show_it(tmp_path: Path) -> None:
+    model = tmp_path / "model.yaml"
+    fitted = ("--camera", PHOTOS / "camera.yaml", "--fit", "base_frame,tool_frame,joint_offset,link_geometry")
+    output("calibrate", PHOTOS / "points.csv", "--robot", "ur10", *fitted, "--write-model", model)
+    found = transforms(robacc.export(model, format="static-transform").text)
+    assert [*found] == [("board", "base_link"), ("flange", "camera_optical_frame")]
+    rows = np.genfromtxt(PHOTOS / "points.csv", delimiter=",", skip_header=3, usecols=range(1, 11))
+    robot = robacc.read_robot(model)
+    pose = found["board", "base_link"]
+    for joint, q in zip(robot.joints, rows[:, :6].T, strict=True):
+        theta, d, a, alpha = (joint.parameters[name] for name in ("theta", "d", "a", "alpha"))
+        pose = pose @ dh(theta + q, d, a, alpha) @ turn(1, joint.parameters.get("beta", 0.0))
+    pose = pose @ found["flange", "camera_optical_frame"]
+    points = np.column_stack((rows[:, 6:8] * 1e-3, np.zeros(len(rows)), np.ones(len(rows))))
+    ahead = np.einsum("nij,nj->ni", np.linalg.inv(pose), points)
+    assert np.all(ahead[:, 2] > 0.1), "the z axis points from the camera to the board"
+    x, y = ahead[:, :2].T / ahead[:, 2]
+    k1, k2, p1, p2 = -0.12, 0.05, 0.001, -0.0005
+    square = x**2 + y**2
+    radial = 1 + square * (k1 + k2 * square)
+    u = 960 + 1400 * (x * radial + 2 * p1 * x * y + p2 * (square + 2 * x**2))
+    v = 540 + 1410 * (y * radial + p1 * (square + 2 * y**2) + 2 * p2 * x * y)
+    # 0.15 px of the corners, and 0.05 mrad of each joint.
+    assert np.sqrt(np.mean((u - rows[:, 8]) ** 2 + (v - rows[:, 9]) ** 2)) < 0.6
+
+
+def test_a_camera_beside_the_arm_is_the_measuring_frame(tmp_path: Path) -> None:
+    model, sample = tmp_path / "model.yaml", ROOT / "sample_data" / "lerobot"
+    fitted = ("--camera", sample / "camera.yaml", "--fit", "base_frame,tool_frame,joint_offset")
+    output("calibrate", sample / "points.csv", "--robot", "so101", *fitted, "--write-model", model)
+    found = transforms(robacc.export(model, format="static-transform").text)
+    assert [*found] == [("camera_optical_frame", "base_link"), ("flange", "board")]
+    # The sample was made with the camera at this place in the base.
+    at = np.linalg.inv(found["camera_optical_frame", "base_link"])[:3, 3]
+    np.testing.assert_allclose(at, (0.1151, -0.0935, 0.3141), atol=1e-3)
+
+
+def test_several_cameras_are_no_measuring_frame() -> None:
+    robot = dataclasses.replace(
+        robacc.read_robot("so101"), fit={"coefficients": ["base_frame.left.x", "base_frame.right.x"]}
+    )
+    assert [*transforms(write_transforms(robot).text)] == [("measuring_frame", "base_link"), ("flange", "tool0")]
+
+
+NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
+
+
+RANGES = ((750, 3420), (893, 3207), (850, 3078), (817, 3190), (0, 4095), (2010, 3500))
+
+
+HOMING = (101, -1208, 1502, -1997, 33, 1240)
+
+
+OFFSETS = np.array([1.2, -0.9, 0.7, -3.04, 0.4])
+
+"""Degrees by which LeRobot's angles are short."""
+
+
+QUARTER_OF_A_COUNT = 360 / 4095 / 4
+
+
+def calibration(names: tuple[str, ...] = (*NAMES, "gripper")) -> dict[str, dict[str, int]]:
+    return {
+        name: {"id": i + 1, "drive_mode": 0, "homing_offset": homing, "range_min": ends[0], "range_max": ends[1]}
+        for i, (name, ends, homing) in enumerate(zip(names, RANGES, HOMING, strict=True))
+    }
+
+
+def degrees(motor: dict[str, int], encoder: float, make: str) -> float:
+    """What LeRobot reports for a position of the motor's encoder, counts."""
+    sign = {"Feetech": -1, "Dynamixel": 1}[make]
+    present = encoder + sign * motor["homing_offset"]
+    return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
+
+
+def arms(sign: int = 1) -> tuple[Robot, Robot]:
+    """The arm as it was believed to be, and with its true zeros."""
+    nominal = robacc.read_robot("so101")
+    nominal = dataclasses.replace(
+        nominal, joints=(dataclasses.replace(nominal.joints[0], sign=sign), *nominal.joints[1:])
+    )
+    joints = [
+        dataclasses.replace(
+            joint, parameters={**joint.parameters, "theta": joint.parameters["theta"] + joint.sign * np.radians(offset)}
+        )
+        for joint, offset in zip(nominal.joints, OFFSETS, strict=True)
+    ]
+    return nominal, dataclasses.replace(nominal, joints=tuple(joints))
+
+
+def exported(folder: Path, before: Any, nominal: Robot, model: Robot) -> robacc.Exported:
+    path = saved(folder / "calibration.json", before if isinstance(before, str) else json.dumps(before))
+    return robacc.export(model, format="lerobot", nominal=nominal, template=path)
+
+
+@pytest.mark.parametrize("make", ["Feetech", "Dynamixel"])
+@pytest.mark.parametrize("sign", [1, -1])
+def test_the_corrected_file_reports_the_true_angles(make: str, sign: int, tmp_path: Path) -> None:
+    before, (nominal, model) = calibration(), arms(sign)
+    result = exported(tmp_path, before, nominal, model)
+    after = json.loads(result.text)
+    encoder = np.random.default_rng(2).uniform(0, 4096, 5)
+    reported, corrected = (
+        np.array([degrees(motors[name], at, make) for name, at in zip(NAMES, encoder, strict=True)])
+        for motors in (before, after)
+    )
+    assert np.max(np.abs(corrected - reported - OFFSETS)) <= QUARTER_OF_A_COUNT + 1e-9
+    # The nominal arm at the corrected angles is the calibrated arm at the angles that were reported.
+    poses = (
+        Arm.of(arm).chain.forward(np.radians(angles)[:, None]).matrices()[0]
+        for arm, angles in ((nominal, corrected), (result.controller, reported), (model, reported))
+    )
+    attained, stated, true = poses
+    np.testing.assert_allclose(attained, stated, atol=1e-12)
+    # Five joints, each a quarter of a count off, on an arm of 0.5 m.
+    assert np.linalg.norm(attained[:3, 3] - true[:3, 3]) < 5 * np.radians(QUARTER_OF_A_COUNT) * 0.5
+
+
+def test_only_the_ranges_change_and_stay_within_the_recorded_ones(tmp_path: Path) -> None:
+    before = calibration()
+    result = exported(tmp_path, before, *arms())
+    after = json.loads(result.text)
+    assert after["gripper"] == before["gripper"]
+    for name, offset in zip(NAMES, OFFSETS, strict=True):
+        old, new = before[name], after[name]
+        assert {key: new[key] for key in ("id", "drive_mode", "homing_offset")} == {
+            key: old[key] for key in ("id", "drive_mode", "homing_offset")
+        }
+        cut = old["range_max"] - new["range_max"] if offset > 0 else new["range_min"] - old["range_min"]
+        assert cut == round(2 * abs(offset) * 4095 / 360)
+        assert (new["range_min"] == old["range_min"]) == (offset > 0)
+    assert result.not_carried == (
+        "link geometry",
+        "zeros between counts: up to 0.021°",
+        "range: up to 6.1° at one end of a joint",
+    )
+    assert 0 < result.remaining.orientation_rms < np.radians(2 * QUARTER_OF_A_COUNT)
+
+
+def test_joints_of_other_names_have_their_motors_in_order(tmp_path: Path) -> None:
+    nominal, model = arms()
+    renamed = [
+        dataclasses.replace(
+            arm, joints=tuple(dataclasses.replace(joint, name=f"joint_{i}") for i, joint in enumerate(arm.joints))
+        )
+        for arm in (nominal, model)
+    ]
+    before = calibration()
+    shuffled = dict(reversed(before.items()))
+    assert json.loads(exported(tmp_path, shuffled, *renamed).text) == json.loads(
+        exported(tmp_path, before, nominal, model).text
+    )
+
+
+def test_a_model_without_other_zeros_leaves_the_file_alone(tmp_path: Path) -> None:
+    before, (nominal, _) = calibration(), arms()
+    result = exported(tmp_path, before, nominal, nominal)
+    assert (json.loads(result.text), result.not_carried) == (before, ())
+
+
+def changed(**values: object) -> str:
+    before: Any = calibration()
+    before["elbow_flex"] |= values
+    return json.dumps(before)
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("{", "`template` is not JSON: line 1"),
+        ("[]", "is no calibration of LeRobot: expected motors, each with drive_mode, homing_offset, id"),
+        ('{"homing_offset": [0, 0], "motor_names": ["a", "b"]}', "calibrate an arm of LeRobot before 0.2 again"),
+        (changed(range_min=0.5), "is no calibration of LeRobot"),
+        (changed(range_min=-90), "the range of elbow_flex begins at -90; a motor with counts begins at 0 or above"),
+        (changed(range_min=3100), "the range of elbow_flex is from 3100 to 3078"),
+        (changed(range_min=3070), r"elbow_flex is 0\.7° off, more than its range in `template` allows"),
+        (json.dumps(calibration(tuple("abcdef"))).replace('"id": 3', '"id": 4'), "are not those of the model"),
+    ],
+)
+def test_other_files_are_refused(text: str, message: str, tmp_path: Path) -> None:
+    with pytest.raises(UsageError, match=message):
+        exported(tmp_path, text, *arms())
+
+
+def test_both_files_are_needed() -> None:
+    nominal, model = arms()
+    with pytest.raises(UsageError, match=r"the format lerobot needs `nominal`, .*, and `template`"):
+        robacc.export(model, format="lerobot", nominal=nominal)
+
+
+SAMPLES = Path(__file__).parents[1] / "programs" / "samples" / "val3"
+
+
+def transform(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> np.ndarray:
+    """The matrix of mm and degrees about moving axes, in mm."""
+    matrix = np.eye(4)
+    matrix[:3, :3] = Rotation.from_euler("XYZ", (rx, ry, rz), degrees=True).as_matrix()
+    matrix[:3, 3] = x, y, z
+    return matrix
+
+
+def named(program: Program, name: str) -> ProgramTarget:
+    return next(target for target in program.targets if target.name == name)
+
+
+def test_targets_are_points_and_joints_whose_numbers_are_written() -> None:
+    program = read_program(SAMPLES / "cell.dtx")
+    assert program.dialect == "val3"
+    names = [target.name for target in program.targets]
+    assert names == ["jStart[0]", "jStart[1]", "pPick[0]", "pPick[1]", "pPick[2]"]
+    np.testing.assert_allclose(program.targets[0].values, np.radians([0, 10.5, 90, 0, 80, -200]))
+    assert [target.motion for target in program.targets] == ["joint", None, "linear", "circular", "circular"]
+    assert named(program, "pPick[0]").configuration == "lefty epositive wpositive"
+
+
+def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
+    program = read_program(SAMPLES / "cell.dtx")
+    numbers, flange, _ = flange_targets(program)
+    places = {program.targets[number].name: k for k, number in enumerate(numbers)}
+    table = transform(362.042, -49.91, -265.9, 0, 0, 90)
+    gripper = transform(0, 5, 180, 0, 45, 0)
+    pick = transform(169.837325, -700.0334453, 372.398311, -179.999244, -0.000734286, 88.845311)
+    expected = {
+        "pPick[0]": table @ pick @ np.linalg.inv(gripper @ transform(0, 0, 20, 0, 0, 0)),
+        "pPick[1]": table @ transform(10, 20, 30, 10, -20, 30) @ transform(100.5, 20, 0.25, 170, -30, 45)
+        @ np.linalg.inv(gripper),
+    }  # fmt: skip
+    assert set(places) == set(expected)
+    for name, matrix in expected.items():
+        k = places[name]
+        np.testing.assert_allclose(flange.translation[:, k], 1e-3 * matrix[:3, 3], atol=1e-12)
+        np.testing.assert_allclose(flange.rotation[..., k], matrix[:3, :3], atol=1e-12)
+
+
+def test_a_frame_that_a_program_sets_is_unknown() -> None:
+    base = named(read_program(SAMPLES / "cell.dtx"), "pPick[2]").base
+    assert (base.name, base.frame) == ("fMoved[0]", None)
+
+
+def test_what_is_computed_at_run_time_is_listed() -> None:
+    reasons = [note.reason for note in read_program(SAMPLES / "cell.dtx").notes]
+    assert reasons.count("the target is computed at run time") == 1
+    assert any("pComputed" in note.text for note in read_program(SAMPLES / "cell.dtx").notes)
+    assert "line 16 of main.pgx changes it at run time" in reasons
+    assert sum(reason.startswith("pHere[0] lacks some of its numbers") for reason in reasons) == 1
+    assert len(reasons) == 4
+
+
+def test_frames_without_a_root_are_unknown() -> None:
+    program = read_program(SAMPLES / "scara.dtx")
+    assert [target.name for target in program.targets] == ["pSix[0]", "pLoop[0]"]
+    assert all(target.base is not None and target.base.frame is None for target in program.targets)
+
+
+def test_angles_stay_near_those_of_the_program() -> None:
+    program = read_program(SAMPLES / "crlf.dtx")
+    x, y, z, *quaternion = program.targets[0].values
+    turned = Rotation.from_euler("XYZ", (-179.9, 0.05, 0.02), degrees=True).as_quat()
+    assert quaternion == pytest.approx([0, 1, 0, 0], abs=1e-15)
+    text = with_targets(program, [(x, y, z, turned[3], *turned[:3]), None]).decode()
+    assert 'rx="180.10000" ry="0.05000" rz="0.02000"' in text or 'rx="-179.90000" ry="0.05000" rz="0.02000"' in text
+    assert text.count("\r\n") == text.count("\n")
+
+
+def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
+    text = (SAMPLES / "cell.dtx").read_text(encoding="utf-8")
+    cut = saved(tmp_path / "cut.dtx", text[: text.index("</Datas>")])
+    with pytest.raises(InputError, match="is truncated: it has no </Database>"):
+        read_program(cut)
+    other = saved(tmp_path / "other.dtx", "<Database><Datas/></Database>")
+    with pytest.raises(InputError, match="is not a VAL3 data file"):
+        read_program(other)
+    with pytest.raises(InputError, match=r"give the \.dtx file beside it"):
+        read_program(SAMPLES / "main.pgx")
+    shutil.copy(SAMPLES / "cell.dtx", tmp_path / "inch.dtx")
+    (tmp_path / "app.pjx").write_text('<Project><Parameters millimeterUnit="false" /></Project>', encoding="utf-8")
+    with pytest.raises(InputError, match="belongs to a project in inches"):
+        read_program(tmp_path / "inch.dtx")
+
+
+def test_no_new_program_of_the_dialect_is_written() -> None:
+    with pytest.raises(UsageError, match="writes no new val3 program; choose krl, rapid, fanuc, urscript"):
+        write_program("val3", [])

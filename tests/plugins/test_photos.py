@@ -1,7 +1,5 @@
 """Photos of printed boards, drawn by OpenCV's warp of the flat board: an arm's zeros from the pixels themselves."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np

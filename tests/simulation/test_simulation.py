@@ -1,7 +1,5 @@
 """Simulated poses: what is asked for is there, what is random has the size asked for, and a seed is a seed."""
 
-from __future__ import annotations
-
 import dataclasses
 
 import numpy as np

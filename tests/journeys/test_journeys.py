@@ -1,0 +1,669 @@
+"""Journeys of new users, command by command, with positions, photos of boards and other kinds of measurements."""
+
+import json
+import math
+import re
+from collections.abc import Callable, Iterator
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import pytest
+from commands import missing, run
+from homogeneous import shift, turn
+from independent_arm import DECLARED, LIMITS, link_frames, robot, target
+from refusals import problems_of
+from sample_files import saved
+from typer.testing import CliRunner, Result
+
+import robacc
+from robacc.api.inputs import with_measured_targets
+from robacc.cli.main import app
+from robacc.effects.base import effect_class
+from robacc.errors import InputError
+from robacc.measurements import Measurements
+from robacc.modelling.model import Model
+from robacc.poses.cameras import Camera, three_points
+from robacc.poses.reading import PoseFile
+
+SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
+
+
+ROBOT = str(SAMPLES / "robot.yaml")
+
+
+class Journey:
+    """Commands of one user; each command is a step."""
+
+    def __init__(self) -> None:
+        self.steps = 0
+
+    def robacc(self, *arguments: str, status: int = 0) -> Result:
+        self.steps += 1
+        result = CliRunner().invoke(app, list(arguments))
+        assert result.exit_code == status, result.output
+        assert "Traceback" not in result.output
+        return result
+
+
+@pytest.fixture
+def journey(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Journey:
+    monkeypatch.chdir(tmp_path)
+    return Journey()
+
+
+def test_technician_with_a_tracker_export(journey: Journey) -> None:
+    data = robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(ROBOT)).subset(slice(0, 20))
+    assert data.q is not None
+    rows = np.vstack([np.degrees(data.q), data.position * 1e3]).T
+    lines = [";".join(f"{value:.4f}" for value in row).replace(".", ",") for row in rows]
+    lines[4] = lines[4].rsplit(";", 1)[0] + ";"  # the beam broke
+    text = "Messprotokoll Zelle 3\n\nA1;A2;A3;A4;A5;A6;X;Y;Z\n" + "\n".join(lines) + "\n"
+    Path("tracker.csv").write_bytes(text.encode("cp1252"))
+    # The refusal names the option that answers it; the units have one answer.
+    first = journey.robacc("estimate", "tracker.csv", "--robot", ROBOT, status=3)
+    assert "tracker.csv:8, Z: the value is missing" in first.stderr
+    second = journey.robacc("estimate", "tracker.csv", "--robot", ROBOT, "--skip-gaps")
+    assert "warning: tracker.csv: 1 row with a missing value left out" in second.stderr
+    assert "note: tracker.csv: X, Y, Z taken as mm: no other unit agrees" in second.stderr
+    assert "Error of 19 measured poses" in second.stdout
+    assert journey.steps == 2
+
+
+def test_engineer_with_a_urdf(journey: Journey) -> None:
+    journey.robacc("show", "robots", "ur5e")
+    model = journey.robacc("init", "ur5e", "--folder", "cell")
+    files = re.findall(r"wrote (\S+)", model.output) or [str(path) for path in Path("cell").iterdir()]
+    assert files
+    robot, poses = next(Path("cell").glob("*.yaml")), next(Path("cell").glob("*.csv"))
+    journey.robacc("export", str(robot), "--format", "urdf", "--output", "cell.urdf")
+    answer = journey.robacc("estimate", str(poses), "--robot", "cell.urdf", "--align", "base_frame,tool_frame")
+    assert "Grade" in answer.stdout
+    assert journey.steps == 4
+
+
+def test_ci_gates_a_result(journey: Journey) -> None:
+    Path("gate.yaml").write_text(
+        "robacc_gate: 1\nname: cell 3\ncriteria:\n"
+        "  - {key: position.p95, limit: 5 mm, rule: simple, reason: tolerance of the gripper}\n",
+        encoding="utf-8",
+    )
+    arguments = ("estimate", str(SAMPLES / "poses.csv"), "--robot", ROBOT, "--gate", "gate.yaml")
+    result = journey.robacc(*arguments, "--junit", "junit.xml", "--format", "json")
+    assert json.loads(result.stdout)["gate"]["outcome"] == "pass"
+    assert 'tests="1" failures="0"' in Path("junit.xml").read_text(encoding="utf-8")
+    assert journey.steps == 1
+
+
+def test_customer_reads_the_report(journey: Journey) -> None:
+    pytest.importorskip("jinja2")
+    pytest.importorskip("plotly")
+    journey.robacc("estimate", str(SAMPLES / "poses.csv"), "--robot", ROBOT, "--format", "json", "-o", "result.json")
+    wrong = journey.robacc("report", "result.json", "--identity", "serial=A-17", "--output", "report.html", status=2)
+    assert "serial_number" in wrong.stderr
+    assert not Path("report.html").exists()
+    identity = ("--identity", "serial_number=A-17", "--identity", "customer=Muster AG")
+    journey.robacc("report", "result.json", *identity, "--output", "report.html")
+    page = Path("report.html").read_text(encoding="utf-8")
+    assert "A-17" in page
+    assert "Muster AG" in page
+    assert journey.steps == 3
+
+
+# Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
+ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
+
+"""Errors of the joint zeros, rad."""
+
+
+NOISE = 1e-5
+
+"""m"""
+
+
+LOW, HIGH = 0.6 * np.array(LIMITS).T
+
+
+SOCKETS = {"a": np.array([0.85, -0.2, 0.3]), "b": np.array([0.6, 0.5, 0.35]), "c": np.array([0.7, 0.1, 0.8])}
+
+
+PLANES = {"table": (np.array([0.05, -0.02, 1.0]), 0.3), "wall": (np.array([1.0, 0.1, 0.05]), 0.9)}
+
+
+ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
+
+
+Row = dict[str, object]
+
+
+def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray, within: float = 1.0) -> np.ndarray | None:
+    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none ``within``."""
+    for _ in range(40):
+        if np.abs(gap(target(q + ZEROS))).max() < 1e-13:
+            break
+        slope = np.array([(gap(target(q + ZEROS + e)) - gap(target(q + ZEROS - e))) / 2e-6 for e in 1e-6 * np.eye(6)])
+        q = q - np.clip(np.linalg.pinv(slope.T) @ gap(target(q + ZEROS)), -0.2, 0.2)
+    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH))
+    return q if is_reached else None
+
+
+def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:
+    """Rows of a pose file: joints, what they are measured from, and the measured number."""
+    start: np.ndarray | None = None
+    found = 0
+    while found < count:
+        q: np.ndarray | None = generator.uniform(LOW, HIGH)
+        name, reading = "", float(generator.uniform(-2e-3, 2e-3))
+        error = noise * generator.standard_normal()
+        row: Row = {"kind": kind, "pose": f"{kind} {found}"}
+        if kind == "point":
+            name = list(SOCKETS)[found % 3]
+            q = reached(lambda p, name=name: p - SOCKETS[name], q)
+            row |= {"socket": name}
+        elif kind == "plane":
+            name = list(PLANES)[found % 2]
+            normal, height = PLANES[name]
+            unit = normal / np.linalg.norm(normal)
+            q = reached(lambda p, unit=unit, height=height, reading=reading: np.array([unit @ p - height - reading]), q)
+            row |= {"plane": name, "reading_mm": 1e3 * (reading + error)}
+        elif kind == "anchor":
+            name = list(ANCHORS)[found % 2]
+            row |= {"kind": "distance", "anchor": name}
+            row |= {"distance_mm": 1e3 * (np.linalg.norm(target(q + ZEROS) - ANCHORS[name]) + error)}
+        elif kind == "from" and found % 2 == 0:
+            row, start = {**row, "kind": "distance"}, q
+        elif kind == "from":
+            length = np.linalg.norm(target(q + ZEROS) - target(start + ZEROS)) + error
+            row |= {"kind": "distance", "from": f"from {found - 1}", "distance_mm": 1e3 * length}
+        else:
+            row |= dict(zip("xyz", target(q + ZEROS) + noise * generator.standard_normal(3), strict=True))
+        if q is not None:
+            found += 1
+            yield {**{f"q{i}": angle for i, angle in enumerate(q, 1)}, **row}
+
+
+def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
+    """Write a pose file of these rows, without one of the columns."""
+    names = [name for name in dict.fromkeys(name for row in rows for name in row) if name != left_out]
+    lines = [",".join(names), *(",".join(str(row.get(name, "")) for name in names) for row in rows)]
+    path.write_text("\n".join(lines) + "\n")
+    return path
+
+
+@pytest.mark.parametrize(
+    ("kinds", "elsewhere"),
+    [
+        ({"point": 48}, 0.25),
+        ({"plane": 60}, 0.25),
+        ({"anchor": 70}, 0.05),
+        ({"from": 160}, 0.05),
+        ({"plane": 30, "point": 21, "from": 40}, 0.1),
+        ({"position": 20, "plane": 30}, 0.05),
+    ],
+    ids=lambda value: "+".join(value) if isinstance(value, dict) else None,
+)
+def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float, tmp_path: Path) -> None:
+    """``elsewhere`` is the share of the nominal error that may remain elsewhere; without lengths the scale does."""
+    generator = np.random.default_rng(3)
+    rows = [row for kind, count in kinds.items() for row in rows_of(kind, count, generator)]
+    one_kind = len({row["kind"] for row in rows}) == 1
+    path = written(rows, tmp_path / "poses.csv", "kind" if one_kind else "")
+    result = robacc.calibrate(path, robot=robot(), fit=DECLARED)
+    assert any("measures a length" in warning for warning in result.warnings) == (
+        not {"anchor", "from", "position"} & {*kinds}
+    )
+    parameters = {parameter.name: parameter for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        found = parameters[f"joint_offset.j{number}"]
+        assert found.std is not None
+        assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
+    assert result.after.held_out.position.rms < 4.0 * NOISE
+    q = generator.uniform(LOW, HIGH, (100, 6)).T
+    others = Measurements(np.array([target(angles + ZEROS) for angles in q.T]).T, q=q)
+    nominal, calibrated = (
+        robacc.estimate(others, robot=arm, align="base_frame").position.mean_error for arm in (robot(), result.robot)
+    )
+    assert calibrated < elsewhere * nominal
+
+
+def test_exact_sockets_give_exact_zeros_and_planes_their_place(tmp_path: Path) -> None:
+    """An arm of no size would reach every socket exactly."""
+    generator = np.random.default_rng(4)
+    rows = [*rows_of("point", 36, generator, 0.0), *rows_of("plane", 40, generator, 0.0)]
+    result = robacc.calibrate(written(rows, tmp_path / "poses.csv"), robot=robot(), fit="tool_frame,joint_offset")
+    values = {parameter.name: parameter.value for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-9)
+    for label, coordinate in zip("xyz", SOCKETS["b"], strict=True):
+        assert values[f"base_frame.b.{label}"] == pytest.approx(-coordinate, abs=1e-8)
+    _, height = PLANES["table"]
+    assert values["base_frame.table.z"] == pytest.approx(-height, abs=1e-8)
+    assert result.after.held_out.position.rms < 1e-9
+
+
+def test_trace_names_what_planes_and_anchors_show(tmp_path: Path) -> None:
+    """A gear's error of joint 3, 0.5 mrad once and twice a turn, that nobody declared."""
+    generator = np.random.default_rng(6)
+    rows = []
+    for row in [*rows_of("plane", 70, generator), *rows_of("anchor", 70, generator)]:
+        # The joint stands where its gear takes it: the commanded angle differs by the gear's error.
+        angle = float(row["q3"])
+        rows.append({**row, "q3": angle - 5e-4 * np.sin(2.0 * angle + 0.4)})
+    result = robacc.trace(written(rows, tmp_path / "poses.csv"), robot=robot(), declared=DECLARED)
+    assert ("transmission_error", ("j3",)) in [(finding.effect, finding.joints) for finding in result.findings]
+    assert result.after.held_out.position.rms < 0.5 * result.before.held_out.position.rms
+
+
+def test_derivatives_of_all_kinds_are_those_of_the_predictions() -> None:
+    generator = np.random.default_rng(8)
+    n = 12
+    q = generator.uniform(LOW, HIGH, (n, 6)).T
+    kinds = np.array(["position", "point", "plane", "distance"] * 3)
+    fixture = np.array(["", "a", "table", "p"] * 2 + ["", "a", "table", ""])
+    earlier = Measurements(np.zeros((3, n)), q=generator.uniform(LOW, HIGH, (n, 6)).T)
+    data = Measurements(np.zeros((3, n)), q=q, kind=kinds, fixture=fixture, reference=earlier)
+    arm, _ = with_measured_targets(robot(), data)
+    effects = [effect_class(name).default(Model.of(arm).arm, data) for name in DECLARED.split(",")]
+    bound = Model.of(arm, effects).bind(data)
+    theta = 1e-3 * generator.standard_normal(len(bound.terms))
+    jacobian = bound.linearise(theta, rows=3)[1]
+    for column, step in enumerate(1e-6 * np.eye(theta.size)):
+        difference = bound.poses(theta + step).translation - bound.poses(theta - step).translation
+        np.testing.assert_allclose(jacobian[:, column], difference / 2e-6, atol=1e-8)
+    assert not bound.poses(theta).translation[:2, kinds == "plane"].any()
+
+
+GOOD = "q1,q2,q3,q4,q5,q6,kind,socket,plane,reading_mm,distance_mm,anchor,from,pose,sigma\n"
+
+
+JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
+
+
+@pytest.mark.parametrize(
+    ("row", "message"),
+    [
+        ("point,,,,,,,p1,1e-5", "a row of kind point needs socket, found none"),
+        ("plane,,t,x,,,,p1,1e-5", "reading_mm: found 'x', expected a number"),
+        ("plane,,t,200000,,,,p1,1e-5", "reading_mm: found 200 m, expected"),
+        ("distance,,,,12,a,p0,p1,1e-5", "needs anchor or from, found both"),
+        ("distance,,,,12,,p9,p1,1e-5", "from: no earlier row is of the pose 'p9'"),
+        ("distance,,,,,a,,p1,1e-5", "distance_mm: the value is missing, expected a number"),
+        ("plane,,a,0,,,,p1,1e-5", "a is also the name of a socket"),
+        ("photo,,,,,,,p1,1e-5", "found 'photo', expected one of position, point, plane, distance"),
+        ("point,a,,,,,,p1,0", "sigma: found 0 m, expected"),
+    ],
+)
+def test_a_row_that_lacks_what_its_kind_needs_is_refused(row: str, message: str, tmp_path: Path) -> None:
+    path = saved(tmp_path / "poses.csv", f"{GOOD}{JOINTS},point,a,,,,,,p0,1e-5\n{JOINTS},{row}\n")
+    problems = "\n".join(problems_of(robacc.calibrate, path, robot=robot()))
+    assert missing(problems, message, "poses.csv:3") == []
+
+
+def test_estimate_says_that_the_rows_are_no_positions(tmp_path: Path) -> None:
+    path = written(list(rows_of("anchor", 5, np.random.default_rng(1))), tmp_path / "poses.csv")
+    arm = tmp_path / "arm.yaml"
+    robacc.write_robot(arm, robot())
+    done = run("estimate", str(path), "--robot", str(arm))
+    assert done.exit_code == 3
+    assert "the rows are of kind distance, which are no positions" in done.stderr
+
+
+def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
+    rows = list(rows_of("point", 24, np.random.default_rng(2)))
+    renamed = [{**row, "socket": f"{row['socket']}."} for row in rows]
+    first, second = (
+        robacc.calibrate(written(each, tmp_path / f"{i}.csv"), robot=robot(), fit="tool_frame,joint_offset")
+        for i, each in enumerate((rows, renamed))
+    )
+    assert [p.name for p in second.parameters if "a." in p.name] == [
+        "base_frame.a..x",
+        "base_frame.a..y",
+        "base_frame.a..z",
+    ]
+    assert second.after.fitted.position.rms == pytest.approx(first.after.fitted.position.rms)
+
+
+# A calibration without an instrument: the tip of the tool rests in sockets of a plate, arm simulated independently.
+PLATE = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0]])
+
+"""Sockets in the frame of the plate, m."""
+
+
+CORNER, YAW = np.array([0.75, -0.15, 0.3]), 0.4
+
+
+SCATTER = 3e-5
+
+"""Repeatability of the joints, rad."""
+
+
+def in_plate(position: np.ndarray) -> np.ndarray:
+    c, s = np.cos(YAW), np.sin(YAW)
+    return (position - CORNER) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+
+
+def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
+    generator = np.random.default_rng(5)
+    joints, places = [], []
+    while len(joints) < 36:
+        place = PLATE[len(joints) % 3]
+        q = reached(lambda p, place=place: place - in_plate(p), generator.uniform(LOW, HIGH), 1.6)
+        if q is not None:
+            joints.append(q + generator.normal(0.0, SCATTER, 6))
+            places.append(place)
+    result = robacc.calibrate(Measurements(np.array(places).T, q=np.array(joints).T), robot=robot(), fit=DECLARED)
+    parameters = {parameter.name: parameter for parameter in result.parameters}
+    for number, zero in enumerate(ZEROS[1:5], 2):
+        found = parameters[f"joint_offset.j{number}"]
+        assert found.std is not None
+        assert abs(found.value - zero) < 3.0 * found.std
+    q = generator.uniform(LOW, HIGH, (100, 6)).T
+    elsewhere = Measurements(np.array([in_plate(target(angles + ZEROS)) for angles in q.T]).T, q=q)
+    nominal, calibrated = (
+        robacc.estimate(elsewhere, robot=arm, align=frames).position.mean_error
+        for arm, frames in ((robot(), "base_frame,tool_frame"), (result.robot, "none"))
+    )
+    assert nominal > 1e-3
+    assert calibrated < 0.25 * nominal
+
+
+"""Errors of the joint zeros, rad."""
+
+
+MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
+
+"""Joints about which the photos are taken, rad."""
+
+
+REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
+
+
+TOOL = shift(0.05, -0.03, 0.12) @ turn(2, 0.4) @ turn(0, 0.3)
+
+"""The board, or the camera, on the last link."""
+
+
+AHEAD = shift(-0.08, -0.06, 0.7) @ turn(0, 0.3)
+
+"""The board in the camera, in the middle."""
+
+
+BOARD = np.array([(x, y, 0.0) for y in np.arange(4) * 0.04 for x in np.arange(5) * 0.04]).T
+
+
+FOCAL, CENTRE, DISTORTION = np.array([1400.0, 1410.0]), np.array([960.0, 540.0]), (-0.12, 0.05, 1e-3, -5e-4, 0.01)
+
+
+LENS = f"fx: 1400\nfy: 1410\ncx: 960\ncy: 540\ndistortion: {list(DISTORTION)}\nsize: [1920, 1080]\n"
+
+
+Photo = tuple[np.ndarray, np.ndarray]
+
+
+def image(points: np.ndarray) -> np.ndarray:
+    """Pixels (2, K) of points (3, K) before the camera: a pinhole and the distortion of Brown (1971)."""
+    x, y = points[:2] / points[2]
+    k1, k2, p1, p2, k3 = DISTORTION
+    r = x * x + y * y
+    radial = 1 + k1 * r + k2 * r**2 + k3 * r**3
+    moved = np.stack(
+        (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y)
+    )
+    return FOCAL[:, None] * moved + CENTRE[:, None]
+
+
+def base_of(mount: str) -> np.ndarray:
+    """The arm's base in the board, or in the camera."""
+    at_hand = np.linalg.inv(AHEAD) if mount == "hand" else AHEAD
+    return at_hand @ np.linalg.inv(link_frames(MIDDLE + ZEROS)[-1] @ TOOL)
+
+
+@cache
+def photos(mount: str, count: int, number: int = 1) -> tuple[Photo, ...]:
+    """Joints (6,) and exact pixels (2, K) of photos in which the whole board is seen, by the camera of a number."""
+    generator, found = np.random.default_rng(number), []
+    aside = shift(0.05, -0.04, 0.1) @ turn(2, 0.5) if number > 1 else np.eye(4)
+    base = base_of(mount)
+    while len(found) < count:
+        q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, 6)
+        target = base @ link_frames(q + ZEROS)[-1] @ TOOL
+        board = np.linalg.inv(target @ aside) if mount == "hand" else aside @ target
+        points = board[:3, :3] @ BOARD + board[:3, 3:]
+        if points[2].min() > 0.3 and board[2, 2] > 0.5:
+            pixels = image(points)
+            if np.all((pixels > 0) & (pixels < 2 * CENTRE[:, None])):
+                found.append((q, pixels))
+    return tuple(found)
+
+
+COLUMNS = "pose,q1,q2,q3,q4,q5,q6,board_x_mm,board_y_mm,u_px,v_px"
+
+
+def lines(taken: tuple[Photo, ...], noise: float, seed: int = 5) -> Iterator[str]:
+    """The rows of a pose file, one for each point."""
+    generator = np.random.default_rng(seed)
+    for number, (q, pixels) in enumerate(taken):
+        joints = ",".join(map(repr, q.tolist()))
+        seen = pixels + noise * generator.standard_normal(pixels.shape)
+        for (x, y, _), (u, v) in zip(1e3 * BOARD.T, seen.T.tolist(), strict=True):
+            yield f"p{number},{joints},{x:.6f},{y:.6f},{u!r},{v!r}"
+
+
+def written_photos(folder: Path, mount: str, count: int = 30, noise: float = 0.0, lens: str = LENS) -> PoseFile:
+    camera, path = folder / "camera.yaml", folder / "points.csv"
+    camera.write_text(f"{lens}mount: {mount}\n")
+    path.write_text("\n".join([COLUMNS, *lines(photos(mount, count), noise)]) + "\n")
+    return PoseFile(path, camera=camera)
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_exact_pixels_give_exact_zeros_and_the_place_of_all(mount: str, tmp_path: Path) -> None:
+    result = robacc.calibrate(written_photos(tmp_path, mount), robot=robot(), fit="tool_frame,joint_offset")
+    values = {parameter.name: parameter.value for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
+    places = (result.robot.tool, TOOL), (result.robot.base, base_of(mount))
+    for place, true in places:
+        np.testing.assert_allclose(place.pose.matrices(), true, atol=1e-8)
+    assert result.after.held_out.position.rms < 1e-8
+
+
+@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
+def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
+    lens = LENS.replace("\n", "\n    ")
+    cameras = "".join(f"  {name}:\n    {lens}mount: {mount}\n" for name, mount in zip("ab", mounts, strict=True))
+    (tmp_path / "cameras.yaml").write_text(f"cameras:\n{cameras}")
+    rows = [
+        f"{name},{name}{line}"
+        for number, (name, mount) in enumerate(zip("ab", mounts, strict=True), 1)
+        for line in lines(photos(mount, 20, number), 0.0)
+    ]
+    (tmp_path / "points.csv").write_text("\n".join([f"camera,{COLUMNS}", *rows]) + "\n")
+    path = PoseFile(tmp_path / "points.csv", camera=tmp_path / "cameras.yaml")
+    result = robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
+    values = {parameter.name: parameter.value for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
+    assert result.after.held_out.position.rms < 1e-8
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_noisy_pixels_give_intervals_that_hold(mount: str, tmp_path: Path) -> None:
+    result = robacc.calibrate(written_photos(tmp_path, mount, noise=0.2), robot=robot(), fit=DECLARED)
+    parameters = {parameter.name: parameter for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        found = parameters[f"joint_offset.j{number}"]
+        assert found.std is not None
+        assert found.std < 1e-3
+        assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
+    assert any("600 of 600 points in 30 of 30 photos are 0.2 px" in warning for warning in result.warnings)
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -> None:
+    """Of the nominal arm they are those of exact poses; of the arm with its true zeros nothing remains."""
+    q = np.array([joints for joints, _ in photos(mount, 30)]).T
+    poses = np.array([base_of(mount) @ link_frames(joints + ZEROS)[-1] @ TOOL for joints in q.T])
+    exact = Measurements(poses[:, :3, 3].T, np.moveaxis(poses[:, :3, :3], 0, 2), q=q)
+    result, expected = (
+        robacc.estimate(each, robot=robot(), align="base_frame,tool_frame")
+        for each in (written_photos(tmp_path, mount), exact)
+    )
+    assert result.n_poses == 30
+    assert result.position.rms == pytest.approx(expected.position.rms, rel=1e-6)
+    assert result.orientation.rms == pytest.approx(expected.orientation.rms, rel=1e-6)
+    calibrated = robacc.calibrate(written_photos(tmp_path, mount), robot=robot(), fit="tool_frame,joint_offset").robot
+    left = robacc.estimate(written_photos(tmp_path, mount), robot=calibrated, align="base_frame,tool_frame")
+    assert left.position.rms < 1e-7
+    assert left.orientation.rms < 1e-7
+
+
+def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "world", 70, 0.1)
+    rows = Path(path).read_text().splitlines()
+    for i, row in enumerate(rows[1:], 1):
+        cells = row.split(",")
+        # The joint stands where its gear takes it: the commanded angle differs by the gear's error.
+        cells[3] = repr(float(cells[3]) - 1.5e-3 * math.sin(2.0 * float(cells[3]) + 0.4))
+        rows[i] = ",".join(cells)
+    Path(path).write_text("\n".join(rows) + "\n")
+    result = robacc.trace(path, robot=robot(), declared=DECLARED)
+    assert ("transmission_error", ("j3",)) in [(finding.effect, finding.joints) for finding in result.findings]
+
+
+def test_photos_in_their_order_show_the_backlash_of_a_servo(tmp_path: Path) -> None:
+    """Half a degree in the third joint, as servos of low-cost arms have it."""
+    gap, taken, before = math.radians(0.5), [], MIDDLE
+    for reached, pixels in photos("world", 64):
+        # The joint stands where its gear leaves it: behind its command by the gap, on the side that it came from.
+        q, side = reached.copy(), math.copysign(1.0, reached[2] - before[2])
+        if abs(reached[2] - before[2]) > 2 * gap:
+            q[2] -= gap * side
+            taken.append((q, pixels))
+            before = q
+    path = written_photos(tmp_path, "world")
+    Path(path).write_text("\n".join([COLUMNS, *lines(tuple(taken), 0.2)]) + "\n")
+    result = robacc.trace(path, robot=robot(), declared=DECLARED, ordered=True)
+    (finding,) = result.findings
+    assert (finding.effect, finding.joints) == ("backlash", ("j3",))
+    (value,) = (parameter.value for parameter in result.parameters if parameter.name == "backlash.j3")
+    assert value == pytest.approx(gap, rel=0.05)
+
+
+def test_a_wrong_corner_is_left_out(tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "hand", noise=0.1)
+    rows = Path(path).read_text().splitlines()
+    *cells, u, v = rows[47].split(",")
+    rows[47] = ",".join([*cells, str(float(u) + 25.0), v])
+    Path(path).write_text("\n".join(rows) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert any("599 of 600 points" in warning for warning in result.warnings)
+
+
+def test_the_photos_show_the_lens_if_the_file_does_not(tmp_path: Path) -> None:
+    pytest.importorskip("cv2")
+    path = written_photos(tmp_path, "hand", lens="")
+    result = robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
+    assert any("of 1400, 1410, 960, 540" in warning for warning in result.warnings)
+    values = {parameter.name: parameter.value for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=2e-5)
+
+
+def test_derivatives_of_images_are_those_of_the_predictions() -> None:
+    generator, n = np.random.default_rng(8), 12
+    seen = np.concatenate((generator.uniform(-0.1, 0.1, (3, n)), np.full((1, n), 0.6)))
+    kind = np.array(["image", "image from hand"] * 6)
+    fixture = np.where(kind == "image", "camera", "board")
+    q = (MIDDLE + REACH * generator.uniform(-1.0, 1.0, (n, 6))).T
+    data = Measurements(np.zeros((3, n)), q=q, kind=kind, fixture=fixture, seen=seen)
+    arm, _ = with_measured_targets(robot(), data)
+    effects = [effect_class(name).default(Model.of(arm).arm, data) for name in DECLARED.split(",")]
+    bound = Model.of(arm, effects).bind(data)
+    theta = 1e-2 * generator.standard_normal(len(bound.terms))
+    jacobian = bound.linearise(theta, rows=3)[1]
+    near = np.abs(bound.poses(theta).translation).max(axis=0) < 3.0  # Others are seen at more than 75 degrees.
+    assert near.sum() >= 6
+    for column, step in enumerate(1e-6 * np.eye(theta.size)):
+        difference = bound.poses(theta + step).translation - bound.poses(theta - step).translation
+        np.testing.assert_allclose(jacobian[:, column, near], difference[:, near] / 2e-6, rtol=1e-6, atol=1e-7)
+
+
+def test_rays_undo_the_lens() -> None:
+    points = np.random.default_rng(2).uniform(-0.3, 0.3, (3, 50)) + np.array([[0.0], [0.0], [1.0]])
+    camera = Camera(tuple(FOCAL), tuple(CENTRE), DISTORTION)
+    np.testing.assert_allclose(camera.rays(image(points)), points[:2] / points[2], atol=1e-10)
+
+
+def test_three_points_show_nearly_as_much_as_the_board() -> None:
+    """Information of six numbers of a pose: of all points, and of three that count for as many."""
+    points = np.random.default_rng(3).uniform(-0.06, 0.06, (3, 24)) * np.array([[1.0], [0.6], [0.0]])
+    tilted = (turn(0, 0.5) @ turn(1, -0.3))[:3, :3]
+
+    def information(of: np.ndarray) -> np.ndarray:
+        def seen(step: np.ndarray) -> np.ndarray:
+            small = shift(*step[:3]) @ turn(0, step[3]) @ turn(1, step[4]) @ turn(2, step[5])
+            at = small[:3, :3] @ tilted @ of + small[:3, 3:] + np.array([[0.0], [0.0], [0.6]])
+            return np.asarray((at[:2] / at[2]).ravel())
+
+        slope = np.array([(seen(step) - seen(-step)) / 2e-6 for step in 1e-6 * np.eye(6)]).T
+        return np.asarray(slope.T @ slope / of.shape[1])
+
+    whole, three = information(points), information(three_points(points))
+    ratio = np.linalg.eigvals(np.linalg.solve(whole, three)).real
+    assert np.all((ratio > 0.5) & (ratio < 2.0))
+
+
+@pytest.mark.parametrize(
+    ("lens", "change", "message"),
+    [
+        ("fx: 1400\n", ("", ""), "camera.yaml:1, fy: is missing"),
+        (LENS.replace("1400", "-1400"), ("", ""), "fx: found -1400, expected pixels, above 0 and below 1e+06"),
+        (LENS.replace("-0.12", "900.0"), ("", ""), "the lens of the camera cannot show anything at this pixel"),
+        (LENS, ("u_px", "u_pixel"), "images need the column u_px, which is missing"),
+        (LENS, ("40.000000", "0.000000"), "no photo shows 4 points of a board that are not in a line"),
+        (f"{LENS}cameras: {{a: {{mount: hand}}}}\n", ("", ""), "fx: stands beside cameras"),
+        (LENS, ("120.000000", "x"), "board_x_mm: found 'x', expected a number"),
+    ],
+)
+def test_bad_images_are_refused(lens: str, change: tuple[str, str], message: str, tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "hand", 5, lens=lens)
+    text = Path(path).read_text()
+    if message.startswith("no photo"):
+        rows = [row.split(",") for row in text.splitlines()]
+        text = "\n".join(",".join([*row[:8], "0" if i else row[8], *row[9:]]) for i, row in enumerate(rows))
+    else:
+        text = text.replace(*change) if change[0] else text
+    Path(path).write_text(text)
+    assert message in "\n".join(problems_of(robacc.calibrate, path, robot=robot()))
+
+
+def test_the_command_asks_for_the_camera(tmp_path: Path) -> None:
+    path, arm = written_photos(tmp_path, "hand", 5), tmp_path / "arm.yaml"
+    robacc.write_robot(arm, robot())
+    done = run("estimate", str(path), "--robot", str(arm))
+    assert done.exit_code == 3
+    assert "images need the camera that took them" in done.stderr
+    assert "--camera" in done.stderr
+    done = run("estimate", str(path), "--robot", str(arm), "--camera", str(tmp_path / "camera.yaml"))
+    assert done.exit_code == 0
+    assert "Error of 5 measured poses" in done.stdout
+
+
+def test_what_could_mislead_is_said(tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "hand", 20, 0.1, LENS.replace("1400", "1250").replace("-0.12", "0.0"))
+    result = robacc.estimate(path, robot=robot())
+    assert any("px (rms) off the board" in warning and "check the lens" in warning for warning in result.warnings)
+    path = written_photos(tmp_path, "hand", 20, 0.1)
+    rows = Path(path).read_text().splitlines()
+    Path(path).write_text("\n".join([*rows, *rows[1:41]]) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert result.n_poses == 20
+    assert any("40 points repeat pixel and joints of earlier rows" in warning for warning in result.warnings)
+    apart = saved(tmp_path / "apart.csv", "\n".join(rows[:41]) + "\n")
+    with pytest.raises(InputError, match="validation poses are also among the calibration poses"):
+        robacc.calibrate(path, robot=robot(), holdout=PoseFile(apart, camera=tmp_path / "camera.yaml"))
+    Path(path).write_text("\n".join(rows[:101] + rows[101:104]) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert result.alignment is not None
+    assert any("photos that do not show the board begin at line 102" in warning for warning in result.warnings)

@@ -174,7 +174,8 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
         rows, kind, is_held_out = "poses_apart", "holdout", False
     of_stage = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{''.join(stage[:1])}"
     path = of_stage if stage else f"{quantity}.errors_{unit}"
-    n = document.get("n_poses", 0) if rows == "poses" else len(document[rows]["line"])
+    # Of a large file some rows are listed.
+    n = len(_at(document, f"{rows}.line") or [None] * document.get("n_poses", 0))
     vectors, groups = _column(document, path, n, 3), _column(document, f"{rows}.group", n)
     if vectors is None or n == 0:
         return None
@@ -186,7 +187,7 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
         _column(document, f"{rows}.pose", n),
         _column(document, f"{rows}.target", n),
         tuple(entry["sha256"] for entry in document.get("inputs", ()) if entry["kind"] == kind),
-        None if stage else _at(document, f"{quantity}.independent_poses"),
+        None if stage or n != document.get("n_poses") else _at(document, f"{quantity}.independent_poses"),
     )
 
 

@@ -175,7 +175,8 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
     of_stage = f"{rows}.errors_{unit}.{'held_out_' * is_held_out}{''.join(stage[:1])}"
     path = of_stage if stage else f"{quantity}.errors_{unit}"
     # Of a large file some rows are listed.
-    n = len(_at(document, f"{rows}.line") or [None] * document.get("n_poses", 0))
+    lines = _at(document, f"{rows}.line")
+    n = document.get("n_poses", 0) if lines is None else len(lines)
     vectors, groups = _column(document, path, n, 3), _column(document, f"{rows}.group", n)
     if vectors is None or n == 0:
         return None

@@ -44,7 +44,6 @@ Shape = tuple[Array, Array] | None
 # Second moments and principal axes of errors ``(3, N)``; tests of equation (13), which assumes Gaussian errors of
 # zero mean.
 
-BLOCK = 16384
 NIL = 1e-12
 """Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
 
@@ -68,11 +67,6 @@ class AssumptionTests:
     zero_mean: AssumptionTest
     skewness: AssumptionTest
     kurtosis: AssumptionTest
-
-
-def second_moment(errors: Array) -> Array:
-    """Return the mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
-    return np.asarray(errors @ errors.T / errors.shape[1])
 
 
 def principal_axes(matrix: Array) -> tuple[Array, Array]:
@@ -484,8 +478,7 @@ class _ErrorSample(PoseSampling):
         if self.too_few or not self.gaussian:
             components = (weights(self.origin, np.zeros(3), linear=axis) for axis in np.eye(3))
             return tuple(self.of_mean(component, confidence, positive=False) for component in components)
-        errors = np.sqrt(np.diag(self.centred_covariance) / dof)
-        parts = zip(self.mean.tolist(), errors.tolist(), strict=True)
+        parts = zip(self.mean.tolist(), np.sqrt(np.diag(self.centred_covariance) / dof).tolist(), strict=True)
         return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
 
     def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:

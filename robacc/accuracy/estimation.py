@@ -439,7 +439,11 @@ def estimate(
     names = () if data.target is None or everything else np.unique(data.target)
     rows_of = {str(name): errors.position[:, data.target == name] for name in names}
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
-    worst, targets = (everything.worst, everything.targets) if everything else (worst_poses(data, errors), targets)
+    worst, targets, far = (
+        (everything.worst, everything.targets, everything.far)
+        if everything
+        else (worst_poses(data, errors), targets, _far_errors(errors.position))
+    )
     return EstimateResult(
         n_poses=position.n,
         commanded="file" if robot is None else "robot",
@@ -456,9 +460,7 @@ def estimate(
         warnings=(
             *(everything.warnings if everything else data.warnings),
             *data.contradicted_ids(),
-            *_warnings(
-                data, errors, alignment, worst[0], *(everything.far if everything else _far_errors(errors.position))
-            ),
+            *_warnings(data, errors, alignment, worst[0], *far),
             *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),
     )

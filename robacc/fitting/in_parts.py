@@ -126,8 +126,7 @@ def fitted_in_parts(
         if count > columns.size:
             spread = of_groups.T @ of_groups * (count / (count - columns.size))
             covariance[own] = inverse @ (spread + np.diag(precision)) @ inverse + shared
-        std = np.sqrt(np.diag(covariance)[columns])
-        if np.all(np.abs(step) <= NEGLIGIBLE * std):
+        if np.all(np.abs(step) <= NEGLIGIBLE * np.sqrt(np.diag(covariance)[columns])):
             break
     moved = residuals(fit.data, fit.model.bind(fit.data).poses(theta))
     rhs = (fit.gram + np.diag(precision)) @ theta[columns]

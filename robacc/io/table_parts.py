@@ -61,8 +61,7 @@ class TablePart(NamedTuple):
             if not table.dialect.is_documented or not all(map(options.is_known, table.names)):
                 return ()
             stream.seek(0)
-            count = -(-(size - len(head)) // _PART)
-            ends = np.linspace(len(head), size, count + 1, dtype=np.int64)
+            ends = np.linspace(len(head), size, 1 + -(-(size - len(head)) // _PART), dtype=np.int64)
             samples = np.linspace(len(head), size, 2 * _SAMPLES + 1, dtype=np.int64)[1::2]
             places = {len(head): (len(head), names + 2)}
             wanted = np.unique((*ends, *samples, *(samples + _SAMPLE))).tolist()[1:]

@@ -315,9 +315,7 @@ def test_hotelling_within_the_directions_of_the_errors_by_its_definition(dimensi
         assert test.p_value == pytest.approx(stats.ttest_1samp(within[0], 0.0).pvalue, rel=1e-9)
 
 
-@pytest.mark.parametrize("block", [16384, 7])
-def test_mardia_by_its_definition_over_all_pairs(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robacc.accuracy.error_statistics.BLOCK", block)
+def test_mardia_by_its_definition_over_all_pairs() -> None:
     n = 50
     errors = skewed(n)
     tests = assumption_tests(errors)

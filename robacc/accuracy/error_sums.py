@@ -48,7 +48,7 @@ def weights(origin: Array, about: Array, linear: Array | None = None, quadratic:
 
 @dataclass(frozen=True, slots=True)
 class DifferentCommands:
-    """DifferentCommands of poses, by a hash of each."""
+    """Different commands of poses, by a hash of each."""
 
     marks: NDArray[np.uint8]
     """``(M / 8,)`` a bit for each number of :data:`_MARKS` that a hash gave."""

@@ -485,7 +485,8 @@ class PoseSampling:
         """
         if (why := self.too_few) is not None:
             return Interval.missing(confidence, why)
-        if (error := self._error(deviations)) <= 1e-13 * largest:
+        # A positive mean of nothing but rounding may even be negative, where it is a sum of terms that cancel.
+        if min(error := self._error(deviations), mean if positive else error) <= 1e-13 * largest:
             return Interval.exact(mean, confidence)
         below, above, bound = tails(confidence)
         t = [student_quantile(p, self.n_independent - 1.0) for p in (above, below, 1.0 - bound)]

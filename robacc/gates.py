@@ -177,12 +177,10 @@ def load_gate(text: str, file: str) -> Gate:
     for section in top.sections(
         "criteria", "criteria", _KEYS, "the list is empty; a gate needs at least one criterion"
     ):
-        criterion = _criterion(section, confidence)
-        if criterion is None:
-            continue
-        if criterion.name in [earlier.name for earlier in criteria]:
-            section.report("name", f"two criteria have the name {criterion.name!r}")
-        criteria.append(criterion)
+        if (criterion := _criterion(section, confidence)) is not None:
+            is_repeated = criterion.name in [earlier.name for earlier in criteria]
+            section.report_if((is_repeated, "name", f"two criteria have the name {criterion.name!r}", None))
+            criteria.append(criterion)
     top.source.raise_if_any()
     return Gate(name or "", tuple(criteria))
 
@@ -423,8 +421,7 @@ def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_
         level = normal_cdf(z)
         bound, opposite = curve.bound(level), baseline_curve.bound(1.0 - level)
         if bound is not None and opposite is not None:
-            distance = math.hypot(bound - value, opposite - baseline)
-            points[z] = value - baseline + (math.copysign(distance, z) if z else 0.0)
+            points[z] = value - baseline + float(np.sign(z)) * math.hypot(bound - value, opposite - baseline)
     why = curve.why or baseline_curve.why
     if not any(points):
         return BoundCurve((), (), "none", why or "the result or the baseline has no interval for this key")
@@ -463,8 +460,8 @@ Evaluation = dict[str, Any]
 """Outcome of a criterion with its figure, bounds, margin and probability, with the keys of the result."""
 
 
-def evaluated(criterion: GateCriterion, dimension: str | None = None, **found: Any) -> Evaluation:
-    """Return an evaluation with all keys of the result; ``found`` are those that are known.
+def evaluated(criterion: GateCriterion, dimension: str | None = None, **known: Any) -> Evaluation:
+    """Return an evaluation with all keys of the result; ``known`` are the values of some of them.
 
     ``dimension`` is that of the value, its bounds and its limit: length (m), angle (rad), number, grade or word. The
     bounds are one-sided, each at the criterion's confidence. The margin is the distance from the bound or value that
@@ -501,7 +498,7 @@ def evaluated(criterion: GateCriterion, dimension: str | None = None, **found: A
         "warnings": (),
         "operating_curve_over": "value",
         "operating_curve": (),
-        **found,
+        **known,
     }
 
 
@@ -702,11 +699,8 @@ def difference_to_baseline(
         (figure.dimension != reference.dimension, f"{key} has different units in the result and in the baseline"),
         error=NoValueError,
     )
-    statistic, paired = key.rpartition(".")[2], criterion.paired
-    is_listed = statistic in ("rms", "mean_error", "p95", "max")
-    before, after = (
-        errors_behind(each, key.rpartition(".")[0]) if is_listed else None for each in (baseline, document)
-    )
+    (place, _, statistic), paired = key.rpartition("."), criterion.paired
+    before, after = (errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document))
     missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
     refuse((paired and (before is None or after is None), missing), error=NoValueError)
     pair = None
@@ -816,8 +810,8 @@ def _evaluate(
         f"{figure.dimension}"
     )
     refuse((criterion.limit != 0.0 and figure.dimension != criterion.kind, other), error=NoValueError)
-    found = _decide_figure(criterion, figure) | {"baseline": compared, "instrument_uncertainty_over_limit": ratio}
-    return evaluated(criterion, figure.dimension, **found, warnings=_warnings(criterion, ratio))
+    decision = _decide_figure(criterion, figure) | {"baseline": compared, "instrument_uncertainty_over_limit": ratio}
+    return evaluated(criterion, figure.dimension, **decision, warnings=_warnings(criterion, ratio))
 
 
 def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
@@ -825,12 +819,12 @@ def _decide_figure(criterion: GateCriterion, figure: GateFigure) -> Evaluation:
     has_bounds = figure.curve is not None and bool(figure.curve.bounds)
     # The largest value of an ISO 9283 criterion covers its few commanded poses, which are the whole population.
     is_largest = criterion.key.endswith(".max") and criterion.key in KEYS and criterion.baseline is None
-    found = (
+    decision = (
         decide(criterion, figure.value, figure.curve, figure.n)
         if figure.n is None or has_bounds or not is_largest or criterion.at_least or criterion.rule == "simple"
         else decide_largest(criterion, figure.value, figure.n)
     )
-    return {**found, "value": figure.value, "n_poses": figure.n}
+    return {**decision, "value": figure.value, "n_poses": figure.n}
 
 
 def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Evaluation:

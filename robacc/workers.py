@@ -55,8 +55,15 @@ class Workers(NamedTuple):
         else:
             yield from _in_processes(work, tasks, self.jobs or 1)
 
-    def in_order(self, work: Callable[[Task], Outcome], tasks: Sequence[Task]) -> Iterator[Outcome]:
+    def in_order(
+        self, work: Callable[[Task], Outcome], tasks: Sequence[Task], progress: Callable[[int, int], None]
+    ) -> Iterator[Outcome]:
         """Yield the outcomes in the order of the tasks, so that sums of them round the same whoever did the work.
+
+        Args:
+            work: As in :meth:`each`.
+            tasks: The tasks.
+            progress: Called with the number of outcomes that were yielded, and the number of all tasks.
 
         Raises:
             UsageError: As :meth:`each`.
@@ -73,6 +80,7 @@ class Workers(NamedTuple):
                         raise due
                     yield due
                     following += 1
+                    progress(following, len(tasks))
 
 
 def cores() -> int:

@@ -48,12 +48,15 @@ def test_a_killed_worker_loses_nothing_and_the_order_stays(tmp_path: Path, where
     for path in (tasks[0], tasks[2]):
         Path(path).touch()
     if where == "processes":
-        assert list(Workers(2).in_order(dead_at_first, tasks)) == ["0", "1", "2", "3", "4"]
+        done: list[tuple[int, int]] = []
+        in_order = Workers(2).in_order(dead_at_first, tasks, lambda *counts: done.append(counts))
+        assert list(in_order) == ["0", "1", "2", "3", "4"]
+        assert done == [(number, 5) for number in (1, 2, 3, 4, 5)]
         return
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
         workers = Workers(cluster=cluster.scheduler_address)
-        assert list(workers.in_order(dead_at_first, tasks)) == ["0", "1", "2", "3", "4"]
+        assert list(workers.in_order(dead_at_first, tasks, print)) == ["0", "1", "2", "3", "4"]
 
 
 def test_one_job_is_done_in_this_process() -> None:
@@ -62,7 +65,7 @@ def test_one_job_is_done_in_this_process() -> None:
 
 def test_an_error_in_the_first_part_is_the_one_that_is_raised() -> None:
     with pytest.raises(ZeroDivisionError):
-        list(Workers(2).in_order(doubled_or_dead, [0, 3, 2]))
+        list(Workers(2).in_order(doubled_or_dead, [0, 3, 2], print))
 
 
 def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:

@@ -44,7 +44,6 @@ Shape = tuple[Array, Array] | None
 # Second moments and principal axes of errors ``(3, N)``; tests of equation (13), which assumes Gaussian errors of
 # zero mean.
 
-BLOCK = 16384
 NIL = 1e-12
 """Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
 
@@ -68,11 +67,6 @@ class AssumptionTests:
     zero_mean: AssumptionTest
     skewness: AssumptionTest
     kurtosis: AssumptionTest
-
-
-def second_moment(errors: Array) -> Array:
-    """Return the mean of d d^T ``(3, 3)`` over errors ``(3, N)``: equations (13) and (14) of Wu and Lee."""
-    return np.asarray(errors @ errors.T / errors.shape[1])
 
 
 def principal_axes(matrix: Array) -> tuple[Array, Array]:
@@ -200,46 +194,6 @@ class PoseStructure:
     """Independent poses with the same uncertainty of the mean: n / (1 + (k - 1) ICC), k repetitions a pose."""
     text: str
     why: str | None = None
-
-
-def pose_structure(errors: Array, groups: NDArray[np.int64] | None) -> PoseStructure:
-    """Analyse the variance of errors ``(3, N)`` over commanded poses ``groups`` ``(N,)``, one-way random effects.
-
-    Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 3.6 (unequal numbers); effective
-    number by L. Kish, Survey Sampling (1965), 5.4.
-    """
-    n = errors.shape[1]
-    number = n if groups is None else np.bincount(groups).size
-    if groups is None or number in (1, n):
-        return _one_each(n, number)
-    sizes = np.bincount(groups).astype(float)
-    centred = errors - np.mean(errors, axis=1)[:, None]
-    sums = np.stack([np.bincount(groups, weights=component) for component in centred])
-    explained = float(np.sum(np.sum(np.square(sums), axis=0) / sizes))
-    within = max(float(np.sum(np.square(centred))) - explained, 0.0) / (n - number)
-    # Kish's mean number of repetitions weights each pose by its number of rows.
-    mean_size = float(np.sum(np.square(sizes))) / n
-    between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
-    if between + within <= 0.0:
-        why = "the errors do not scatter"
-        return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
-    correlation = between / (between + within)
-    effective = n / (1.0 + (mean_size - 1.0) * correlation)
-    text = (
-        f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
-        f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
-    )
-    return PoseStructure(n, number, between, within, correlation, effective, text)
-
-
-def _one_each(n: int, number: int) -> PoseStructure:
-    """Return the structure of errors with one row a pose, or of one pose."""
-    why = "no commanded pose was repeated"
-    text = f"{why}, so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
-    if number == 1 and n > 1:
-        why = "all rows are of one commanded pose"
-        text = f"{why}: the scatter is repeatability and does not describe other poses"
-    return PoseStructure(n, number, None, None, None, None, text, why)
 
 
 # Statistics of errors, and their intervals.
@@ -466,6 +420,44 @@ class _ErrorSample(PoseSampling):
         return self.shape and not self.is_repeated
 
     @property
+    def structure(self) -> PoseStructure:
+        """Analysis of the variance over commanded poses, one-way random effects.
+
+        Source: S. R. Searle, G. Casella, C. E. McCulloch, Variance Components (1992), 3.6 (unequal numbers); effective
+        number by L. Kish, Survey Sampling (1965), 5.4.
+        """
+        n, number, once = self.n, self.n_groups, "no commanded pose was repeated"
+        together = "all rows are of one commanded pose"
+        obstacles = (
+            (self.is_repeated and self.groups is None, IN_PARTS, f"; {SHARED}"),
+            (number == 1 < n, together, ": the scatter is repeatability and does not describe other poses"),
+            (
+                number == n,
+                once,
+                f", so repeatability cannot be separated from errors that depend on the pose; {SHARED}",
+            ),
+        )
+        for applies, why, consequence in obstacles:
+            if applies:
+                return PoseStructure(n, number, None, None, None, None, why + consequence, why)
+        of_pose = self.of_groups - self.sizes[:, None] * self.means
+        explained = float(np.sum(np.square(of_pose[:, 1:4]) / self.sizes[:, None]))
+        within = max(n * float(np.trace(self.centred_covariance)) - explained, 0.0) / (n - number)
+        # Kish's mean number of repetitions weights each pose by its number of rows.
+        mean_size = float(np.sum(np.square(self.sizes))) / n
+        between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
+        if between + within <= 0.0:
+            why = "the errors do not scatter"
+            return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
+        correlation = between / (between + within)
+        effective = n / (1.0 + (mean_size - 1.0) * correlation)
+        text = (
+            f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
+            f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
+        )
+        return PoseStructure(n, number, between, within, correlation, effective, text)
+
+    @property
     def assumption(self) -> str:
         """Assumptions and rejections as a sentence, which names assumptions that cannot be tested."""
         assumptions = (
@@ -486,8 +478,7 @@ class _ErrorSample(PoseSampling):
         if self.too_few or not self.gaussian:
             components = (weights(self.origin, np.zeros(3), linear=axis) for axis in np.eye(3))
             return tuple(self.of_mean(component, confidence, positive=False) for component in components)
-        errors = np.sqrt(np.diag(self.centred_covariance) / dof)
-        parts = zip(self.mean.tolist(), errors.tolist(), strict=True)
+        parts = zip(self.mean.tolist(), np.sqrt(np.diag(self.centred_covariance) / dof).tolist(), strict=True)
         return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
 
     def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:
@@ -503,8 +494,7 @@ class _ErrorSample(PoseSampling):
         for i, j in PAIRS:
             own = 0.5 * (np.outer(*np.eye(3)[[i, j]]) + np.outer(*np.eye(3)[[j, i]]))
             if not is_gaussian:
-                product = weights(self.origin, about, quadratic=own)
-                interval = self.of_mean(product, confidence, positive=i == j)
+                interval = self.of_mean(weights(self.origin, about, quadratic=own), confidence, positive=i == j)
             elif i == j:
                 interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
                 interval = self.cautious(interval, own, confidence, about)
@@ -610,8 +600,11 @@ class _ErrorSample(PoseSampling):
             rms = self.cautious(own, np.eye(3), confidence)
         else:
             rms = self.of_square(np.eye(3), confidence)
-        mean = self.of_mean(LENGTH, confidence, positive=True)
-        return rms.root(), mean, self._p95_interval(radius, shape, confidence)
+        return (
+            rms.root(),
+            self.of_mean(LENGTH, confidence, positive=True),
+            self._p95_interval(radius, shape, confidence),
+        )
 
     def _p95_interval(self, radius: EstimateOrReason, shape: Shape, confidence: float) -> Interval:
         """Return the interval of the 95th percentile: order statistics if there are enough poses, else by the shape.
@@ -676,21 +669,15 @@ def error_statistics(
     Raises:
         InputError: There are no errors.
     """
-    sample = _ErrorSample.of(errors, groups, share, bootstrap, seed)
-    return _statistics(sample, pose_structure(errors, sample.groups), unit, confidence)
+    return _statistics(_ErrorSample.of(errors, groups, share, bootstrap, seed), unit, confidence)
 
 
 def statistics_of_sums(sums: ErrorSums, n_commands: int, unit: Unit, confidence: float) -> ErrorStatistics:
     """Return the statistics of errors of different commands whose sums are known; see :func:`error_statistics`."""
-    sample = _ErrorSample.of_sums(sums, n_commands)
-    structure = _one_each(sample.n, sample.n)
-    if sample.is_repeated:
-        text = f"{IN_PARTS}; {SHARED}"
-        structure = PoseStructure(sample.n, sample.n_groups, None, None, None, None, text, IN_PARTS)
-    return _statistics(sample, structure, unit, confidence)
+    return _statistics(_ErrorSample.of_sums(sums, n_commands), unit, confidence)
 
 
-def _statistics(sample: _ErrorSample, structure: PoseStructure, unit: Unit, confidence: float) -> ErrorStatistics:
+def _statistics(sample: _ErrorSample, unit: Unit, confidence: float) -> ErrorStatistics:
     about_zero, about_mean = (sample.radius95(zero, confidence) for zero in (True, False))
     return ErrorStatistics(
         unit=unit,
@@ -716,7 +703,7 @@ def _statistics(sample: _ErrorSample, structure: PoseStructure, unit: Unit, conf
         radius95_zero_mean=about_zero[0],
         radius95_fitted_mean=about_mean[0],
         tests=sample.tests,
-        structure=structure,
+        structure=sample.structure,
         assumption=sample.assumption,
     )
 

@@ -32,8 +32,7 @@ _LEVELS = 1 << 16
 
 def features(errors: Array, lengths: Array) -> Array:
     """Return z ``(11, N)`` of errors from the origin ``(3, N)``, and of the lengths ``(N,)`` of the errors."""
-    products = [errors[i] * errors[j] for i, j in PAIRS]
-    return np.stack([np.ones(lengths.size), *errors, *products, lengths])
+    return np.stack([np.ones(lengths.size), *errors, *(errors[i] * errors[j] for i, j in PAIRS), lengths])
 
 
 def weights(origin: Array, about: Array, linear: Array | None = None, quadratic: Array | None = None) -> Array:
@@ -49,7 +48,7 @@ def weights(origin: Array, about: Array, linear: Array | None = None, quadratic:
 
 @dataclass(frozen=True, slots=True)
 class DifferentCommands:
-    """DifferentCommands of poses, by a hash of each."""
+    """Different commands of poses, by a hash of each."""
 
     marks: NDArray[np.uint8]
     """``(M / 8,)`` a bit for each number of :data:`_MARKS` that a hash gave."""

@@ -19,7 +19,6 @@ from functools import cache, partial
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
@@ -29,7 +28,6 @@ from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
-from robacc.statistics.intervals import quantiles
 
 if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
@@ -205,14 +203,10 @@ def too_far(error: float, position: Array) -> bool:
     return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
 
 
-def _near(errors: Array) -> NDArray[np.bool_]:
-    """Return ``(N,)`` the mask of position errors ``(3, N)`` that are not far beyond the others."""
-    return inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
-
-
-def _usual(errors: Array) -> float:
-    """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m."""
-    return rms_length(errors[:, _near(errors)])
+def _far_errors(errors: Array) -> tuple[float, int]:
+    """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m, and how many are."""
+    near = inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
+    return rms_length(errors[:, near]), int(np.count_nonzero(~near))
 
 
 def frames_to_register(data: Measurements, robot: Robot | None, error: float) -> tuple[str, ...]:
@@ -233,7 +227,7 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
             commanded = register(data, robot, frames).commanded
         except RobaccError:
             continue
-        registered = _usual(data.position - commanded.translation)
+        registered, _ = _far_errors(data.position - commanded.translation)
         if registered < _FAR * error and not too_far(registered, data.position):
             return frames
     return ()
@@ -330,26 +324,6 @@ class EstimateResult:
     """Signs of mistakes in the data or the call."""
 
 
-@dataclass(frozen=True, slots=True)
-class FarPoses:
-    """Poses whose position errors are far beyond the others."""
-
-    usual: float
-    """Rms error of the others, m."""
-    largest: tuple[tuple[str, float], ...]
-    """Place in the file and error, m, of the :data:`N_WORST` largest."""
-    n: int
-
-    @classmethod
-    def of(cls, data: Measurements, errors: PoseErrors) -> FarPoses:
-        """Return those among the errors of ``data``."""
-        near, size = _near(errors.position), lengths(errors.position)
-        beyond = np.flatnonzero(~near)
-        largest = beyond[np.argsort(-size[beyond])][:N_WORST].tolist()
-        named = tuple((data.place(i), float(size[i])) for i in largest)
-        return cls(rms_length(errors.position[:, near]), named, beyond.size)
-
-
 @dataclass(frozen=True)
 class Totals:
     """What is counted over many poses."""
@@ -392,21 +366,18 @@ class Totals:
     @property
     def targets(self) -> tuple[TargetErrors, ...]:
         """Metrics of each target."""
-        found = []
-        for name, sums in sorted(self.of_targets.items()):
-            lengths, square = sums.lengths, float(np.mean(np.square(sums.lengths)))
-            mean, p95 = float(sums.products[0, -1]) / sums.n, quantiles(lengths, [0.95])[0]
-            found.append(TargetErrors(name, sums.n, ErrorMetrics(square**0.5, mean, p95, sums.largest)))
-        return tuple(found)
+        return tuple(
+            TargetErrors(name, sums.n, replace(length_metrics(sums.lengths), mean=float(sums.products[0, -1]) / sums.n))
+            for name, sums in sorted(self.of_targets.items())
+        )
 
     @property
-    def far(self) -> FarPoses:
-        """Poses far beyond the others, as :meth:`FarPoses.of` finds them."""
+    def far(self) -> tuple[float, int]:
+        """Rms length of the errors without those far beyond the others, m, and how many are, as :func:`_far_errors`."""
         lengths = self.position.lengths
         limit = float(np.sqrt(3.0 * inlier_limit(np.square(lengths) / 3.0, np.array(3), self.position.n)))
         near = lengths[lengths <= limit] if limit > 0.0 else lengths
-        found = [(pose.place, pose.position) for pose in self.worst[0] if pose.position > limit > 0.0]
-        return FarPoses(rms_length(near[None]), tuple(found), self.position.above(limit) if found else 0)
+        return rms_length(near[None]), self.position.above(limit) if limit > 0.0 else 0
 
 
 def estimate(
@@ -444,7 +415,7 @@ def estimate(
     oriented = commanded[1] is not None
     chosen = frame or ("tool" if oriented else "base")
     errors = pose_errors(data, *commanded, chosen)
-    needed = frames_to_register(data, robot, _usual(errors.position)) if align is None and _moves(data) else ()
+    needed = frames_to_register(data, robot, _far_errors(errors.position)[0]) if align is None and _moves(data) else ()
     alignment, unaligned = None, None
     if frames := align or needed:
         turned = errors.position if errors.rotation is None else np.vstack((errors.position, errors.rotation))
@@ -468,7 +439,11 @@ def estimate(
     names = () if data.target is None or everything else np.unique(data.target)
     rows_of = {str(name): errors.position[:, data.target == name] for name in names}
     targets = tuple(TargetErrors(name, e.shape[1], pose_metrics(e).position) for name, e in rows_of.items())
-    worst, targets = (everything.worst, everything.targets) if everything else (worst_poses(data, errors), targets)
+    worst, targets, far = (
+        (everything.worst, everything.targets, everything.far)
+        if everything
+        else (worst_poses(data, errors), targets, _far_errors(errors.position))
+    )
     return EstimateResult(
         n_poses=position.n,
         commanded="file" if robot is None else "robot",
@@ -485,7 +460,7 @@ def estimate(
         warnings=(
             *(everything.warnings if everything else data.warnings),
             *data.contradicted_ids(),
-            *_warnings(data, errors, alignment, everything.far if everything else FarPoses.of(data, errors)),
+            *_warnings(data, errors, alignment, worst[0], *far),
             *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),
     )
@@ -553,11 +528,17 @@ def _moves(data: Measurements) -> bool:
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
-def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | None, beyond: FarPoses) -> tuple[str, ...]:
+def _warnings(
+    data: Measurements,
+    errors: PoseErrors,
+    alignment: Alignment | None,
+    worst: Sequence[WorstPose],
+    usual: float,
+    n_far: int,
+) -> tuple[str, ...]:
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
-    usual = beyond.usual
-    named = ", ".join(f"{place} ({1e3 * size:.3g} mm)" for place, size in beyond.largest)
-    more = f" and {beyond.n - N_WORST} more" if beyond.n > N_WORST else ""
+    named = ", ".join(f"{pose.place} ({1e3 * pose.position:.3g} mm)" for pose in worst[:n_far])
+    more = f" and {n_far - N_WORST} more" if n_far > N_WORST else ""
     far = _moves(data) and too_far(usual, data.position)
     # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
     turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
@@ -565,7 +546,7 @@ def _warnings(data: Measurements, errors: PoseErrors, alignment: Alignment | Non
     trace = "" if data.q is None else "; a trace names the probable mistake"
     causes = (
         (
-            beyond.n > 0,
+            n_far > 0,
             f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
             "them: check these readings and their commands",
         ),

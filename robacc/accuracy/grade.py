@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
-from robacc.errors import UsageError
+from robacc.errors import refuse
 from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval, largest_known
 
@@ -363,12 +363,16 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
     graded: dict[Quantity, ErrorStatistics] = {"position": position}
     if orientation is not None:
         graded["orientation"] = orientation
-    for name, statistics in graded.items():
-        if statistics.confidence != scale.confidence:
-            raise UsageError(
-                f"the {name} statistics have a confidence of {statistics.confidence:g}, "
-                f"but the scale {scale.name} requires {scale.confidence:g}"
+    required = f"but the scale {scale.name} requires {scale.confidence:g}"
+    refuse(
+        *(
+            (
+                own.confidence != scale.confidence,
+                f"the {name} statistics have a confidence of {own.confidence:g}, {required}",
             )
+            for name, own in graded.items()
+        )
+    )
     estimates = {name: statistics.estimate(scale.statistic) for name, statistics in graded.items()}
     ranks = {name: scale.rank_of(name, value) for name, (value, _) in estimates.items()}
     confirmed = {name: scale.rank_of(name, interval.upper_bound) for name, (_, interval) in estimates.items()}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
-from typing import TYPE_CHECKING, NamedTuple
+from functools import partial, reduce
+from operator import add
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -19,44 +21,42 @@ if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
 
 
-class PosesPart(NamedTuple):
-    """Part of the poses, and how their errors are computed."""
-
-    read: Callable[[], Measurements]
-    robot: Robot | None
-    """The robot that predicts the commanded poses: registered, if frames were fitted; None for those of the file."""
-    is_gantry: bool
-    """The robot's joint variables are the coordinates of the file's commanded poses."""
-    frame: ErrorFrame
-    origins: tuple[Array, Array | None]
-    """``(3,)`` mean position error, m, and orientation error, rad, of some of the poses."""
-
-
 @single_threaded
-def totals_of_part(part: PosesPart) -> Totals:
+def totals_of_part(
+    read: Callable[[], Measurements],
+    robot: Robot | None,
+    frame: ErrorFrame,
+    origins: tuple[Array, Array | None],
+    *,
+    is_gantry: bool,
+) -> Totals:
     """Return what is counted over the poses of a part.
+
+    Args:
+        read: Function that reads the part.
+        robot: Robot that predicts the commanded poses: registered, if frames were fitted; None for those of the file.
+        frame: Axes of the errors.
+        origins: ``(3,)`` mean position error, m, and orientation error, rad, of some of the poses.
+        is_gantry: The robot's joint variables are the coordinates of the file's commanded poses.
 
     Raises:
         InputError: A row is wrong; with every problem of the part.
     """
     from robacc.fitting.registration import as_gantry
 
-    data = part.read()
-    position, turns = commanded_poses(as_gantry(data) if part.is_gantry else data, part.robot)
-    turns = None if part.is_gantry and data.commanded_rotation is None else turns
-    errors = pose_errors(data, position, turns, part.frame)
+    data = read()
+    position, turns = commanded_poses(as_gantry(data) if is_gantry else data, robot)
+    turns = None if is_gantry and data.commanded_rotation is None else turns
+    errors = pose_errors(data, position, turns, frame)
     commands = DifferentCommands.of(data.hashed_commands())
     names = () if data.target is None else np.unique(data.target)
     own = {str(name): np.flatnonzero(data.target == name) for name in names}
-    turned, origin = errors.rotation, part.origins[1]
+    turned, (origin, turned_origin) = errors.rotation, origins
     return Totals(
-        ErrorSums.of(errors.position, part.origins[0], commands.numbers),
-        None if turned is None or origin is None else ErrorSums.of(turned, origin, commands.numbers),
+        ErrorSums.of(errors.position, origin, commands.numbers),
+        None if turned is None or turned_origin is None else ErrorSums.of(turned, turned_origin, commands.numbers),
         commands,
-        {
-            name: ErrorSums.of(errors.position[:, rows], part.origins[0], commands.numbers[rows])
-            for name, rows in own.items()
-        },
+        {name: ErrorSums.of(errors.position[:, rows], origin, commands.numbers[rows]) for name, rows in own.items()},
         worst_poses(data, errors),
         data.warnings,
     )
@@ -84,14 +84,12 @@ def totals(
         InputError: A row is wrong; with every problem of its part.
         UsageError: The workers cannot be reached.
     """
-    frames = None if alignment is None else alignment.robot
-    turned = None if errors.rotation is None else errors.rotation.mean(axis=1)
-    part = PosesPart(
-        reads[0], frames or robot, robot is None and frames is not None, errors.frame, (errors.mean, turned)
+    registered = alignment and alignment.robot
+    work = partial(
+        totals_of_part,
+        robot=registered or robot,
+        frame=errors.frame,
+        origins=(errors.mean, None if errors.rotation is None else errors.rotation.mean(axis=1)),
+        is_gantry=robot is None and registered is not None,
     )
-    result: Totals | None = None
-    for number, one in enumerate(workers.in_order(totals_of_part, [part._replace(read=read) for read in reads])):
-        result = one if result is None else result + one
-        progress("reading", number + 1, len(reads))
-    assert result is not None
-    return result
+    return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))

@@ -183,7 +183,7 @@ def estimate(
     any_target = arm is not None and "tool_frame" in (aligned or ())
     sample, *parts = inputs.parts(poses) or (poses,)
     data = inputs.poses(sample, arm, any_target=any_target)
-    described = arm
+    read = partial(read_rows, robot=arm, any_target=any_target, ignore_limits=ignore_limits)
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
     if arm is not None and data.q is None and data.commanded_position is not None:
@@ -192,25 +192,24 @@ def estimate(
     if arm is not None:
         arm = inputs.campaign(arm, data)
     fitted = fitted_pose_warnings(arm, inputs.records)
-    grades = inputs.scale()
-    totals = None
+    grades, totals = inputs.scale(), None
     if parts:
-        read = partial(read_rows, robot=described, any_target=any_target, ignore_limits=ignore_limits)
         workers, shown = Workers(jobs, cluster), progress or (lambda label, done, total: None)
         totals = partial(errors_in_parts, [partial(read, part) for part in parts], arm, workers, shown)
     body = estimate_errors(
         data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed, totals=totals
     )
-    notes = (*body.notes, *(["the robot file was fitted to these same poses"] if fitted else []))
-    if parts:
-        notes += (
-            f"the file was read in {len(parts)} parts: statistics, grade and worst poses are of all rows; frames were "
-            f"fitted to {data.n} rows, evenly spread, and the errors that are listed pose by pose are theirs",
-        )
-    warnings = (*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings)
-    body = replace(body, notes=notes, warnings=warnings)
-    effects = list(body.alignment.effects if body.alignment else ())
-    made = inputs.made(align=effects, frame=body.errors.frame)
+    in_parts = (
+        f"the file was read in {len(parts)} parts: statistics, grade and worst poses are of all rows; frames were "
+        f"fitted to {data.n} rows, evenly spread, and the errors that are listed pose by pose are theirs"
+    )
+    notes = ((fitted, "the robot file was fitted to these same poses"), (parts, in_parts))
+    body = replace(
+        body,
+        notes=(*body.notes, *(text for applies, text in notes if applies)),
+        warnings=(*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings),
+    )
+    made = inputs.made(align=list(body.alignment.effects if body.alignment else ()), frame=body.errors.frame)
     return Estimate(**fields_of(body), robot=arm, data=data, made=made)
 
 

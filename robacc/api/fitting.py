@@ -90,9 +90,14 @@ class FitResult(Result):
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         inputs = self.fit_inputs
-        kind = TRACE if self.command == "trace" else CALIBRATE
         return fit_document(
-            kind, cast("Judged", self), inputs.data, inputs.robot, inputs.holdout, self.made.seed or 0, inputs.baseline
+            TRACE if self.command == "trace" else CALIBRATE,
+            cast("Judged", self),
+            inputs.data,
+            inputs.robot,
+            inputs.holdout,
+            self.made.seed or 0,
+            inputs.baseline,
         )
 
     def view(self, full: bool = False, model: str | None = None) -> Iterable[Section]:
@@ -341,10 +346,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     described = inputs.robot(inputs.arguments["robot"], poses)
     sample, *parts = inputs.parts(poses) or (poses,)
     data = inputs.poses(sample, described, any_target=True, any_kind=True)
-    ignore_limits = inputs.arguments["ignore_limits"]
-    reads = tuple(
-        partial(read_rows, part, robot=described, any_target=True, ignore_limits=ignore_limits) for part in parts
-    )
+    reader = partial(read_rows, robot=described, any_target=True, ignore_limits=inputs.arguments["ignore_limits"])
     arm, data = with_measured_targets(described, data)
     arm = inputs.campaign(arm, data)
     validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
@@ -367,7 +369,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         baseline = baseline._replace(names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
-    return FitInputs(arm, data, validation, baseline, reads)
+    return FitInputs(arm, data, validation, baseline, tuple(partial(reader, part) for part in parts))
 
 
 def _of_all(read: FitInputs, workers: Workers, progress: Callable[[str, int, int], None]) -> Callable[[Fit], Fit]:
@@ -435,25 +437,21 @@ def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitIn
 
     Corrections and predictions read these records. The warnings have those about the use of a model.
     """
-    residual = result.after.held_out_residual
-    poses = read.data if read.holdout is None else read.holdout
-    held_out = None if residual is None else (poses, residual)
-    fit = result.fit
+    residual, fit = result.after.held_out_residual, result.fit
+    held_out = None if residual is None else (read.data if read.holdout is None else read.holdout, residual)
     record = fit_record(fit, result.robot, read.robot, read.data, held_out, result.repeatability, result.n_folds)
     robot = replace(result.robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
     outside = None if read.holdout is None else outside_validity(robot, read.holdout)
     digests = [record.sha256 for record in inputs.records if record.kind == "poses"]
     robot = replace(robot, fitted_to=tuple(dict.fromkeys((*robot.fitted_to, *digests))))
-    some = (
-        Note(
-            f"the file was read in {len(read.parts)} parts: the coefficients are fitted to all rows, and their "
-            "standard errors allow for what the rows of a command have in common; errors, causes and checks are of "
-            f"{fit.data.n} rows, evenly spread"
-        ),
+    in_parts = Note(
+        f"the file was read in {len(read.parts)} parts: the coefficients are fitted to all rows, and their standard "
+        "errors allow for what the rows of a command have in common; errors, causes and checks are of "
+        f"{fit.data.n} rows, evenly spread"
     )
     warnings = (
         *result.warnings,
-        *(some if read.parts else ()),
+        *([in_parts] if read.parts else []),
         *fitted_pose_warnings(read.robot, inputs.records),
         *inputs.warnings,
         *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),

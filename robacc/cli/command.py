@@ -82,18 +82,18 @@ def declared_options(show: Callable[..., None]) -> dict[str, Declared]:
     """Return the arguments and options of a command: those of its call, its own, and how files of poses are read."""
     own = dict(_declared(show, ""))
     parameters = inspect.signature(show).parameters
-    found = dict(_declared(_declaration(show.__name__), "call")) if "call" in parameters else {}
+    options = dict(_declared(_declaration(show.__name__), "call")) if "call" in parameters else {}
     if "outlets" in parameters:
         outlets = _declared(output.Outlets, "outlets")
-        found |= {name: item._replace(is_argument=False) for name, item in outlets if name not in own}
-    found |= own
-    held = {item.meaning.holds for item in found.values()} & {"measured poses", "planned poses"}
+        options |= {name: item._replace(is_argument=False) for name, item in outlets if name not in own}
+    options |= own
+    held = {item.meaning.holds for item in options.values()} & {"measured poses", "planned poses"}
     if held:
         reading = dict(_declared(_declaration("read_poses"), "reading"))
         left_out = _OF_MEASUREMENTS if "measured poses" not in held else ()
-        found |= {name: reading[name] for name in _READING if name not in left_out and name not in found}
-        found["quiet"] = Declared(bool, Help("Leave out the notes on how files were read."), False, False, False, "")
-    return found
+        options |= {name: reading[name] for name in _READING if name not in left_out and name not in options}
+        options["quiet"] = Declared(bool, Help("Leave out the notes on how files were read."), False, False, False, "")
+    return options
 
 
 def _declaration(name: str) -> Callable[..., Any]:

@@ -127,6 +127,7 @@ def _fit(command: str, call: Call, poses: Sequence[str], write_model: str | None
         process_each(command, poses, call.keywords, outlets, write_model, full)
         return
     with progress_bar() as progress:
+        progress("starting", 0, 0)
         result: FitResult = call(poses[0], progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)

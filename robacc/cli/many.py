@@ -72,8 +72,9 @@ def process_file(task: FileTask) -> FileOutcome:
                 result.write_model(task.extra)
         output.write(task.document, lambda: json_pieces(document()))
         if task.outlets.output:
-            view = partial(result.view, task.full, *shown)
-            output.write_result(task.outlets, task.command, document, view, gate, warnings)
+            output.write_result(
+                task.outlets, task.command, document, partial(result.view, task.full, *shown), gate, warnings
+            )
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
@@ -222,8 +223,8 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
                         traceback.print_exception(outcome)
                         message = "robacc crashed on this file, which is a defect of robacc; the traceback is above"
                         status = 1
-                    problems = (Problem(message, tasks[number].path),)
-                    outcome = FileOutcome(tasks[number].name, status, problems=problems, n_problems=1)
+                    problem = Problem(message, tasks[number].path)
+                    outcome = FileOutcome(tasks[number].name, status, problems=(problem,), n_problems=1)
                 outcomes[number] = outcome
                 progress(tasks[0].command, len(outcomes), len(tasks))
     except KeyboardInterrupt:
@@ -236,7 +237,7 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
 def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
     """Write what joins points and commands, if some files have one and some the other."""
     points, commands = (
-        next((one.problems[0].file for one in outcomes if one.failed and text in one.problems[0].message), None)
+        next((each.problems[0].file for each in outcomes if each.failed and text in each.problems[0].message), None)
         for text in ("measured poses only", "x, y, z are missing")
     )
     if points and commands:

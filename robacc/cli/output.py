@@ -80,7 +80,10 @@ class Outlets(NamedTuple):
 
 @contextmanager
 def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
-    """Yield a function that shows progress on a terminal: label of the work, steps done, all steps."""
+    """Yield a function that shows progress on a terminal: label of the work, steps done, all steps; 0 is unknown.
+
+    There is no bar before the first call.
+    """
     if not sys.stderr.isatty() or os.environ.get("TERM") == "dumb":
         yield lambda label, done, total: None
         return
@@ -89,13 +92,17 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
 
     # The spinner and the clock move while a search, the longest step of all, is at work.
     shown = (SpinnerColumn(), TextColumn("{task.description}"), BarColumn(), TimeElapsedColumn())
-    with Progress(*shown, console=Console(stderr=True), transient=True) as bar:
-        task = bar.add_task("starting", total=None)
+    bar = Progress(*shown, console=Console(stderr=True), transient=True)
+    task = bar.add_task("", total=None)
 
-        def show(label: str, done: int, total: int) -> None:
-            bar.update(task, description=label, completed=done, total=total)
+    def show(label: str, done: int, total: int) -> None:
+        bar.start()
+        bar.update(task, description=label, completed=done, total=total or None)
 
+    try:
         yield show
+    finally:
+        bar.stop()
 
 
 def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:

@@ -369,11 +369,11 @@ def _ranking(
     corrected = holm([pair_difference.p_value for _, _, pair_difference in pairs])
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
-    alike = [[names[i] for i in group] for group in groups if len(group) > 1]
+    ties = [[names[i] for i in group] for group in groups if len(group) > 1]
     text = ["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups)
     if groups:
         text = [f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different]
-        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in alike]
+        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in ties]
         untested = [(i, j) for i, j, pair_difference in pairs if pair_difference.p_value is None]
         text += [f"{names[i]} and {names[j]} could not be tested" for i, j in untested]
     unranked = [result.name for i, result in enumerate(results) if i not in ranked]
@@ -386,7 +386,7 @@ def _ranking(
             {"name": results[i].name, "value": results[i].figures[key].value, "letters": letters}
             for i, letters in zip(order, group_letters(len(order), groups), strict=True)
         ],
-        "indistinguishable": alike,
+        "indistinguishable": ties,
         "pairs": [
             {
                 "better": names[i],
@@ -559,8 +559,7 @@ def _against_model(
     before, after = (completed(fit, file, 0) for file in files)
     planned_from = _means(Model.of(arm).bind(before).poses(np.zeros(0)).translation, rows[0])
     poses, jacobian, covariance = fitted_jacobian(Model.of(arm, fit.effects), fit, after)
-    alone = replace(fit, covariance=0.0 * fit.covariance)
-    firsts = np.array([own[0] for own in rows[1]])
+    firsts, alone = np.array([own[0] for own in rows[1]]), replace(fit, covariance=0.0 * fit.covariance)
     separate = model_uncertainty(arm, alone, after, measured=True)[0][0][:, :, firsts]
     stated = files[1].stated_noise[0]
     # Noise within the unexplained error of the model is only its lower bound.

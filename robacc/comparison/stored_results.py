@@ -59,8 +59,7 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         elif not isinstance(node, Mapping):
             raise NoValueError(f"the result has no keys within {path.rpartition('.')[0]}")
         else:
-            known = set(node)
-            holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in known), "")
+            holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in node), "")
             refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         why = holder.get("why")
@@ -83,11 +82,11 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
         stored, value = [value], value.get("value")
     number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
     interval = None
-    if (found := next((entry for entry in stored if isinstance(entry, Mapping)), None)) is not None:
+    if (entry := next((each for each in stored if isinstance(each, Mapping)), None)) is not None:
         # Under the names of an interval or of a gain.
-        ends = found.get("lower", found.get("low")), found.get("upper", found.get("high")), found.get("upper_bound")
-        method = found.get("method") or "interval stored in the result"
-        interval = Interval(*ends, found.get("confidence") or 0.95, method, found.get("why"))
+        ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
+        method = entry.get("method") or "interval stored in the result"
+        interval = Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why"))
     return number, interval, holder, name
 
 
@@ -421,9 +420,12 @@ def _common_keys(first: ErrorSet, second: ErrorSet) -> tuple[NDArray[np.int64], 
 
 
 def _close(first: Array | None, second: Array | None, tolerance: float) -> bool:
-    if first is None or second is None or first.shape != second.shape:
-        return False
-    return bool(np.all(np.abs(first - second) <= tolerance))
+    return (
+        first is not None
+        and second is not None
+        and first.shape == second.shape
+        and bool(np.all(np.abs(first - second) <= tolerance))
+    )
 
 
 def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
@@ -529,10 +531,12 @@ def difference(
     if is_smooth:
         error, method = math.sqrt(float(np.sum(variances))), "Student's t"
     else:
-        drawn = [_resampled_percentile(part, seed, 0 if paired else i) for i, part in enumerate(sets)]
-        variances = [np.asarray(np.var(spread)) for spread in ([drawn[1] - drawn[0]] if paired else drawn)]
-        error = float(np.std(drawn[1] - drawn[0]))
-        method = f"Student's t with the bootstrap's standard error ({drawn[0].size} draws)"
+        percentiles = [_resampled_percentile(part, seed, 0 if paired else i) for i, part in enumerate(sets)]
+        variances = [
+            np.asarray(np.var(spread)) for spread in ([percentiles[1] - percentiles[0]] if paired else percentiles)
+        ]
+        error = float(np.std(percentiles[1] - percentiles[0]))
+        method = f"Student's t with the bootstrap's standard error ({percentiles[0].size} draws)"
     if error <= _ROUNDING * max(abs(float(part[0])) for part in values):
         return Difference.same(value, confidence, "the same at every pose", paired, n)
     terms = (float(np.sum(variance)) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))

@@ -336,8 +336,8 @@ def _checked(document: Any, name: str) -> str:
     refuse((int(version) != schema_version(command), Problem(message, name, column="schema", fix=fix)))
     # Readers need some keys of every result.
     problems = result_kind(command).problems({**dict.fromkeys(("robacc", "command", "options", "inputs")), **document})
-    found = [Problem(message, name, column=path) for path, message in problems]
-    refuse((found, found))
+    wrong = [Problem(message, name, column=path) for path, message in problems]
+    refuse((wrong, wrong))
     return str(command)
 
 

@@ -153,7 +153,9 @@ HISTORY_CHANGES = part(
         "changes": Key(
             array(CHANGE),
             "Changes of all arms.",
-            lambda result: [CHANGE.write(one, arm=arm) for arm, found in result.changes.items() for one in found],
+            lambda result: [
+                CHANGE.write(change, arm=arm) for arm, changes in result.changes.items() for change in changes
+            ],
         ),
         "arms": Key(
             array(

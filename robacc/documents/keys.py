@@ -625,11 +625,11 @@ def robot_document(robot: Robot | None, q: Array | None, registered: Robot | Non
     """
     if robot is None:
         return None
-    drawn = None
+    shape = None
     if q is not None and q.shape[1]:
         typical, line = outline(Arm.of(registered or robot), q)
-        drawn = {"q": typical, "line_m": rounded(line)}
-    return ROBOT.write(robot, outline=drawn)
+        shape = {"q": typical, "line_m": rounded(line)}
+    return ROBOT.write(robot, outline=shape)
 
 
 _POSES = {

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from functools import partial, reduce
+from operator import add
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,35 +26,6 @@ _GROUPS = 1024
 """Groups of commands: a standard error from them has a relative standard error of 1 / sqrt(2 * 1024), two per cent."""
 
 
-class FitPart(NamedTuple):
-    """Part of the poses, and the point at which their equations are linearised."""
-
-    read: Callable[[], Measurements]
-    model: Model
-    names: tuple[str, ...]
-    """Names of all coefficients, which the poses of every part must have."""
-    theta: Array
-    columns: NDArray[np.int64]
-    """Numbers of the sought coefficients."""
-    misfit: tuple[float, float]
-    limit: float
-    """Mean whitened square above which a row is an outlier."""
-
-
-class FitSums(NamedTuple):
-    """Sums over the inliers of parts."""
-
-    n: int
-    gram: Array
-    """``(K, K)``"""
-    of_groups: Array
-    """``(G, K)`` gradient of each group of commands."""
-
-    def plus(self, other: FitSums) -> FitSums:
-        """Return the sums over the poses of both."""
-        return FitSums(self.n + other.n, self.gram + other.gram, self.of_groups + other.of_groups)
-
-
 def _whitened(data: Measurements, residual: Array, misfit: tuple[float, float]) -> tuple[Array, Array]:
     """Return the weights ``(M, N)`` of rows, and the mean whitened squares ``(N,)``."""
     weight = row_weights(data, misfit)
@@ -61,30 +33,47 @@ def _whitened(data: Measurements, residual: Array, misfit: tuple[float, float]) 
 
 
 @single_threaded
-def sums_of_part(part: FitPart) -> FitSums:
-    """Return the sums over the poses of a part.
+def sums_of_part(
+    read: Callable[[], Measurements],
+    model: Model,
+    names: tuple[str, ...],
+    theta: Array,
+    columns: NDArray[np.int64],
+    misfit: tuple[float, float],
+    limit: float,
+) -> Array:
+    """Return the Gram matrix ``(K, K)`` of the poses of a part, above the gradients ``(G, K)`` of groups of commands.
+
+    Args:
+        read: Function that reads the part.
+        model: Model of the fit.
+        names: Names of all coefficients, which the poses of every part must have.
+        theta: Coefficients at which the equations are linearised.
+        columns: Numbers of the sought coefficients.
+        misfit: Misfit of positions and orientations, for the weights of rows.
+        limit: Mean whitened square above which a row is an outlier and does not count.
 
     Raises:
         InputError: A row is wrong, or has what the fit does not know, such as another target.
     """
-    data, size = part.read(), part.columns.size
-    result = FitSums(0, np.zeros((size, size)), np.zeros((_GROUPS, size)))
+    data = read()
+    result = np.zeros((columns.size + _GROUPS, columns.size))
     groups = (data.hashed_commands() % np.uint64(_GROUPS)).astype(np.int64)
     for start in range(0, data.n, BLOCK):
         rows = slice(start, start + BLOCK)
         some = data.subset(rows)
-        bound = part.model.bind(some)
-        if tuple(term.name for term in bound.terms) != part.names:
+        bound = model.bind(some)
+        if tuple(term.name for term in bound.terms) != names:
             raise InputError(f"{data.source}: {data.place(start)} and below have targets or loads that others lack")
-        poses, jacobian = bound.linearise(part.theta, part.columns, 3 if some.rotation is None else 6)
+        poses, jacobian = bound.linearise(theta, columns, 3 if some.rotation is None else 6)
         residual = residuals(some, poses)
-        weight, square = _whitened(some, residual, part.misfit)
-        weight = weight * (square <= part.limit)
+        weight, square = _whitened(some, residual, misfit)
+        weight = weight * (square <= limit)
         white = jacobian * weight[:, None]
         slopes = np.einsum("mkn,mn->kn", white, residual * weight)
         gram = sum(component @ component.T for component in white)
-        own = np.stack([np.bincount(groups[rows], slope, _GROUPS).astype(float) for slope in slopes], axis=1)
-        result = result.plus(FitSums(int(np.count_nonzero(weight[0])), gram, own))
+        of_groups = np.stack([np.bincount(groups[rows], slope, _GROUPS).astype(float) for slope in slopes], axis=1)
+        result += np.vstack((gram, of_groups))
     return result
 
 
@@ -114,27 +103,30 @@ def fitted_in_parts(
     columns, theta, precision = fit.identifiability.columns, fit.theta.copy(), fit.precision
     _, square = _whitened(fit.data, fit.residual, fit.misfit)
     limit = float(inlier_limit(square, np.array(len(fit.residual)), fit.data.n * len(reads)))
-    start = FitPart(reads[0], fit.model, fit.names, theta, columns, fit.misfit, limit)
     covariance, own = fit.covariance.copy(), np.ix_(columns, columns)
     independent = posterior(fit.gram, precision) * (fit.chi_square / max(fit.degrees_of_freedom, 1.0))
     values, vectors = np.linalg.eigh(np.nan_to_num(covariance[own] - independent))
     shared = (vectors * np.maximum(values, 0.0)) @ vectors.T
     for _ in range(ROUNDS):
-        total: FitSums | None = None
-        tasks = [start._replace(read=read, theta=theta.copy()) for read in reads]
-        for number, one in enumerate(workers.in_order(sums_of_part, tasks)):
-            total = one if total is None else total.plus(one)
-            progress("fitting all rows", number + 1, len(reads))
-        assert total is not None
-        inverse = posterior(total.gram, precision)
-        step = inverse @ (total.of_groups.sum(axis=0) - precision * theta[columns])
+        work = partial(
+            sums_of_part,
+            model=fit.model,
+            names=fit.names,
+            theta=theta,
+            columns=columns,
+            misfit=fit.misfit,
+            limit=limit,
+        )
+        total: Array = reduce(add, workers.in_order(work, reads, partial(progress, "fitting all rows")))
+        gram, of_groups = np.split(total, [columns.size])
+        inverse = posterior(gram, precision)
+        step = inverse @ (of_groups.sum(axis=0) - precision * theta[columns])
         theta[columns] += step
-        count = int(np.count_nonzero(total.of_groups.any(axis=1)))
+        count = int(np.count_nonzero(of_groups.any(axis=1)))
         if count > columns.size:
-            spread = total.of_groups.T @ total.of_groups * (count / (count - columns.size))
+            spread = of_groups.T @ of_groups * (count / (count - columns.size))
             covariance[own] = inverse @ (spread + np.diag(precision)) @ inverse + shared
-        std = np.sqrt(np.diag(covariance)[columns])
-        if np.all(np.abs(step) <= NEGLIGIBLE * std):
+        if np.all(np.abs(step) <= NEGLIGIBLE * np.sqrt(np.diag(covariance)[columns])):
             break
     moved = residuals(fit.data, fit.model.bind(fit.data).poses(theta))
     rhs = (fit.gram + np.diag(precision)) @ theta[columns]

@@ -305,9 +305,9 @@ def _with_header(
     names: tuple[str, ...] = ()
     units: list[str] | None = None
     header_line, first_row = None, start
-    alike = [i for i in range(start) if len(grid[i]) == width]
+    as_wide = [i for i in range(start) if len(grid[i]) == width]
     # Below the first line with as many fields as the rows, a line with a number is a row.
-    rows_above = {i for i in alike[1:] if any(map(dialect.is_number, grid[i]))}
+    rows_above = {i for i in as_wide[1:] if any(map(dialect.is_number, grid[i]))}
     for i in [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]:
         fields = _names_in(lines[i], grid[i], grid[start], dialect, is_known)
         if len(fields) != width or _is_gap(fields) or any(map(_DECIMAL.fullmatch, fields)):

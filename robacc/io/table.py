@@ -267,18 +267,16 @@ class TextTable(Table):
                 lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
             parts.append(self._parsed(first, lines, numbers, texts))
             last = [*last, *lines][-1000:]
-        columns = [np.concatenate(column) for column in zip(*(part.texts for part in parts), strict=True)]
         body = TableBody(
             np.concatenate([part.numbers for part in parts], axis=1),
-            columns,
+            [np.concatenate(column) for column in zip(*(part.texts for part in parts), strict=True)],
             np.concatenate([part.lines for part in parts]),
         )
         self._report_widths(body_rows=body.lines.size)
         for message, line in self._not_text if self.dialect.is_documented else ():
             self.log.add(message, line, fix="save the file as UTF-8")
         cells = [self.dialect.split(line)[-1] for line in last if self.dialect.is_row(line) and '"' not in line]
-        sign = "," if self.dialect.decimal_comma else "."
-        *above, ending = [len(cell.partition(sign)[2]) for cell in cells] or [0]
+        *above, ending = [len(cell.partition("," if self.dialect.decimal_comma else ".")[2]) for cell in cells] or [0]
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
         if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and ending < min(above):
             has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"

@@ -24,7 +24,7 @@ _BLOCK = 1 << 20
 
 
 class TablePart(NamedTuple):
-    """Lines of a text table."""
+    """Lines of a large text table."""
 
     path: str
     head: bytes
@@ -34,40 +34,34 @@ class TablePart(NamedTuple):
     sha256: str
     """Digest of the whole file."""
 
-
-class TableParts(NamedTuple):
-    """A large text table: parts that together are the whole, and an evenly spread sample."""
-
-    parts: tuple[TablePart, ...]
-    sample: TablePart
-
     @classmethod
-    def of(cls, path: str, options: TableOptions) -> TableParts | None:
-        """Return the parts of a large file of the documented form; None for any other file.
+    def divided(cls, path: str, options: TableOptions) -> tuple[TablePart, ...]:
+        """Return an evenly spread sample of a large file of the documented form, and the parts that are the whole.
+
+        Nothing for any other file.
 
         The file is read once, for its digest and the numbers of its lines.
 
         Raises:
             InputError: The file cannot be read, or is no table.
         """
-        is_local = "://" not in path
-        if options.frame is not None or (is_local and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE)):
-            return None
+        is_small = "://" not in path and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE)
+        if options.frame is not None or is_small:
+            return ()
         with opened(path) as stream:
             if (size := stream.seek(0, os.SEEK_END)) < LARGE:
-                return None
+                return ()
             stream.seek(0)
             lines = stream.read(_BLOCK).split(b"\n")
             names = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith(b"#")), None)
             if names is None or b"\0" in lines[0]:
-                return None
+                return ()
             head = b"\n".join(lines[: names + 1]) + b"\n"
             table = TextTable(io.BytesIO(head), path, options)
             if not table.dialect.is_documented or not all(map(options.is_known, table.names)):
-                return None
+                return ()
             stream.seek(0)
-            count = -(-(size - len(head)) // _PART)
-            ends = np.linspace(len(head), size, count + 1, dtype=np.int64)
+            ends = np.linspace(len(head), size, 1 + -(-(size - len(head)) // _PART), dtype=np.int64)
             samples = np.linspace(len(head), size, 2 * _SAMPLES + 1, dtype=np.int64)[1::2]
             places = {len(head): (len(head), names + 2)}
             wanted = np.unique((*ends, *samples, *(samples + _SAMPLE))).tolist()[1:]
@@ -86,10 +80,9 @@ class TableParts(NamedTuple):
             (start, line), (stop, _) = places[int(first)], places[int(last)]
             return start, stop, line
 
-        whole = [part(*pair) for pair in itertools.pairwise(ends)]
         spread = tuple(part(start, start + _SAMPLE) for start in samples)
-        one = TablePart(path, head, (), digest.hexdigest())
-        return cls(tuple(one._replace(spans=(span,)) for span in whole), one._replace(spans=spread))
+        pieces = [spread, *((part(*pair),) for pair in itertools.pairwise(ends))]
+        return tuple(cls(path, head, spans, digest.hexdigest()) for spans in pieces)
 
 
 class PartTable(TextTable):

@@ -342,8 +342,7 @@ class _Edits:
             for item, new in zip(node.value, value, strict=False):
                 self.value(item, new)
             column = node.start_mark.column + 2
-            items = [(_flow(item), f"- {_block(item, column)}") for item in value[len(node.value) :]]
-            if items:
+            if items := [(_flow(item), f"- {_block(item, column)}") for item in value[len(node.value) :]]:
                 self.add(node, node.value[-1] if node.value else None, items)
         elif not _is_same(node, value):
             self.replace(node, value)

@@ -19,7 +19,7 @@ from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rot
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
 from robacc.io.table import TableOptions
-from robacc.io.table_parts import TablePart, TableParts
+from robacc.io.table_parts import TablePart
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
@@ -844,16 +844,13 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
     """
     reading = reading_of(path)
     named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
-    divided = None if named else TableParts.of(path, table_options(path))
-    if divided is None:
-        return ()
 
     def file(part: TablePart) -> PoseFile:
         result = PoseFile(path)
         result.reading, result.frame = reading, part
         return result
 
-    return tuple(map(file, (divided.sample, *divided.parts)))
+    return () if named else tuple(map(file, TablePart.divided(path, table_options(path))))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:

@@ -461,22 +461,14 @@ class PoseSampling:
         text = "1 pose" if self.n_groups == 1 else f"{self.n_groups} poses"
         return text if self.share == 1.0 else f"{text}, of which the fitted frames leave {self.n_independent:.3g}"
 
-    def sums(self, values: Array) -> Array:
-        """Sum ``values`` ``(n,)`` over each commanded pose, ``(n_groups,)``."""
-        return values if self.groups is None else np.bincount(self.groups, weights=values).astype(float)
-
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""
-        return self._error(self.sums(values - float(np.mean(values))))
+        centred = values - float(np.mean(values))
+        return self._error(centred if self.groups is None else np.bincount(self.groups, weights=centred).astype(float))
 
     def _error(self, deviations: Array) -> float:
         count = deviations.size
         return math.sqrt(count / (round(self.share * count, 9) - 1.0) * float(deviations @ deviations)) / self.n
-
-    def mean_interval(self, values: Array, confidence: float, *, positive: bool) -> Interval:
-        """Return the interval of the mean of ``values`` ``(n,)``, one for each error; see :meth:`interval`."""
-        mean, largest = float(np.mean(values)), float(np.max(np.abs(values), initial=0.0))
-        return self.interval(mean, self.sums(values - mean), largest, confidence, positive=positive)
 
     def interval(
         self, mean: float, deviations: Array, largest: float, confidence: float, *, positive: bool
@@ -493,7 +485,8 @@ class PoseSampling:
         """
         if (why := self.too_few) is not None:
             return Interval.missing(confidence, why)
-        if (error := self._error(deviations)) <= 1e-13 * largest:
+        # A positive mean of nothing but rounding may even be negative, where it is a sum of terms that cancel.
+        if min(error := self._error(deviations), mean if positive else error) <= 1e-13 * largest:
             return Interval.exact(mean, confidence)
         below, above, bound = tails(confidence)
         t = [student_quantile(p, self.n_independent - 1.0) for p in (above, below, 1.0 - bound)]

@@ -12,7 +12,6 @@ from robacc.accuracy.error_statistics import (
     assumption_tests,
     error_statistics,
     paired_gain,
-    pose_structure,
     principal_axes,
 )
 from robacc.errors import InputError
@@ -316,9 +315,7 @@ def test_hotelling_within_the_directions_of_the_errors_by_its_definition(dimensi
         assert test.p_value == pytest.approx(stats.ttest_1samp(within[0], 0.0).pvalue, rel=1e-9)
 
 
-@pytest.mark.parametrize("block", [16384, 7])
-def test_mardia_by_its_definition_over_all_pairs(block: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("robacc.accuracy.error_statistics.BLOCK", block)
+def test_mardia_by_its_definition_over_all_pairs() -> None:
     n = 50
     errors = skewed(n)
     tests = assumption_tests(errors)
@@ -379,7 +376,7 @@ def test_pose_structure_of_balanced_data_is_the_textbook_anova() -> None:
     rng = np.random.default_rng(8)
     between, within = rng.normal(0, 2e-4, (3, 15)), rng.normal(0, 1e-4, (3, 15, 4))
     errors = (between[:, :, None] + within).reshape(3, 60)
-    structure = pose_structure(errors, np.repeat(np.arange(15), 4))
+    structure = error_statistics(errors, "m", groups=np.repeat(np.arange(15), 4)).structure
     table = errors.reshape(3, 15, 4)
     ms_within = table.var(axis=2, ddof=1).mean(axis=1).sum()
     ms_between = 4 * table.mean(axis=2).var(axis=1, ddof=1).sum()
@@ -396,10 +393,8 @@ def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
     rng = np.random.default_rng(9)
     sizes = np.array([1, 2, 3, 5, 8, 2, 2, 7])
     groups = np.repeat(np.arange(8), sizes)
-    samples = [
-        pose_structure(rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)), groups)
-        for _ in range(600)
-    ]
+    draws = (rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)) for _ in range(600))
+    samples = [error_statistics(errors, "m", groups=groups).structure for errors in draws]
     # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
     assert np.mean([structure.between for structure in samples]) == pytest.approx(12.0, abs=0.8)
     assert np.mean([structure.within for structure in samples]) == pytest.approx(3.0, abs=0.1)
@@ -407,13 +402,13 @@ def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
 
 def test_pose_structure_without_repetitions() -> None:
     errors = np.random.default_rng(0).normal(size=(3, 6))
-    alone = pose_structure(errors, None)
+    alone = error_statistics(errors, "m").structure
     assert alone.why == "no commanded pose was repeated"
     assert "not independent draws" in alone.text
-    one_pose = pose_structure(errors, np.zeros(6, dtype=np.int64))
+    one_pose = error_statistics(errors, "m", groups=np.zeros(6, dtype=np.int64)).structure
     assert one_pose.why == "all rows are of one commanded pose"
     assert "repeatability" in one_pose.text
-    still = pose_structure(np.ones((3, 6)), np.arange(6) // 2)
+    still = error_statistics(np.ones((3, 6)), "m", groups=np.arange(6) // 2).structure
     assert (still.why, still.intraclass_correlation) == ("the errors do not scatter", None)
 
 

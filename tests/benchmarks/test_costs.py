@@ -17,7 +17,7 @@ from costs import ROBACC, ROOT, costs, fastest, report, users_environment
 from peer import by_scipy
 
 import robacc
-from robacc.accuracy.error_statistics import error_statistics, satterthwaite, second_moment
+from robacc.accuracy.error_statistics import error_statistics, satterthwaite
 from robacc.accuracy.grade import default_scale
 from robacc.effects import REGISTRY
 from robacc.fitting.fit_result import Fit, Options
@@ -262,7 +262,8 @@ def criterion(rule: Rule, key: str = "position.rms") -> GateCriterion:
 
 
 def measured(rng: np.random.Generator, truth: float) -> tuple[float, BoundCurve]:
-    covariance = second_moment(truth * SD * rng.normal(size=(3, VISITED)))
+    errors = truth * SD * rng.normal(size=(3, VISITED))
+    covariance = errors @ errors.T / VISITED
     curve = BoundCurve.through([satterthwaite(covariance, VISITED, level).root() for level in LEVELS])
     return float(np.sqrt(np.trace(covariance))), curve
 

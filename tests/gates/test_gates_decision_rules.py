@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.accuracy.error_statistics import length_intervals, satterthwaite, second_moment
+from robacc.accuracy.error_statistics import length_intervals, satterthwaite
 from robacc.gates import (
     LEVELS,
     BoundCurve,
@@ -40,7 +40,8 @@ def normal(value: float, error: float, confidence: float = 0.95) -> BoundCurve:
 
 
 def rms_curve(errors: Array, confidence: float = 0.95) -> tuple[float, BoundCurve]:
-    covariance, n = second_moment(errors), errors.shape[1]
+    n = errors.shape[1]
+    covariance = errors @ errors.T / n
     levels = sorted({*LEVELS, confidence, 2 * confidence - 1})
     curve = BoundCurve.through([satterthwaite(covariance, n, level).root() for level in levels])
     return float(np.sqrt(np.trace(covariance))), curve

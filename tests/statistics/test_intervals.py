@@ -10,6 +10,7 @@ from scipy import stats
 from robacc.statistics import distributions as own
 from robacc.statistics.distributions import f_critical, needed_noncentrality, noncentral_f_sf
 from robacc.statistics.intervals import (
+    Interval,
     PoseSampling,
     chi2_interval,
     covariance_element,
@@ -188,10 +189,16 @@ def test_percentile_levels_of_many_poses_join_smoothly() -> None:
         assert few == pytest.approx(many, abs=2e-4)
 
 
+def mean_interval(sampling: PoseSampling, values: np.ndarray, confidence: float, *, positive: bool) -> Interval:
+    groups = np.arange(values.size) if sampling.groups is None else sampling.groups
+    deviations = np.bincount(groups, weights=values - values.mean())
+    return sampling.interval(values.mean(), deviations, np.abs(values).max(), confidence, positive=positive)
+
+
 @pytest.mark.parametrize("n", [3, 3000])
 def test_mean_interval_of_very_few_and_of_many_poses_is_students(n: int) -> None:
     values = np.random.default_rng(0).normal(2.0, 1.0, n)
-    interval = PoseSampling(n, None).mean_interval(values, 0.95, positive=False)
+    interval = mean_interval(PoseSampling(n, None), values, 0.95, positive=False)
     expected = stats.t.interval(0.95, n - 1, values.mean(), stats.sem(values))
     assert (interval.lower, interval.upper) == pytest.approx(expected)
     assert interval.method == f"Student's t over {n} poses"
@@ -202,7 +209,7 @@ def test_studentised_bootstrap_against_a_plain_loop() -> None:
     rng = np.random.default_rng(3)
     values = rng.exponential(1.0, 25)
     sampling = PoseSampling(25, None, draws=4000, seed=1)
-    interval = sampling.mean_interval(values, 0.95, positive=False)
+    interval = mean_interval(sampling, values, 0.95, positive=False)
     t = []
     for _ in range(4000):
         sample = rng.choice(values, 25)
@@ -219,9 +226,9 @@ def test_studentised_bootstrap_against_a_plain_loop() -> None:
 def test_repetitions_of_one_pose_bring_nothing_new() -> None:
     """Each pose written down four times over: the same interval as once."""
     values = np.random.default_rng(4).chisquare(3, 40)
-    once = PoseSampling(40, None).mean_interval(values, 0.95, positive=True)
+    once = mean_interval(PoseSampling(40, None), values, 0.95, positive=True)
     groups = np.tile(np.arange(40), 4)
-    repeated = PoseSampling(160, groups).mean_interval(np.tile(values, 4), 0.95, positive=True)
+    repeated = mean_interval(PoseSampling(160, groups), np.tile(values, 4), 0.95, positive=True)
     assert (repeated.lower, repeated.upper) == pytest.approx((once.lower, once.upper))
 
 
@@ -236,12 +243,12 @@ def test_repeated_poses_standard_error_is_the_sandwich() -> None:
 
 
 def test_a_positive_quantity_keeps_positive_limits() -> None:
-    interval = PoseSampling(3, None).mean_interval(np.array([0.0, 0.0, 1.0]), 0.95, positive=True)
+    interval = mean_interval(PoseSampling(3, None), np.array([0.0, 0.0, 1.0]), 0.95, positive=True)
     assert interval.lower >= 0.0
 
 
 def test_an_interval_without_limits_has_none_of_its_root() -> None:
-    alone = PoseSampling(4, np.zeros(4, dtype=np.int64)).mean_interval(np.arange(4.0), 0.95, positive=True)
+    alone = mean_interval(PoseSampling(4, np.zeros(4, dtype=np.int64)), np.arange(4.0), 0.95, positive=True)
     assert (alone.lower, alone.upper, alone.upper_bound, alone.root()) == (None, None, None, alone)
 
 

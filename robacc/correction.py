@@ -298,10 +298,6 @@ class Limits:
 
 # Reasons for which a target is not corrected.
 
-_AMPLIFICATION = 30.0
-"""Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
-_NOTICEABLE = np.radians(0.5)
-"""rad: turn of a joint below which a singular pose does no harm."""
 _DEGREES = 180.0 / np.pi
 
 
@@ -357,7 +353,8 @@ def refusals(
         (failed & np.any(at_limit, axis=0), "limit", limited),
         (failed & setting.follows_order & solution.converged, "approach", approach),
         (failed, "singular", lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain"),
-        ((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), "singular", moves),
+        # Away from singular poses a joint turns by 1 to 5 times the angle of the correction.
+        ((amplified > 30.0) & (largest > np.radians(0.5)), "singular", moves),
     ]
     if wanted.oriented and n_joints == 6:
         before, after = (

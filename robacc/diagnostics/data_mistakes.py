@@ -659,9 +659,6 @@ _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
-_SAME_POINTS = 0.12
-"""Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
-of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
 
 
 def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mistake | None:
@@ -850,7 +847,9 @@ def _permuted(robot: Robot, data: Measurements) -> Mistake | None:
 
     tool = least_squares(differences, np.zeros(3), x_scale=0.1).x
     in_order, by_row = rms_length(differences(tool)[None]), rms_length((of_arm(tool) - measured)[None])
-    if by_row <= PLAUSIBLE * spread(data.position) or in_order * np.sqrt(data.n) > _SAME_POINTS * by_row:
+    # Of the same points in another order, the difference in order times the root of the number of rows is 0.05 of that
+    # by row for an arm with 1 mm of error; 0.4 and more for other poses of the arm.
+    if by_row <= PLAUSIBLE * spread(data.position) or in_order * np.sqrt(data.n) > 0.12 * by_row:
         return None
     return Mistake(
         "the measured poses seem to be in another order than the joints: sorted by their distance from the middle of "

@@ -18,10 +18,6 @@ from robacc.poses.reading import BranchColumn, KnownRobot
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 
-_MOST_RATIO = 3.0
-_LEAST_EXCESS = 0.1
-"""Larger spreads of positions than this ratio, and this many metres, beyond those of the commands are doubtful."""
-
 
 def read_robot_poses(
     path: str | os.PathLike[str],
@@ -112,7 +108,8 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)
     measured_range, nominal_range = (float(np.max(central_range(p))) for p in (sample.position, nominal))
-    if measured_range < _MOST_RATIO * nominal_range + _LEAST_EXCESS:
+    # Thrice the spread of the commands, and 0.1 m beyond it, are doubtful.
+    if measured_range < 3.0 * nominal_range + 0.1:
         return ()
     return (
         f"{data.source}: the positions spread over {measured_range:.3g} m, but the joints move the robot over "

@@ -290,9 +290,6 @@ class TargetDecentre(LineOfSight):
 
 _DEGREES = (1, 3, 5)
 """Degrees of the drifts that a trace tries."""
-_ABOUT_NO_POINT = 0.5
-"""Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such point. In
-simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that wander 0.99 and more."""
 
 
 @register
@@ -381,7 +378,10 @@ class InstrumentScale(Effect):
             distance = f"{math.hypot(*centre):.2g} m away"
             return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
         moved, left_over = (float(np.sum(np.square(part))) for part in (shifts, shifts + np.outer(scale, centre)))
-        if left_over > _ABOUT_NO_POINT * moved:
+        # Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such
+        # point: in simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that
+        # wander 0.99 and more.
+        if left_over > 0.5 * moved:
             return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
         return super().implausible(terms, values)
 

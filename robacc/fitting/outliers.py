@@ -16,9 +16,6 @@ from robacc.statistics.intervals import quantiles
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
-_LEAST_INLIERS = 0.8
-"""Least share of inliers: if more rows deviate, the model is wrong."""
-
 
 def misfits(
     data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: tuple[float, float]
@@ -99,7 +96,8 @@ def inlier_mask(
     mask: NDArray[np.bool_] = (distance <= limit) | (
         np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= ROUNDING
     )
-    return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
+    # If more than a fifth of the rows deviate, the model is wrong.
+    return mask if mask.sum() >= max(0.8 * mask.size, coefficients / np.mean(rows) + 1) else inliers
 
 
 def inlier_limit(distance: Array, rows: NDArray[np.int64], n: int) -> Array:

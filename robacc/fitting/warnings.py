@@ -93,8 +93,6 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     return float(np.sum(np.square(residual - means[:, groups]))) / dof, dof
 
 
-_LARGE_CONDITION = 1e3
-"""Condition number of the scaled columns from which on a warning is given."""
 _MILLI = {"m": "mm", "rad": "mrad"}
 
 
@@ -167,7 +165,7 @@ def fit_warnings(
     surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
-    if (condition := without_findings.identifiability.condition) > _LARGE_CONDITION:
+    if (condition := without_findings.identifiability.condition) > 1e3:
         terms, errors = without_findings.terms, np.sqrt(np.diag(without_findings.covariance))
         worst = [i for i in np.argsort(-np.nan_to_num(errors))[:EXAMPLES] if terms[i].unit in _MILLI]
         listed = ", ".join(f"{terms[i].name} (± {1e3 * errors[i]:.2g} {_MILLI[terms[i].unit]})" for i in worst)

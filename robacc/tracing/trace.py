@@ -283,8 +283,6 @@ def _rms_and_largest(sizes: Array) -> tuple[float, float]:
 
 # Error that remains after the findings of a trace, and hints on its cause.
 
-_OF_EVERY_ARM = ("joint_offset", "link_geometry")
-"""Effects by which every nominal model deviates."""
 _USUAL = 1.2e-4
 """Remaining error, m rms, that a laser tracker at some metres (0.03 to 0.05 mm along each axis) and a data sheet's
 repeatability (0.02 to 0.1 mm) leave together."""
@@ -328,7 +326,11 @@ def remaining_error(
             f"an error of about {1e3 * math.hypot(*empirical):.2g} mm rms depends smoothly on the pose, and no effect "
             "of the catalogue describes it better than chance: no cause is named"
         )
-        absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in found.model.free)]
+        absent = [
+            name
+            for name in ("joint_offset", "link_geometry")
+            if all(effect.name != name for effect in found.model.free)
+        ]
         if absent:
             hints.append(
                 f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "

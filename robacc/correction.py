@@ -328,10 +328,11 @@ def refusals(
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
-    failed = ~solution.converged | np.any(at_limit, axis=0)
-    if not wanted.oriented or n_joints >= 6:
-        # m and rad
-        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6
+    failed = (
+        np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6  # m and rad
+        if not wanted.oriented or n_joints >= 6
+        else ~solution.converged | np.any(at_limit, axis=0)
+    )
     remaining = _amounts(solution.error)
     # Near a singular pose joints turn far or change the configuration.
     correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
@@ -497,10 +498,9 @@ def expected_errors(
         bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
     counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
     sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
-    grades = None
-    if "position" in sizes:
-        # The best grade whose limits the bounds meet.
-        grades = tuple(map(scale.name_of, np.argmax(steps_met(scale, sizes), axis=0).tolist()))
+    # The best grade whose limits the bounds meet.
+    best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
+    grades = None if best is None else tuple(map(scale.name_of, best))
     known = bounds[0] is None or bounds[1] is not None
     return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
 

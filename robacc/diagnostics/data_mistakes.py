@@ -212,9 +212,11 @@ def _orders(names: Sequence[str]) -> list[Change]:
 def _ordered(names: Sequence[str], order: Sequence[int], complexity: int = 1) -> Change:
     held = [names[place] for place in np.argsort(order)]
     moved = [name for name, content in zip(names, held, strict=True) if name != content]
-    text = f"the joint columns seem to be in another order: they hold {listing(held)}"
-    if len(moved) == 2:
-        text = f"the columns of joints {moved[0]} and {moved[1]} seem to be exchanged"
+    text = (
+        f"the columns of joints {moved[0]} and {moved[1]} seem to be exchanged"
+        if len(moved) == 2
+        else f"the joint columns seem to be in another order: they hold {listing(held)}"
+    )
     return _of_joints(text, "correct the names of the columns", np.eye(len(names))[list(order)], complexity=complexity)
 
 
@@ -233,9 +235,7 @@ def interactions(robot: Robot, pairs: Iterable[tuple[int, int]]) -> Iterator[Cha
     ``q3 + q2`` or ``q3 - q2``.
     """
     names, kinds = robot.variable_names, [joint.type for joint in robot.variables]
-    for i, k in pairs:
-        if kinds[i] != kinds[k]:
-            continue
+    for i, k in ((i, k) for i, k in pairs if kinds[i] == kinds[k]):
         for sign, held, fix, to in ((1, "-", "add", "to"), (-1, "+", "subtract", "from")):
             matrix = np.eye(len(names))
             matrix[i, k] = sign
@@ -403,9 +403,11 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
     reversed_axes = [name for name, sign in zip("xyz", signs, strict=True) if sign < 0]
     fix = "correct the names of the columns"
     if not moved:
-        text = f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
-        if len(reversed_axes) == 1:
-            text = f"the column {reversed_axes[0]} seems to have a reversed sign"
+        text = (
+            f"the column {reversed_axes[0]} seems to have a reversed sign"
+            if len(reversed_axes) == 1
+            else f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
+        )
         fix = "measure in a right-handed frame, or reverse the sign of the column"
     elif len(moved) == 2 and not reversed_axes:
         text = f"the columns {moved[0]} and {moved[1]} seem to be exchanged"
@@ -483,9 +485,10 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    if data.rotation is None or _median_error(data, poses.translation) > GROSS * spread(data.position):
-        return _median_error(data, poses.translation) > GROSS * spread(data.position)
-    return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
+    return _median_error(data, poses.translation) > GROSS * spread(data.position) or (
+        data.rotation is not None
+        and float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
+    )
 
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:

@@ -157,9 +157,8 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
     if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
         return None
-    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < DECISIVE:
-        return None
-    return Rounding(max(steps)[1], std, position)
+    gain = _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance))
+    return None if gain < DECISIVE else Rounding(max(steps)[1], std, position)
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:

@@ -500,9 +500,8 @@ def _groups(data: Measurements) -> tuple[str, ...]:
     if data.payload_group is None or data.payload is not None:
         return ()
     names, counts = np.unique(data.payload_group, return_counts=True)
-    if names.size < 2 or counts.min() < _FEWEST_ROWS:
-        return ()
-    return tuple(str(name) for name in names if name not in _NOTHING)
+    is_enough = names.size >= 2 and counts.min() >= _FEWEST_ROWS
+    return tuple(str(name) for name in names if name not in _NOTHING) if is_enough else ()
 
 
 @register

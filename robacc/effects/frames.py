@@ -352,9 +352,11 @@ class ThermalExpansion(Effect):
     @classmethod
     def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the expansion by temperature if it was logged, else a warm-up over a third of the time."""
-        if data.temperature is not None or data.time is None:
-            return cls()
-        return cls(time_constant=float(np.ptp(data.time)) / 3 or 1.0)
+        return (
+            cls()
+            if data.temperature is not None or data.time is None
+            else cls(time_constant=float(np.ptp(data.time)) / 3 or 1.0)
+        )
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

@@ -640,9 +640,11 @@ class PoseCorrection(Effect):
 
     def carriers(self, arm: Arm) -> list[tuple[str, str, int]]:
         """Return label, unit and motion of what the processes move: the joints, or the base along its axes."""
-        if self.moves == "position":
-            return [(axis, "m", arm.chain.index(BASE, axis)) for axis in "xyz"]
-        return [(joint, arm.unit(joint), arm.axis_motion(joint)) for joint in self.joints]
+        return (
+            [(axis, "m", arm.chain.index(BASE, axis)) for axis in "xyz"]
+            if self.moves == "position"
+            else [(joint, arm.unit(joint), arm.axis_motion(joint)) for joint in self.joints]
+        )
 
     def _kernel(self, arm: Arm, first: Array, second: Array) -> Array:
         """Return ``(A, B)`` the kernel of poses ``(J, A)`` and ``(J, B)``."""

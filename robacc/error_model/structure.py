@@ -204,9 +204,11 @@ def _with_covariance(
     weighted = white.apply_transposed(white.apply(np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)))
     by_column = np.moveaxis(weighted, -1, 0)  # (n, K, M)
     variance = np.square(noise.independent(linear.rows.stated))
-    meat = fitted.gram.copy()
-    if not is_weighted:
-        meat = share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+    meat = (
+        fitted.gram.copy()
+        if is_weighted
+        else share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+    )
     for name in terms:
         term = TERMS[name]
         for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):

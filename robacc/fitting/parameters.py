@@ -208,9 +208,8 @@ def _frames(fit: Fit) -> dict[str, Frame]:
     if not free & {"base_frame", "tool_frame"}:
         return {}
     robot = apply_fit(fit)
-    frames = {}
-    if "base_frame" in free:
-        frames = {"base_frame": robot.base} | {f"base_frame.{name}": each.base for name, each in robot.fixtures.items()}
+    bases = {"base_frame": robot.base} | {f"base_frame.{name}": each.base for name, each in robot.fixtures.items()}
+    frames = bases if "base_frame" in free else {}
     if "tool_frame" in free:
         targets = {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
         frames |= targets or {"tool_frame": robot.tool}

@@ -303,9 +303,8 @@ class _Solver:
 
     def _priors(self) -> Priors:
         """Return the priors, broad ones as without constants, those of groups as at the start."""
-        given, terms = np.full(len(self.equations.terms), np.inf), self.equations.terms
-        if self.options.priors is not None:
-            given = np.where(self.options.priors > 0, self.options.priors, np.inf)
+        terms, priors = self.equations.terms, self.options.priors
+        given = np.full(len(terms), np.inf) if priors is None else np.where(priors > 0, priors, np.inf)
         broad = broad_stds(self.model.free, terms, self.equations.owners)
         return Priors(terms, given, broad, self.options.group_stds)
 

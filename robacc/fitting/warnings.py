@@ -68,9 +68,8 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     if stated is None:
         return LackOfFit(fit.noise, None, 1.0, axes)
     known = np.square(stated[:, fit.inliers])
-    orientation = None
-    if data.sigma_rotation is not None and data.rotation is not None:
-        orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[fit.inliers]))))
+    sigma = None if data.rotation is None else data.sigma_rotation
+    orientation = None if sigma is None else float(np.sqrt(np.mean(np.square(sigma[fit.inliers]))))
     p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
     noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
     return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)

@@ -168,6 +168,5 @@ def _is_close(first: Any, second: Any) -> bool:
         return first.keys() == second.keys() and all(_is_close(first[key], second[key]) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         return len(first) == len(second) and all(map(_is_close, first, second))
-    if isinstance(first, float) or isinstance(second, float):
-        return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
-    return bool(first == second)
+    are_numbers = isinstance(first, float) or isinstance(second, float)
+    return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE) if are_numbers else bool(first == second)

@@ -53,7 +53,15 @@ def resolve_campaign(
     start = f"the model's campaign effects ({names}) were fitted to other poses"
     if data is None or data.q is None:
         return robot, (f"{start} and are left out; `campaign` keep applies them",)
-    stepped = _after_steps(robot, campaign)
+    # A step without the settings that say when it happened.
+    steps = [
+        {key: value for key, value in effect.items() if key not in ("from_line", "from_time_s", "file")}
+        | {"from_line": 1}
+        for effect in campaign.effects
+        if effect.get("effect") == "step"
+    ]
+    # The robot as the steps left it, without other effects of the campaign.
+    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps)) if steps else None
     arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
     try:
         errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
@@ -133,18 +141,6 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
             effects=tuple(facts),
         ),
     )
-
-
-def _after_steps(robot: Robot, campaign: Campaign) -> Robot | None:
-    """Return the robot as the steps of its campaign left it, without other effects of it; None without a step."""
-    # A step without the settings that say when it happened.
-    entries = [
-        {key: value for key, value in effect.items() if key not in ("from_line", "from_time_s", "file")}
-        | {"from_line": 1}
-        for effect in campaign.effects
-        if effect.get("effect") == "step"
-    ]
-    return dataclasses.replace(robot, effects=(*robot.effects, *entries)) if entries else None
 
 
 def _before(robot: Robot, campaign: Campaign) -> Robot:

@@ -438,9 +438,8 @@ class DecisiveTest:
 
     def power(self, noncentrality: float) -> float:
         """Return the probability that an effect is found."""
-        if self.dof[1] <= 0.0:
-            return 0.0
-        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality)
+        is_testable = self.dof[1] > 0.0
+        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality) if is_testable else 0.0
 
 
 def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:

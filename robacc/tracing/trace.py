@@ -416,9 +416,12 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
 
 def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
-    if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
-        return False
-    return noise.rms < NEGLIGIBLE * repeatability.position
+    return (
+        noise.p_value is None
+        and repeatability is not None
+        and repeatability.source == "residual"
+        and noise.rms < NEGLIGIBLE * repeatability.position
+    )
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
@@ -433,10 +436,9 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
         presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
     if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
         axes = noise.noise.along_axes
-        size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
-        if axes is not None:
-            size = f"{', '.join(f'{1e3 * std:.2g}' for std in axes)} mm along x, y, z (standard deviation)"
-        presumed.append(f"the measurement noise is {size}")
+        sizes = ", ".join(f"{1e3 * std:.2g}" for std in axes or (noise.noise.position,))
+        along = "each axis" if axes is None else "x, y, z"
+        presumed.append(f"the measurement noise is {sizes} mm along {along} (standard deviation)")
         test = "sigma columns or repeated poses"
     return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
 

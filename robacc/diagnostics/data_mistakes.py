@@ -193,9 +193,9 @@ def units(robot: Robot) -> Iterator[Change]:
         yield _of_joints(f"the joint columns seem to be in {text}", fix, matrix)
     for i, joint in enumerate(robot.variables):
         for text, fix, factor in _ANGLES if revolute[i] else _LENGTHS:
-            one = fix.replace("their names", "the column's name").replace("the columns", "the column")
+            of_column = fix.replace("their names", "the column's name").replace("the columns", "the column")
             matrix = np.diag(np.where(np.arange(revolute.size) == i, factor, 1.0))
-            yield _of_joints(f"the column of joint {joint.name} seems to be in {text}", one, matrix)
+            yield _of_joints(f"the column of joint {joint.name} seems to be in {text}", of_column, matrix)
 
 
 def _orders(names: Sequence[str]) -> list[Change]:
@@ -435,11 +435,11 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
-    found = find_row_mistake(robot, data, poses.translation)
-    if _is_gross(data, poses) and not (found and found.refused):
-        found = find_mistake(robot, data) or find_part_mistake(robot, data) or found
-    texts = [f"{data.source}: {found.text}" if data.source else found.text] if found else []
-    if found and found.refused:
+    mistake = find_row_mistake(robot, data, poses.translation)
+    if _is_gross(data, poses) and not (mistake and mistake.refused):
+        mistake = find_mistake(robot, data) or find_part_mistake(robot, data) or mistake
+    texts = [f"{data.source}: {mistake.text}" if data.source else mistake.text] if mistake else []
+    if mistake and mistake.refused:
         raise InputError(texts[0])
     return (*other_arm(robot, data, poses.translation), *texts)
 
@@ -625,8 +625,8 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
         for changes, base, true in zip(sets, free.rotation, turn, strict=True)
     ]
     rank = share + np.minimum(orientation, PLAUSIBLE)
-    found = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
-    return sorted(found, key=lambda item: item.rank)
+    hypotheses = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
+    return sorted(hypotheses, key=lambda item: item.rank)
 
 
 def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
@@ -723,8 +723,10 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     for start in np.linspace(margin, data.n - length - margin, BEST).astype(int).tolist():
         rows = np.arange(start, start + length)
         turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
-        found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
-        tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
+        registered = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        tried.extend(
+            zip(registered.median.tolist(), registered.rotation, registered.shift, registered.targets, strict=True)
+        )
     candidates = [predicted]
     for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:BEST]:
         on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
@@ -761,7 +763,7 @@ def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
     """Return the stretches that another shift than zero fits clearly better."""
     typical = max(float(np.median(errors.min(axis=0))), 1e-6)
     cost = np.minimum(np.square(errors / (3.0 * typical)), _MOST_COST)
-    found = []
+    shifted = []
     for number, shift in enumerate(_SHIFTS.tolist()):
         others = np.delete(cost, number, axis=0).min(axis=0)
         for rows in _runs(others - cost[number], 2 * _MOST_COST):
@@ -770,10 +772,10 @@ def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
                 place = "" if rows.size >= data.n - 2 * _SHIFTS.max() else f"{_stretch(data, rows)}: "
                 by = f"{'one row' if abs(shift) == 1 else f'{abs(shift)} rows'} {'down' if shift > 0 else 'up'}"
                 text = f"{place}the measured poses seem to be shifted by {by} against the joints"
-                found.append((int(rows[0]), text, here, there))
-    if not found:
+                shifted.append((int(rows[0]), text, here, there))
+    if not shifted:
         return None
-    _, texts, before, after = zip(*sorted(found, key=lambda item: item[0]), strict=True)
+    _, texts, before, after = zip(*sorted(shifted, key=lambda item: item[0]), strict=True)
     return Mistake(
         "; ".join(texts),
         "pair each measured pose with its own joint values (look for a row that is missing or doubled where a stretch "

@@ -263,9 +263,9 @@ def _directional(
     for axes, cost in ((np.eye(3), 0.0), (vectors.T, 1.5 * math.log(len(linear.y)))):
         log_std = np.concatenate((np.repeat(start.log_std[:1], 3), start.log_std[1:]))
         along = linear.turned(axes)
-        found = estimated(CovarianceParameters(log_std, start.factor), along)
-        if (total := log_evidence(found, along) - cost) > most:
-            best, most = DirectionalNoise(axes, found.std[:3]), total
+        estimate = estimated(CovarianceParameters(log_std, start.factor), along)
+        if (total := log_evidence(estimate, along) - cost) > most:
+            best, most = DirectionalNoise(axes, estimate.std[:3]), total
     return best if best is not None and best.std.max() >= 2.0 * best.std.min() else None
 
 
@@ -295,14 +295,14 @@ def correction_of_position(
     if (wander := noise.terms.get("wander")) is not None:
         alone = alone.with_term("wander", np.array([std, wander[-1]]))
     start = np.append(std, np.zeros(rows.moves.size))
-    found = estimated(alone.with_term("field", start), linear, on_all=True)
+    with_field = estimated(alone.with_term("field", start), linear, on_all=True)
     alone = estimated(alone, linear, on_all=True)
-    evidence = whitened(found, linear).log_likelihood - whitened(alone, linear).log_likelihood
-    cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, found.std)
+    evidence = whitened(with_field, linear).log_likelihood - whitened(alone, linear).log_likelihood
+    cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, with_field.std)
     if evidence - cost <= ACCEPTED:
         return None
-    std, lengths = found.terms["field"][0], np.exp(found.terms["field"][1:]) / rows.scale
+    std, lengths = with_field.terms["field"][0], np.exp(with_field.terms["field"][1:]) / rows.scale
     joints = [arm.names[j] for j in moving]
-    ratio = math.exp(2.0 * (found.log_std[0] - std))
+    ratio = math.exp(2.0 * (with_field.log_std[0] - std))
     correction = PoseCorrection.over(arm, data.subset(index), joints, lengths[moving].tolist(), "position", ratio)
     return correction, evidence, cost

@@ -110,10 +110,10 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
             turned, _, is_unique = register_orientations(rotation, measured, passes=1)
             known = turned if is_unique[0] else None
         rows = by_target if tool else by_target[:0]
-        found = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
-        turn, moved = found.rotation, found.targets[0]
+        registered = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
+        turn, moved = registered.rotation, registered.targets[0]
         before = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
-        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ found.shift[0]) @ before))
+        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ registered.shift[0]) @ before))
     if not tool:
         return robot
     placed = {}

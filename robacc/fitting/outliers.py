@@ -151,7 +151,7 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         ("row number", "", np.arange(1.0, data.n + 1.0)),
     ]
     tested = [(name, unit, values) for name, unit, values in quantities if values is not None and np.ptp(values) > 0]
-    least, found = SIGNIFICANT / (2.0 * len(tested) * count), None
+    least, pattern = SIGNIFICANT / (2.0 * len(tested) * count), None
     for name, unit, values in tested:
         for side, sign in (("above", 1.0), ("below", -1.0)):
             levels, ordered = np.sort(sign * values[outliers])[::-1], np.sort(sign * values)
@@ -160,10 +160,10 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
             by_chance = bdtrc(inside - 1, count, share)
             best = int(np.argmin(by_chance))
             if by_chance[best] <= least:
-                least, found = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
-    if found is None:
+                least, pattern = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
+    if pattern is None:
         return None
-    name, unit, side, limit, beyond, part = found
+    name, unit, side, limit, beyond, part = pattern
     return (
         f"{beyond} of {count} outliers have {name} {side} {limit:.4g} {unit}, "
         f"but only {100 * part:.0f} % of all rows have: the outliers have a common cause"

@@ -212,8 +212,8 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     rotation, translation = np.moveaxis(predicted.rotation, 2, 0)[None], predicted.translation.T[None]
     causes = ("base", ""), ("base and target", ", or the target was mounted again")
     for targets, (what, cause) in enumerate(causes):
-        found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
-        vectors, turn = found.vectors[0].T, found.rotation[0]
+        registered = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
+        vectors, turn = registered.vectors[0].T, registered.rotation[0]
         if rms_length(vectors) <= _ALIKE * of_fit:
             # The residual in the measuring frame is R^T times that in the base.
             shift = (residual - rotate_back(turn, vectors)).mean(axis=1)

@@ -320,7 +320,9 @@ def remaining_error(
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
     hints = list(structure.warnings)
-    empirical = [one.size_at_tool or 0.0 for one in findings if effect_class(one.effect).traits.is_empirical]
+    empirical = [
+        finding.size_at_tool or 0.0 for finding in findings if effect_class(finding.effect).traits.is_empirical
+    ]
     if empirical:
         hints.append(
             f"an error of about {1e3 * math.hypot(*empirical):.2g} mm rms depends smoothly on the pose, and no effect "
@@ -597,7 +599,9 @@ def trace(
         refitted = functools.partial(refit, final, final.model.free, data)
         structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
         constants = [
-            one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
+            effect.name
+            for effect in model.free
+            if effect.name in CONSTANTS and effect.joints == effect.possible_joints(model.arm)
         ]
         final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
         before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final

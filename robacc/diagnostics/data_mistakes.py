@@ -678,9 +678,11 @@ def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mist
         return None
     predicted = _best_predicted(robot, data, predicted)
     by_shift = _errors_by_shift(predicted, data.position)
-    if np.median(by_shift.min(axis=0)) > PLAUSIBLE * spread(data.position):
-        return _permuted(robot, data)
-    return _shifted(data, by_shift, gross) or _exchanged(data, predicted, gross)
+    return (
+        _permuted(robot, data)
+        if np.median(by_shift.min(axis=0)) > PLAUSIBLE * spread(data.position)
+        else _shifted(data, by_shift, gross) or _exchanged(data, predicted, gross)
+    )
 
 
 def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:

@@ -53,9 +53,8 @@ def read_robot_poses(
         ignore_limits=ignore_limits,
         attained=attained,
     )
-    if not attained or data.kind is not None:
-        return data
-    return dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
+    warnings = check_size(data, robot) if attained and data.kind is None else ()
+    return dataclasses.replace(data, warnings=(*data.warnings, *warnings))
 
 
 def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
@@ -64,9 +63,11 @@ def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **option
     Raises:
         InputError: Everything that is wrong with the file.
     """
-    if robot is None:
-        return read_poses(path, ordered=ordered)
-    return read_robot_poses(path, robot, ordered=ordered, **options)
+    return (
+        read_poses(path, ordered=ordered)
+        if robot is None
+        else read_robot_poses(path, robot, ordered=ordered, **options)
+    )
 
 
 def joints_of(robot: Robot) -> KnownRobot:

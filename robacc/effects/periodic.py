@@ -569,9 +569,8 @@ class JointCorrection(Effect):
         """Return the reason if there are not one or two drivers, each with a range."""
         if len(self.drivers) not in (1, 2):
             return f"drivers must be a list of one or two names, found {list(self.drivers)!r}"
-        if len(self.ranges) != len(self.drivers):
-            return f"range must be a list of [low, high], one for each driver, found {as_plain(self.ranges)!r}"
-        return None
+        text = f"range must be a list of [low, high], one for each driver, found {as_plain(self.ranges)!r}"
+        return text if len(self.ranges) != len(self.drivers) else None
 
 
 @dataclass(frozen=True)

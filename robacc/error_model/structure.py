@@ -85,9 +85,11 @@ class DirectionalNoise:
         across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
         axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
         direction = f"the direction ({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame"
-        if is_smaller:
-            return f"the error that remains is {across / self.std[k]:.2g} times as large across {direction} as along it"
-        return f"the error that remains is {self.std[k] / across:.2g} times as large along {direction} as across it"
+        return "the error that remains is " + (
+            f"{across / self.std[k]:.2g} times as large across {direction} as along it"
+            if is_smaller
+            else f"{self.std[k] / across:.2g} times as large along {direction} as across it"
+        )
 
 
 @dataclass(frozen=True)

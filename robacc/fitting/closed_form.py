@@ -70,9 +70,11 @@ def arm_poses(robot: Robot, data: Measurements, q: Array) -> tuple[Array, Array]
 
 def rows_by_target(robot: Robot, data: Measurements) -> Array:
     """Return ``(T, N)``, 1 where a row is of a target of the robot, else 0."""
-    if data.target is None or not robot.targets:
-        return np.ones((1, data.n))
-    return np.asarray(np.array(list(robot.targets))[:, None] == data.target, dtype=np.float64)
+    return (
+        np.ones((1, data.n))
+        if data.target is None or not robot.targets
+        else np.asarray(np.array(list(robot.targets))[:, None] == data.target, dtype=np.float64)
+    )
 
 
 def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:

@@ -56,10 +56,9 @@ def absorb_constants(robot: Robot) -> Robot:
     Raises:
         InputError: the file's ``effects:`` cannot be read.
     """
-    split: tuple[list[Known], list[Known]] = [], []
-    for known in known_effects(robot):
-        split[known.effect.traits.is_constant].append(known)
-    return _written(robot, split[True], split[False])
+    known = known_effects(robot)
+    constants = [each for each in known if each.effect.traits.is_constant]
+    return _written(robot, constants, [each for each in known if not each.effect.traits.is_constant])
 
 
 def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) -> Robot:

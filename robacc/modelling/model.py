@@ -581,9 +581,7 @@ def residuals(data: Measurements, poses: Poses) -> Array:
     (rad) follows.
     """
     position = data.position - poses.translation
-    if data.rotation is None:
-        return position
-    return np.concatenate((position, log_between(data.rotation, poses.rotation)))
+    return position if data.rotation is None else np.concatenate((position, log_between(data.rotation, poses.rotation)))
 
 
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:

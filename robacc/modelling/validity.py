@@ -102,9 +102,8 @@ def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tup
         elif not item.effect.traits.is_of_measurement:
             names.append(str(item.effect))
     robot = dataclasses.replace(robot, effects=(*robot.effects, *applied))
-    if not names:
-        return robot, ()
-    return robot, (f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them",)
+    note = f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them"
+    return robot, (note,) if names else ()
 
 
 def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:

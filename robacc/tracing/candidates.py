@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -139,15 +140,14 @@ def named_candidates(
     # Every effect on every joint is equally likely; the forms of an effect share its probability.
     units = Counter((effect.name, effect.joints) for forms in families.values() for effect in forms)
     candidates = []
-    for forms in families.values():
-        for effect in forms:
-            try:
-                terms = effect.terms(arm, data)
-            except UsageError as error:
-                missing[effect.name] = str(error)
-                continue
-            share = len(units) * units[effect.name, effect.joints]
-            candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
+    for effect in itertools.chain.from_iterable(families.values()):
+        try:
+            terms = effect.terms(arm, data)
+        except UsageError as error:
+            missing[effect.name] = str(error)
+            continue
+        share = len(units) * units[effect.name, effect.joints]
+        candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
     return candidates, missing
 
 

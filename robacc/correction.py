@@ -298,10 +298,6 @@ class Limits:
 
 # Reasons for which a target is not corrected.
 
-_AMPLIFICATION = 30.0
-"""Largest turn of a joint as a multiple of the correction's angle; away from singular poses it is 1 to 5."""
-_NOTICEABLE = np.radians(0.5)
-"""rad: turn of a joint below which a singular pose does no harm."""
 _DEGREES = 180.0 / np.pi
 
 
@@ -332,10 +328,11 @@ def refusals(
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
     at_limit = (solution.q <= joints.low[:, None]) | (solution.q >= joints.high[:, None])
-    failed = ~solution.converged | np.any(at_limit, axis=0)
-    if not wanted.oriented or n_joints >= 6:
-        # m and rad
-        failed = np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6
+    failed = (
+        np.max(np.abs(solution.error), axis=0, initial=0.0) > 1e-6  # m and rad
+        if not wanted.oriented or n_joints >= 6
+        else ~solution.converged | np.any(at_limit, axis=0)
+    )
     remaining = _amounts(solution.error)
     # Near a singular pose joints turn far or change the configuration.
     correction = _amounts(pose_error(setting.nominal_poses(solution.q), wanted.poses, True))
@@ -357,7 +354,8 @@ def refusals(
         (failed & np.any(at_limit, axis=0), "limit", limited),
         (failed & setting.follows_order & solution.converged, "approach", approach),
         (failed, "singular", lambda i: f"{converges}: {_sizes(*remaining[:, i])} remain"),
-        ((amplified > _AMPLIFICATION) & (largest > _NOTICEABLE), "singular", moves),
+        # Away from singular poses a joint turns by 1 to 5 times the angle of the correction.
+        ((amplified > 30.0) & (largest > np.radians(0.5)), "singular", moves),
     ]
     if wanted.oriented and n_joints == 6:
         before, after = (
@@ -500,10 +498,9 @@ def expected_errors(
         bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
     counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
     sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
-    grades = None
-    if "position" in sizes:
-        # The best grade whose limits the bounds meet.
-        grades = tuple(map(scale.name_of, np.argmax(steps_met(scale, sizes), axis=0).tolist()))
+    # The best grade whose limits the bounds meet.
+    best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
+    grades = None if best is None else tuple(map(scale.name_of, best))
     known = bounds[0] is None or bounds[1] is not None
     return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
 

@@ -193,9 +193,9 @@ def units(robot: Robot) -> Iterator[Change]:
         yield _of_joints(f"the joint columns seem to be in {text}", fix, matrix)
     for i, joint in enumerate(robot.variables):
         for text, fix, factor in _ANGLES if revolute[i] else _LENGTHS:
-            one = fix.replace("their names", "the column's name").replace("the columns", "the column")
+            of_column = fix.replace("their names", "the column's name").replace("the columns", "the column")
             matrix = np.diag(np.where(np.arange(revolute.size) == i, factor, 1.0))
-            yield _of_joints(f"the column of joint {joint.name} seems to be in {text}", one, matrix)
+            yield _of_joints(f"the column of joint {joint.name} seems to be in {text}", of_column, matrix)
 
 
 def _orders(names: Sequence[str]) -> list[Change]:
@@ -212,9 +212,11 @@ def _orders(names: Sequence[str]) -> list[Change]:
 def _ordered(names: Sequence[str], order: Sequence[int], complexity: int = 1) -> Change:
     held = [names[place] for place in np.argsort(order)]
     moved = [name for name, content in zip(names, held, strict=True) if name != content]
-    text = f"the joint columns seem to be in another order: they hold {listing(held)}"
-    if len(moved) == 2:
-        text = f"the columns of joints {moved[0]} and {moved[1]} seem to be exchanged"
+    text = (
+        f"the columns of joints {moved[0]} and {moved[1]} seem to be exchanged"
+        if len(moved) == 2
+        else f"the joint columns seem to be in another order: they hold {listing(held)}"
+    )
     return _of_joints(text, "correct the names of the columns", np.eye(len(names))[list(order)], complexity=complexity)
 
 
@@ -233,9 +235,7 @@ def interactions(robot: Robot, pairs: Iterable[tuple[int, int]]) -> Iterator[Cha
     ``q3 + q2`` or ``q3 - q2``.
     """
     names, kinds = robot.variable_names, [joint.type for joint in robot.variables]
-    for i, k in pairs:
-        if kinds[i] != kinds[k]:
-            continue
+    for i, k in ((i, k) for i, k in pairs if kinds[i] == kinds[k]):
         for sign, held, fix, to in ((1, "-", "add", "to"), (-1, "+", "subtract", "from")):
             matrix = np.eye(len(names))
             matrix[i, k] = sign
@@ -403,9 +403,11 @@ def axis_change(of_positions: Array, of_orientations: Array) -> Change | None:
     reversed_axes = [name for name, sign in zip("xyz", signs, strict=True) if sign < 0]
     fix = "correct the names of the columns"
     if not moved:
-        text = f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
-        if len(reversed_axes) == 1:
-            text = f"the column {reversed_axes[0]} seems to have a reversed sign"
+        text = (
+            f"the column {reversed_axes[0]} seems to have a reversed sign"
+            if len(reversed_axes) == 1
+            else f"the columns {', '.join(reversed_axes)} seem to have reversed signs"
+        )
         fix = "measure in a right-handed frame, or reverse the sign of the column"
     elif len(moved) == 2 and not reversed_axes:
         text = f"the columns {moved[0]} and {moved[1]} seem to be exchanged"
@@ -433,11 +435,11 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
-    found = find_row_mistake(robot, data, poses.translation)
-    if _is_gross(data, poses) and not (found and found.refused):
-        found = find_mistake(robot, data) or find_part_mistake(robot, data) or found
-    texts = [f"{data.source}: {found.text}" if data.source else found.text] if found else []
-    if found and found.refused:
+    mistake = find_row_mistake(robot, data, poses.translation)
+    if _is_gross(data, poses) and not (mistake and mistake.refused):
+        mistake = find_mistake(robot, data) or find_part_mistake(robot, data) or mistake
+    texts = [f"{data.source}: {mistake.text}" if data.source else mistake.text] if mistake else []
+    if mistake and mistake.refused:
         raise InputError(texts[0])
     return (*other_arm(robot, data, poses.translation), *texts)
 
@@ -483,9 +485,10 @@ def _median_error(data: Measurements, predicted: Array) -> float:
 
 def _is_gross(data: Measurements, poses: Poses) -> bool:
     """Return whether the registered error may come from a mistake."""
-    if data.rotation is None or _median_error(data, poses.translation) > GROSS * spread(data.position):
-        return _median_error(data, poses.translation) > GROSS * spread(data.position)
-    return float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
+    return _median_error(data, poses.translation) > GROSS * spread(data.position) or (
+        data.rotation is not None
+        and float(np.median(np.linalg.norm(log_between(poses.rotation, data.rotation), axis=0))) > GROSS
+    )
 
 
 def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
@@ -622,8 +625,8 @@ def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis
         for changes, base, true in zip(sets, free.rotation, turn, strict=True)
     ]
     rank = share + np.minimum(orientation, PLAUSIBLE)
-    found = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
-    return sorted(found, key=lambda item: item.rank)
+    hypotheses = map(_Hypothesis, sets, median / size + orientation, rank, median, orientation, axes)
+    return sorted(hypotheses, key=lambda item: item.rank)
 
 
 def _simplest(pool: Sequence[_Hypothesis], null: _Hypothesis) -> Mistake | None:
@@ -659,9 +662,6 @@ _SHIFTS = np.array([0, 1, -1, 2, -2, 3, -3])
 """Rows that a stretch is shifted by."""
 _MOST_COST = 9.0
 """Largest cost of a row, in squares of three times the typical error. Each end of a stretch costs as much."""
-_SAME_POINTS = 0.12
-"""Largest difference of sorted distances, as a share of the difference row by row over the root of the number of rows,
-of the same points in another order: 0.05 for an arm with 1 mm of error, 0.4 and more for other poses of the arm."""
 
 
 def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mistake | None:
@@ -678,9 +678,11 @@ def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mist
         return None
     predicted = _best_predicted(robot, data, predicted)
     by_shift = _errors_by_shift(predicted, data.position)
-    if np.median(by_shift.min(axis=0)) > PLAUSIBLE * spread(data.position):
-        return _permuted(robot, data)
-    return _shifted(data, by_shift, gross) or _exchanged(data, predicted, gross)
+    return (
+        _permuted(robot, data)
+        if np.median(by_shift.min(axis=0)) > PLAUSIBLE * spread(data.position)
+        else _shifted(data, by_shift, gross) or _exchanged(data, predicted, gross)
+    )
 
 
 def find_part_mistake(robot: Robot, data: Measurements) -> Mistake | None:
@@ -723,8 +725,10 @@ def _best_predicted(robot: Robot, data: Measurements, predicted: Array) -> Array
     for start in np.linspace(margin, data.n - length - margin, BEST).astype(int).tolist():
         rows = np.arange(start, start + length)
         turns, links = (np.repeat(each[:, rows], _SHIFTS.size, axis=0) for each in (rotation, translation))
-        found = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
-        tried.extend(zip(found.median.tolist(), found.rotation, found.shift, found.targets, strict=True))
+        registered = register_positions(turns, links, data.position.T[rows + _SHIFTS[:, None]], by_target[:, rows])
+        tried.extend(
+            zip(registered.median.tolist(), registered.rotation, registered.shift, registered.targets, strict=True)
+        )
     candidates = [predicted]
     for _, turn, shift, targets in sorted(tried, key=lambda item: item[0])[:BEST]:
         on_link = np.einsum("nij,tj,tn->ni", rotation[0], targets, by_target)
@@ -761,7 +765,7 @@ def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
     """Return the stretches that another shift than zero fits clearly better."""
     typical = max(float(np.median(errors.min(axis=0))), 1e-6)
     cost = np.minimum(np.square(errors / (3.0 * typical)), _MOST_COST)
-    found = []
+    shifted = []
     for number, shift in enumerate(_SHIFTS.tolist()):
         others = np.delete(cost, number, axis=0).min(axis=0)
         for rows in _runs(others - cost[number], 2 * _MOST_COST):
@@ -770,10 +774,10 @@ def _shifted(data: Measurements, errors: Array, gross: float) -> Mistake | None:
                 place = "" if rows.size >= data.n - 2 * _SHIFTS.max() else f"{_stretch(data, rows)}: "
                 by = f"{'one row' if abs(shift) == 1 else f'{abs(shift)} rows'} {'down' if shift > 0 else 'up'}"
                 text = f"{place}the measured poses seem to be shifted by {by} against the joints"
-                found.append((int(rows[0]), text, here, there))
-    if not found:
+                shifted.append((int(rows[0]), text, here, there))
+    if not shifted:
         return None
-    _, texts, before, after = zip(*sorted(found, key=lambda item: item[0]), strict=True)
+    _, texts, before, after = zip(*sorted(shifted, key=lambda item: item[0]), strict=True)
     return Mistake(
         "; ".join(texts),
         "pair each measured pose with its own joint values (look for a row that is missing or doubled where a stretch "
@@ -850,7 +854,9 @@ def _permuted(robot: Robot, data: Measurements) -> Mistake | None:
 
     tool = least_squares(differences, np.zeros(3), x_scale=0.1).x
     in_order, by_row = rms_length(differences(tool)[None]), rms_length((of_arm(tool) - measured)[None])
-    if by_row <= PLAUSIBLE * spread(data.position) or in_order * np.sqrt(data.n) > _SAME_POINTS * by_row:
+    # Of the same points in another order, the difference in order times the root of the number of rows is 0.05 of that
+    # by row for an arm with 1 mm of error; 0.4 and more for other poses of the arm.
+    if by_row <= PLAUSIBLE * spread(data.position) or in_order * np.sqrt(data.n) > 0.12 * by_row:
         return None
     return Mistake(
         "the measured poses seem to be in another order than the joints: sorted by their distance from the middle of "

@@ -130,9 +130,8 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
         values, first = np.unique(driver.values[is_finite], return_index=True)
         rows = even_rows(values.size, SAMPLE)
         grid, value = values[rows], explained[is_finite][first[rows]]
-    spectrum = None
-    if joint is not None and orders_of(effect) and driver.unit == "rad":
-        spectrum = _spectrum(*(values[fit.inliers] for values in (driver.values, before, after, sd)))
+    is_periodic = joint is not None and orders_of(effect) and driver.unit == "rad"
+    inlying = (values[fit.inliers] for values in (driver.values, before, after, sd))
     return PartialResidual(
         joint,
         driver.name,
@@ -145,7 +144,7 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
         sd,
         grid,
         value,
-        spectrum,
+        _spectrum(*inlying) if is_periodic else None,
     )
 
 

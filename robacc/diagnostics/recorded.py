@@ -27,8 +27,6 @@ from robacc.statistics.distributions import normal_cdf
 
 READ_BACK = "read_back"
 """Effect whose coefficient is the share."""
-_UNDECIDED = 0.25
-"""Standard error of the share above which the poses do not decide."""
 
 
 def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
@@ -45,7 +43,8 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
     start = (
         f"the joints read back differ from the commanded joints by {1e3 * rms_length(shift):.3g} mm rms at the target"
     )
-    if not np.isfinite(std) or std > _UNDECIDED:
+    # Beyond this standard error of the share, the poses do not decide.
+    if not np.isfinite(std) or std > 0.25:
         return (f"{start}; the poses do not decide which of them the arm stood at; the commanded joints are used",)
     follow = f"{start}; the measured positions follow a share of {share:.2f} ± {std:.2f} of this difference"
     # Beyond three standard errors, and a tenth for what the model lacks, a share is impossible.
@@ -73,11 +72,7 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
 # it. With C_i the Jacobian of the joint variables at row i, the Gaussian log-likelihoods of the covariances v I and v
 # I + C_i diag(s^2 / 12) C_i^T, each at its best v, are compared.
 
-_DIGITS = range(5)
-"""Decimals of degrees, mm, rad and m that a step may have."""
 _UNITS = {"revolute": (("degrees", math.pi / 180), ("rad", 1.0)), "prismatic": (("mm", 1e-3), ("m", 1.0))}
-_WHOLE_TOLERANCE = 1e-4
-"""Largest deviation from whole steps, in steps: the rounding of a file that has the variables in another unit."""
 _SHARES = np.geomspace(1e-3, 1.2, 24)
 """Noise that is tried, over the root mean square of the residual. A residual smaller than the least of them over the
 size of the rounding cannot show it; exact data make the covariances singular."""
@@ -111,10 +106,12 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
     """Return the coarsest step of values ``(N,)``, rad or m, and its text; None without one, or with few values."""
     if np.unique(values).size < ENOUGH:
         return None
-    steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in _DIGITS]
+    # Up to four decimals of degrees, mm, rad or m.
+    steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in range(5)]
     for step, digits, unit in sorted(steps, reverse=True):
         multiples = values / step
-        if np.all(np.abs(multiples - np.round(multiples)) <= _WHOLE_TOLERANCE):
+        # Less is the rounding of a file that has the variables in another unit.
+        if np.all(np.abs(multiples - np.round(multiples)) <= 1e-4):
             return step, f"{10.0**-digits:g} {unit}"
     return None
 
@@ -160,9 +157,8 @@ def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Roun
     position = float(np.sqrt(np.mean(np.trace(covariance, axis1=1, axis2=2))))
     if position == 0.0 or rms_length(residual) <= _SHARES[0] * position:
         return None
-    if _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance)) < DECISIVE:
-        return None
-    return Rounding(max(steps)[1], std, position)
+    gain = _likelihood(residual, covariance) - _likelihood(residual, np.zeros_like(covariance))
+    return None if gain < DECISIVE else Rounding(max(steps)[1], std, position)
 
 
 def _likelihood(residual: Array, covariance: Array) -> float:
@@ -255,7 +251,6 @@ def _polynomials(values: Array) -> Array:
 # Source of alternating least squares for a product of two unknown vectors: H. Wold, "Estimation of principal components
 # and related models by iterative least squares", in: Multivariate Analysis (1966), 391-420.
 
-_MOST_GROUPS = 4
 _CLEARLY = 2.0
 """Factor by which loads leave a smaller sum of squares than shifts of the same joints, and up to which groups may leave
 a larger one than a load of its own for each row, but for its freedom. Groups lower it by the square of that: chance
@@ -325,7 +320,7 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     squares = float(np.sum(np.square(flat - basis @ (basis.T @ flat))))
     amounts, free = _amounts(residual, basis, moved)
     # Groups of loads may explain no more than a load of its own for each row.
-    for count in range(2, _MOST_GROUPS + 1) if squares > _CLEARLY**2 * free else ():
+    for count in range(2, 5) if squares > _CLEARLY**2 * free else ():
         limits = np.quantile(amounts, np.arange(1, count) / count)
         labels, levels, last = np.searchsorted(limits, amounts), np.arange(count, dtype=float), math.inf
         for _ in range(STEPS):

@@ -18,10 +18,6 @@ from robacc.poses.reading import BranchColumn, KnownRobot
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 
-_MOST_RATIO = 3.0
-_LEAST_EXCESS = 0.1
-"""Larger spreads of positions than this ratio, and this many metres, beyond those of the commands are doubtful."""
-
 
 def read_robot_poses(
     path: str | os.PathLike[str],
@@ -57,9 +53,8 @@ def read_robot_poses(
         ignore_limits=ignore_limits,
         attained=attained,
     )
-    if not attained or data.kind is not None:
-        return data
-    return dataclasses.replace(data, warnings=(*data.warnings, *check_size(data, robot)))
+    warnings = check_size(data, robot) if attained and data.kind is None else ()
+    return dataclasses.replace(data, warnings=(*data.warnings, *warnings))
 
 
 def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
@@ -68,9 +63,11 @@ def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **option
     Raises:
         InputError: Everything that is wrong with the file.
     """
-    if robot is None:
-        return read_poses(path, ordered=ordered)
-    return read_robot_poses(path, robot, ordered=ordered, **options)
+    return (
+        read_poses(path, ordered=ordered)
+        if robot is None
+        else read_robot_poses(path, robot, ordered=ordered, **options)
+    )
 
 
 def joints_of(robot: Robot) -> KnownRobot:
@@ -112,7 +109,8 @@ def check_size(data: Measurements, robot: Robot) -> tuple[str, ...]:
     check_scale(sample.position, nominal, data.source)
     _check_both_units(sample, robot)
     measured_range, nominal_range = (float(np.max(central_range(p))) for p in (sample.position, nominal))
-    if measured_range < _MOST_RATIO * nominal_range + _LEAST_EXCESS:
+    # Thrice the spread of the commands, and 0.1 m beyond it, are doubtful.
+    if measured_range < 3.0 * nominal_range + 0.1:
         return ()
     return (
         f"{data.source}: the positions spread over {measured_range:.3g} m, but the joints move the robot over "

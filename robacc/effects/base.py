@@ -529,9 +529,11 @@ class Effect(abc.ABC):
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the driver over which the residual of the effect on ``joint`` is drawn; None if there is none."""
         chart = self.chart()
-        if chart is None or (joint is None and _JOINT in chart.driver):
-            return None
-        return Driver.at(arm, data, chart.driver.replace(_JOINT, joint or ""), chart.is_only)
+        return (
+            None
+            if chart is None or (joint is None and _JOINT in chart.driver)
+            else Driver.at(arm, data, chart.driver.replace(_JOINT, joint or ""), chart.is_only)
+        )
 
     def depends_on(self, arm: Arm) -> tuple[str, ...]:
         """Return the drivers of this form whose range the model file keeps, with ``{joint}`` for each joint."""

@@ -61,9 +61,11 @@ class LineOfSight(Effect):
 
     def forms(self) -> Iterator[LineOfSight]:
         """Yield every form, each at this place: one for each choice of its setting that has choices."""
-        for declared in settings_of(type(self)).values():
-            for choice in declared.choices:
-                yield dataclasses.replace(self, **{declared.field: choice})  # type: ignore[arg-type]
+        yield from (
+            dataclasses.replace(self, **{declared.field: choice})  # type: ignore[arg-type]
+            for declared in settings_of(type(self)).values()
+            for choice in declared.choices
+        )
 
     @property
     @abc.abstractmethod
@@ -211,11 +213,13 @@ class TrackerError(LineOfSight):
         if self.kind == "range":
             return super().implausible(terms, values)
         size = math.hypot(*values)
-        if size <= _LARGEST_ANGLE:
-            return None
         return (
-            f"{self.name}: an error of {1e3 * size:.2g} mrad of the {self.kind} angle is implausible; usual "
-            "amplitudes are 0.002 to 0.1 mrad"
+            None
+            if size <= _LARGEST_ANGLE
+            else (
+                f"{self.name}: an error of {1e3 * size:.2g} mrad of the {self.kind} angle is implausible; usual "
+                "amplitudes are 0.002 to 0.1 mrad"
+            )
         )
 
     def statement(
@@ -290,9 +294,6 @@ class TargetDecentre(LineOfSight):
 
 _DEGREES = (1, 3, 5)
 """Degrees of the drifts that a trace tries."""
-_ABOUT_NO_POINT = 0.5
-"""Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such point. In
-simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that wander 0.99 and more."""
 
 
 @register
@@ -381,7 +382,10 @@ class InstrumentScale(Effect):
             distance = f"{math.hypot(*centre):.2g} m away"
             return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
         moved, left_over = (float(np.sum(np.square(part))) for part in (shifts, shifts + np.outer(scale, centre)))
-        if left_over > _ABOUT_NO_POINT * moved:
+        # Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such
+        # point: in simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that
+        # wander 0.99 and more.
+        if left_over > 0.5 * moved:
             return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
         return super().implausible(terms, values)
 
@@ -601,9 +605,8 @@ class Step(Effect):
             )
         if (self.from_line is None) == (self.from_time is None):
             return "expected from_line or from_time_s, the place of the step"
-        if (self.target is not None and self.part != "target") or (self.turning and self.joints):
-            return "target belongs to part: target, turning to the base or the target"
-        return None
+        is_misplaced = (self.target is not None and self.part != "target") or (self.turning and self.joints)
+        return "target belongs to part: target, turning to the base or the target" if is_misplaced else None
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -654,9 +657,8 @@ def unit_torques(arm: Arm, data: Measurements) -> Array:
 
 def sequence_of(data: Measurements) -> Array:
     """Return ``(N,)`` the quantity that orders the poses: the time if it varies, else the line in the file."""
-    if data.time is not None and varies(data.time):
-        return data.time
-    return np.arange(data.n, dtype=float) if data.rows is None else data.rows.astype(float)
+    in_file = np.arange(data.n, dtype=float) if data.rows is None else data.rows.astype(float)
+    return data.time if data.time is not None and varies(data.time) else in_file
 
 
 # Steps as a search builds them: every part that can move, and the poses where its step may lie.

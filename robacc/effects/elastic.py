@@ -60,12 +60,6 @@ class Elastic(Effect):
         return tuple(Part(motion, 1.0, loads, deflected=self.deflection == "equilibrium") for motion in motions)
 
 
-_STDS = {"kg": 5.0, "kg m": 1.0}
-"""Prior standard deviation of an unknown mass, and of an unknown first moment of mass, by its unit."""
-_MASS_ERROR = 0.25
-"""Relative standard deviation of uncertain masses."""
-
-
 @dataclass(frozen=True)
 class OwnWeight(Elastic):
     """An elastic effect of the arm's own weight, whose masses are those of the file, or are fitted too."""
@@ -92,13 +86,15 @@ class OwnWeight(Elastic):
         """
         terms = []
         weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
-        stds = regressor_stds(arm, _MASS_ERROR) if self.masses not in ("known", "unknown") else {}
+        # Relative standard deviation of uncertain masses.
+        stds = regressor_stds(arm, 0.25) if self.masses not in ("known", "unknown") else {}
         for name, unit, motions, first in moved:
             if self.masses != "unknown":
                 terms.append(Term(name, unit, typical, self.parts(motions, weight)))
             for label, load in unit_loads(arm, first).items() if self.masses != "known" else ():
                 kind = "kg" if label.startswith("m") else "kg m"
-                std = stds.get(label, _STDS[kind])
+                # Of an unknown mass, and of an unknown first moment of mass.
+                std = stds.get(label, {"kg": 5.0, "kg m": 1.0}[kind])
                 terms.append(Term(f"{name}.{label}", f"{unit} {kind}", typical, self.parts(motions, load), name, std))
         return tuple(terms)
 
@@ -190,13 +186,9 @@ def regressor_stds(arm: Arm, error: float) -> dict[str, float]:
 
 _LEAST_TORQUE = 1e-3
 """N m below which gravity has no moment about a joint."""
-_LARGEST_COMPLIANCE = 5e-4
-"""rad/(N m), or m/N: ten times the largest usual compliance of a joint."""
 _BEYOND = 1.5
 """Torque over the largest on the poses of the fit, up to which the law of the spring is used. On simulated arms poses
 that exceed that torque a little are predicted twice as well as with a deflection that is held at it."""
-_KNEES = np.geomspace(0.02, 4.0, 40)
-"""Knees that a search tries, over the largest torque of gravity on the joint."""
 
 
 @register
@@ -243,14 +235,19 @@ class JointHardening(Effect):
         """Yield the spring with each of many knees."""
         largest = _largest_torque(arm, data, self.joints)
         if largest > _LEAST_TORQUE:
-            yield from (JointHardening(self.joints, knee=float(f"{share * largest:.3g}")) for share in _KNEES)
+            # Knees over the largest torque of gravity on the joint.
+            yield from (
+                JointHardening(self.joints, knee=float(f"{share * largest:.3g}"))
+                for share in np.geomspace(0.02, 4.0, 40)
+            )
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason also if a small torque would deflect a joint as only a much softer one does."""
         if self.knee is None:
             for term, value in zip(terms, values, strict=True):
                 compliance = 3.0 * abs(value) / self.reference
-                if compliance > _LARGEST_COMPLIANCE:
+                # rad/(N m), or m/N: ten times the largest usual compliance of a joint.
+                if compliance > 5e-4:
                     load, per_load = ("N m", "(N m)") if term.unit == "rad" else ("N", "N")
                     return (
                         f"{term.name} = {value:.3g} {term.unit} at {self.reference:.3g} {load} is implausible: the "
@@ -454,7 +451,7 @@ class PayloadCompliance(Elastic):
                         typical,
                         self.parts(motions, (Load(arm.flange, 0.0, (x * mass, y * mass, z * mass)),)),
                         of_load,
-                        _COM_STD,
+                        0.2,  # m: prior standard deviation of a coordinate about the file's.
                     )
                     for axis, (_, (x, y, z)) in UNIT_LOADS.items()
                     if axis != "m" and self.com == "uncertain"
@@ -496,8 +493,6 @@ _NOTHING = ("none", "empty")
 """Names of a group of rows without a load."""
 _FEWEST_ROWS = 8
 """Least rows of a group, so that the rest has some whichever is held out."""
-_COM_STD = 0.2
-"""Prior standard deviation of a coordinate of the centre of mass about the file's, m."""
 
 
 def _groups(data: Measurements) -> tuple[str, ...]:
@@ -505,9 +500,8 @@ def _groups(data: Measurements) -> tuple[str, ...]:
     if data.payload_group is None or data.payload is not None:
         return ()
     names, counts = np.unique(data.payload_group, return_counts=True)
-    if names.size < 2 or counts.min() < _FEWEST_ROWS:
-        return ()
-    return tuple(str(name) for name in names if name not in _NOTHING)
+    is_enough = names.size >= 2 and counts.min() >= _FEWEST_ROWS
+    return tuple(str(name) for name in names if name not in _NOTHING) if is_enough else ()
 
 
 @register

@@ -221,8 +221,6 @@ def _constants(arm: Arm, joint: str) -> dict[str, int]:
 
 _DEGREE = 8
 """Highest degree of the Chebyshev polynomials along the travel."""
-_ROW_LABELS = {"x": "a", "z": "d", "roll": "alpha", "pitch": "beta", "yaw": "theta"}
-"""Labels of the carriage's motions, and the motions of a DH table's row that stand for them."""
 
 
 @register
@@ -301,7 +299,12 @@ class RailErrors(Effect):
 def _carriage(arm: Arm, joint: str) -> dict[str, int]:
     """Return the numbers of the motions of a slide's carriage by label: shifts x, y, z; turns roll, pitch, yaw."""
     owner, is_urdf = arm.owners[arm.number(joint)], arm.robot.convention == "urdf"
-    labels = FRAME_LABELS if is_urdf or owner == 0 else _ROW_LABELS
+    # Motions of a DH table's row that stand for those of the carriage.
+    labels = (
+        FRAME_LABELS
+        if is_urdf or owner == 0
+        else {"x": "a", "z": "d", "roll": "alpha", "pitch": "beta", "yaw": "theta"}
+    )
     owner = BASE if owner == 0 and not is_urdf else owner
     motions = {label: arm.chain.find(owner, motion) for label, motion in labels.items()}
     return {label: motion for label, motion in motions.items() if motion is not None}
@@ -349,9 +352,11 @@ class ThermalExpansion(Effect):
     @classmethod
     def usual(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Effect:
         """Return the expansion by temperature if it was logged, else a warm-up over a third of the time."""
-        if data.temperature is not None or data.time is None:
-            return cls()
-        return cls(time_constant=float(np.ptp(data.time)) / 3 or 1.0)
+        return (
+            cls()
+            if data.temperature is not None or data.time is None
+            else cls(time_constant=float(np.ptp(data.time)) / 3 or 1.0)
+        )
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:

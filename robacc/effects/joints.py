@@ -122,12 +122,6 @@ class JointCoupling(Effect):
         return super().from_settings(joints, listed)
 
 
-_LEAST_LEVER = 1e-3
-"""Lever of the arm's whole weight, m, below which gravity's torque presses against no flank."""
-_FRICTION_SHARES = (0.01, 0.02, 0.04, 0.08, 0.16)
-"""Friction that a search tries first, over the largest torque of gravity on the joint."""
-_LARGEST_SHARE = 0.3
-"""Largest friction that a search tries, over the same."""
 _MOST_FRICTIONS = 60
 """Largest number of frictions that a search tries."""
 
@@ -193,7 +187,10 @@ class Backlash(Effect):
             if varies(data.direction):
                 # Frictions near these shares of the largest torque, each of which changes the flank of some poses.
                 frictions = _distinct_frictions(number, torque, data)
-                shares = [share * float(np.abs(torque).max()) for share in _FRICTION_SHARES if frictions.size]
+                # Over the largest torque of gravity on the joint.
+                shares = [
+                    share * float(np.abs(torque).max()) for share in (0.01, 0.02, 0.04, 0.08, 0.16) if frictions.size
+                ]
                 nearest = sorted({int(np.argmin(np.abs(frictions - share))) for share in shares})
                 yield from (cls(joints, "gravity", float(frictions[i])) for i in nearest)
 
@@ -227,8 +224,8 @@ class Backlash(Effect):
             approach = driven_by(arm, data, f"direction_{joint}", self.name)
             return np.where(np.abs(torque) > self.friction, np.sign(torque), approach)
         weight = float(np.linalg.norm(arm.robot.gravity)) * sum(float(np.max(load.mass)) for load in loads)
-        # A torque that rounding or a tenth of a millimetre decides does not press the gear against a flank.
-        return np.where(np.abs(torque) > _LEAST_LEVER * weight, np.sign(torque), 0.0)
+        # A torque that rounding or a lever of a tenth of a millimetre decides does not press the gear against a flank.
+        return np.where(np.abs(torque) > 1e-3 * weight, np.sign(torque), 0.0)
 
     def conflict(self, given: Collection[str]) -> str | None:
         """Return the reason if there is a friction without gravity."""
@@ -256,7 +253,8 @@ def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array
     """
     assert data.direction is not None
     direction, size = data.direction[number], np.abs(torque)
-    opposed = np.unique(size[(np.sign(torque) * direction < 0) & (size < _LARGEST_SHARE * size.max())])
+    # Largest friction that a search tries, over the largest torque of gravity on the joint.
+    opposed = np.unique(size[(np.sign(torque) * direction < 0) & (size < 0.3 * size.max())])
     if opposed.size == 0:
         return np.zeros(0)
     between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1]))

@@ -50,10 +50,6 @@ _OF_THE_JOINT = {
     1: "once per joint turn: eccentricity of the output gear or of the encoder's disc",
     2: "twice per joint turn: ovality, or two reading heads",
 }
-_LEAST_TOLERANCE = 0.05
-_LARGEST_TOLERANCE = 0.4
-"""Largest difference from a typical ratio's order: typical ratios are one apart. Over a quarter turn, orders have an
-uncertainty of about 0.3."""
 
 
 def order_tolerance(angle_range: float) -> float:
@@ -61,7 +57,7 @@ def order_tolerance(angle_range: float) -> float:
 
     It is a tenth of the spacing at which two harmonics are orthogonal over the range.
     """
-    return max(_LEAST_TOLERANCE, 0.1 * 2 * math.pi / max(angle_range, 1e-6))
+    return max(0.05, 0.1 * 2 * math.pi / max(angle_range, 1e-6))
 
 
 def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str | None:
@@ -77,8 +73,9 @@ def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str |
             for multiple, text in _OF_THE_MOTOR.items()
         ]
     else:
+        # Typical ratios are one apart. Over a quarter turn, orders have an uncertainty of about 0.3.
         origins += [
-            (multiple * typical, min(tolerance, _LARGEST_TOLERANCE), f"{_OF_THE_MOTOR[multiple]} ({text})")
+            (multiple * typical, min(tolerance, 0.4), f"{_OF_THE_MOTOR[multiple]} ({text})")
             for multiple in (1, 2)
             for typical in TYPICAL_RATIOS
             for text in (f"a typical gear of ratio {typical}; the robot file has no gear_ratio",)
@@ -96,8 +93,6 @@ HIGHEST_OF_SLIDE = 1000.0
 """rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""
 _FEWEST = 8
 """Different angles that an order needs at least."""
-_CLOSEST = 0.1
-"""Quantile of the gaps between angles that sets the highest order they support."""
 
 
 def common_period(orders: Sequence[float]) -> float:
@@ -153,7 +148,8 @@ def _limits(angle: Array) -> tuple[float, float]:
     values = np.unique(np.round(angle, 6))
     if values.size < _FEWEST:
         return ORDER_STEP, 0.0
-    gap = float(np.quantile(np.diff(values), _CLOSEST))
+    # Quantile of the gaps between angles that sets the highest order they support.
+    gap = float(np.quantile(np.diff(values), 0.1))
     return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
 
 
@@ -335,13 +331,9 @@ class ComplianceVariation(Effect):
         )
 
 
-_LOW = 2.5
-"""Order up to which a periodic error is a slow function of the joint's angle."""
 _CENTRES = np.arange(-180.0, 180.0, 15.0)
 """Centres that a search tries first, degrees: at a centre the spring is longest, or half a turn from it."""
 _RATIOS = (0.3, 0.5, 0.7, 0.85, 0.95)
-_NEARBY = ((10.0, 0.1), (2.0, 0.02))
-"""Largest changes of centre (degrees) and ratio that a search tries near the best, in four steps each way."""
 _RATIO_RANGE = (0.05, 0.99)
 
 
@@ -382,12 +374,14 @@ class Counterbalance(Effect):
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield springs of many places where a periodic error of orders about 1 and 2 only is a finding."""
-        if not other.is_profile() and 0.0 < max(orders_of(other), default=0.0) <= _LOW:
+        # Up to this order a periodic error is a slow function of the joint's angle.
+        if not other.is_profile() and 0.0 < max(orders_of(other), default=0.0) <= 2.5:
             yield from (cls(other.joints, float(centre), ratio) for centre in _CENTRES for ratio in _RATIOS)
 
     def refinements(self, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield springs of nearby places."""
-        for turn, more in _NEARBY:
+        # Largest changes of centre (degrees) and ratio, in four steps each way.
+        for turn, more in ((10.0, 0.1), (2.0, 0.02)):
             for i, k in itertools.product(range(-4, 5), repeat=2):
                 ratio = round(min(max(self.ratio + more * k / 4, _RATIO_RANGE[0]), _RATIO_RANGE[1]), 4)
                 yield Counterbalance(self.joints, round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4), ratio)
@@ -485,12 +479,6 @@ _CORRECTION = About(
 )
 _OF_JOINT = {"own": "{joint}", "torque": "torque_{joint}", "direction": "direction_{joint}"}
 """Drivers that are another for each joint, as settings and as :mod:`robacc.effects.drivers` name them."""
-_MOST_TERMS = 480
-"""Largest number of coefficients: as many as six profiles of a joint have together."""
-_LEFT = 0.01
-"""Share of the variance of a pose's error and noise that the centres may leave out: a std changes by 0.5 %."""
-_JITTER = 1e-9
-"""Added to the kernel of the centres, so that its factor exists where two of them nearly coincide."""
 
 
 @register
@@ -581,9 +569,8 @@ class JointCorrection(Effect):
         """Return the reason if there are not one or two drivers, each with a range."""
         if len(self.drivers) not in (1, 2):
             return f"drivers must be a list of one or two names, found {list(self.drivers)!r}"
-        if len(self.ranges) != len(self.drivers):
-            return f"range must be a list of [low, high], one for each driver, found {as_plain(self.ranges)!r}"
-        return None
+        text = f"range must be a list of [low, high], one for each driver, found {as_plain(self.ranges)!r}"
+        return text if len(self.ranges) != len(self.drivers) else None
 
 
 @dataclass(frozen=True)
@@ -621,12 +608,14 @@ class PoseCorrection(Effect):
         ``noise`` is the variance of the noise over that of the process.
         """
         effect = cls(tuple(joints), tuple(map(float, lengths)), moves=moves)
-        most = _MOST_TERMS // len(effect.carriers(arm))
+        # Coefficients: as many as six profiles of a joint have together.
+        most = 480 // len(effect.carriers(arm))
         q = commanded(data, cls.name)[[arm.number(joint) for joint in joints]]
         left, factor, chosen = np.ones(data.n), np.zeros((0, data.n)), list[int]()
         # The first centre is the pose nearest to their mean, whatever the order of the rows.
         score = -np.sum(np.square((q - q.mean(axis=1, keepdims=True)) / np.array(lengths)[:, None]), axis=0)
-        while data.n and len(chosen) < most and left.max() > _LEFT * (1.0 + noise):
+        # The centres may leave out a hundredth of the variance of a pose's error and noise: a std changes by 0.5 %.
+        while data.n and len(chosen) < most and left.max() > 0.01 * (1.0 + noise):
             pivot = int(np.argmax(score))
             row = effect._kernel(arm, q[:, [pivot]], q)[0] - factor[:, pivot] @ factor
             factor = np.vstack((factor, row / np.sqrt(left[pivot])))
@@ -639,7 +628,8 @@ class PoseCorrection(Effect):
         """Return a term for each joint and centre."""
         q = commanded(data, self.name)[[arm.number(joint) for joint in self.joints]]
         centres = np.array(self.centres).reshape(-1, len(self.joints)).T
-        kernel = self._kernel(arm, centres, centres) + _JITTER * np.eye(len(self.centres))
+        # Added so that the factor exists where two of the centres nearly coincide.
+        kernel = self._kernel(arm, centres, centres) + 1e-9 * np.eye(len(self.centres))
         basis = np.linalg.solve(np.linalg.cholesky(kernel), self._kernel(arm, centres, q))
         return tuple(
             Term(f"{self.name}.{label}.c{k}", unit, 1e-4, (Part(motion, row),), group=self.name)
@@ -649,9 +639,11 @@ class PoseCorrection(Effect):
 
     def carriers(self, arm: Arm) -> list[tuple[str, str, int]]:
         """Return label, unit and motion of what the processes move: the joints, or the base along its axes."""
-        if self.moves == "position":
-            return [(axis, "m", arm.chain.index(BASE, axis)) for axis in "xyz"]
-        return [(joint, arm.unit(joint), arm.axis_motion(joint)) for joint in self.joints]
+        return (
+            [(axis, "m", arm.chain.index(BASE, axis)) for axis in "xyz"]
+            if self.moves == "position"
+            else [(joint, arm.unit(joint), arm.axis_motion(joint)) for joint in self.joints]
+        )
 
     def _kernel(self, arm: Arm, first: Array, second: Array) -> Array:
         """Return ``(A, B)`` the kernel of poses ``(J, A)`` and ``(J, B)``."""

@@ -30,8 +30,6 @@ from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
 
-_COMMON_KEYS = ("effect", "joints", "values", "validity")
-"""Keys of an entry that are no setting of its effect."""
 _MAX_NAMES = 12
 """Coefficients that a message lists."""
 
@@ -96,7 +94,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
     is_entry = isinstance(entry, Mapping) and isinstance(entry.get("effect"), str)
     refuse((not is_entry, f"expected a mapping with the key effect, found {entry!r}"))
     cls = effect_class(entry["effect"])
-    settings = {key: value for key, value in entry.items() if key not in _COMMON_KEYS}
+    settings = {key: value for key, value in entry.items() if key not in ("effect", "joints", "values", "validity")}
     effect = cls.from_settings(_joints(cls, arm, entry.get("joints", [])), settings)
     effect = effect.from_units(arm, *arm.robot.effect_units)
     terms = {term.name: term for term in effect.terms(arm, every_column(arm))}
@@ -341,6 +339,7 @@ def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
 
 
 # Requests, the baseline where none are declared, and the catalogue.
+
 
 _ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
 

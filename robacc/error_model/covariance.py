@@ -285,9 +285,11 @@ class CovarianceTerm(abc.ABC):
 
     def size(self, parameters: Array, linear: Linearised) -> float:
         """Return the root mean square of the error at the target, m."""
-        if self.of_joints:
-            return float(np.linalg.norm(self._at_target(parameters, linear)))
-        return float(math.sqrt(3.0) * np.exp(parameters[0]))
+        return float(
+            np.linalg.norm(self._at_target(parameters, linear))
+            if self.of_joints
+            else math.sqrt(3.0) * np.exp(parameters[0])
+        )
 
     def warning(self, size: float) -> str:
         """Return a sentence on the error of root mean square ``size`` (m) for a fit that lacks its cause."""

@@ -85,9 +85,11 @@ class DirectionalNoise:
         across = float(np.sqrt(np.mean(np.square(np.delete(self.std, k)))))
         axis = self.axes[k] * np.sign(self.axes[k][np.argmax(np.abs(self.axes[k]))])
         direction = f"the direction ({', '.join(f'{value:.2f}' for value in axis + 0.0)}) of the measuring frame"
-        if is_smaller:
-            return f"the error that remains is {across / self.std[k]:.2g} times as large across {direction} as along it"
-        return f"the error that remains is {self.std[k] / across:.2g} times as large along {direction} as across it"
+        return "the error that remains is " + (
+            f"{across / self.std[k]:.2g} times as large across {direction} as along it"
+            if is_smaller
+            else f"{self.std[k] / across:.2g} times as large along {direction} as across it"
+        )
 
 
 @dataclass(frozen=True)
@@ -204,9 +206,11 @@ def _with_covariance(
     weighted = white.apply_transposed(white.apply(np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)))
     by_column = np.moveaxis(weighted, -1, 0)  # (n, K, M)
     variance = np.square(noise.independent(linear.rows.stated))
-    meat = fitted.gram.copy()
-    if not is_weighted:
-        meat = share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+    meat = (
+        fitted.gram.copy()
+        if is_weighted
+        else share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+    )
     for name in terms:
         term = TERMS[name]
         for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):
@@ -261,9 +265,9 @@ def _directional(
     for axes, cost in ((np.eye(3), 0.0), (vectors.T, 1.5 * math.log(len(linear.y)))):
         log_std = np.concatenate((np.repeat(start.log_std[:1], 3), start.log_std[1:]))
         along = linear.turned(axes)
-        found = estimated(CovarianceParameters(log_std, start.factor), along)
-        if (total := log_evidence(found, along) - cost) > most:
-            best, most = DirectionalNoise(axes, found.std[:3]), total
+        estimate = estimated(CovarianceParameters(log_std, start.factor), along)
+        if (total := log_evidence(estimate, along) - cost) > most:
+            best, most = DirectionalNoise(axes, estimate.std[:3]), total
     return best if best is not None and best.std.max() >= 2.0 * best.std.min() else None
 
 
@@ -293,14 +297,14 @@ def correction_of_position(
     if (wander := noise.terms.get("wander")) is not None:
         alone = alone.with_term("wander", np.array([std, wander[-1]]))
     start = np.append(std, np.zeros(rows.moves.size))
-    found = estimated(alone.with_term("field", start), linear, on_all=True)
+    with_field = estimated(alone.with_term("field", start), linear, on_all=True)
     alone = estimated(alone, linear, on_all=True)
-    evidence = whitened(found, linear).log_likelihood - whitened(alone, linear).log_likelihood
-    cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, found.std)
+    evidence = whitened(with_field, linear).log_likelihood - whitened(alone, linear).log_likelihood
+    cost = 0.5 * math.log(index.size) * TERMS["field"].variances(start, linear, with_field.std)
     if evidence - cost <= ACCEPTED:
         return None
-    std, lengths = found.terms["field"][0], np.exp(found.terms["field"][1:]) / rows.scale
+    std, lengths = with_field.terms["field"][0], np.exp(with_field.terms["field"][1:]) / rows.scale
     joints = [arm.names[j] for j in moving]
-    ratio = math.exp(2.0 * (found.log_std[0] - std))
+    ratio = math.exp(2.0 * (with_field.log_std[0] - std))
     correction = PoseCorrection.over(arm, data.subset(index), joints, lengths[moving].tolist(), "position", ratio)
     return correction, evidence, cost

@@ -30,8 +30,6 @@ from robacc.robots.description import Frame, Robot
 
 _PASSES = 3
 """Fits of a registration, each with the rows weighted by their errors in the one before."""
-_CAUCHY = 3.0
-"""Median errors at which a row has half its weight."""
 _TRIM = 6.0
 """Median errors beyond which a pose is left out of a trimmed registration, as a beam break is."""
 _LEAST_WEIGHT = 1e-12
@@ -39,10 +37,6 @@ _STEPS = 5
 """Gauss-Newton steps of the rotation, which converge quadratically."""
 _RELUCTANCE = 1e-3
 """Scale of a target's columns: the solution of least norm moves the base rather than a target."""
-_LEAST_TURN = 1e-2
-"""rad: spread of the last link's turns below which a target's place along an axis stays where it is."""
-_ONE_AXIS = 1e-4
-"""Second smallest eigenvalue over the largest, below which axes are parallel within about a degree."""
 _GENERATORS = np.moveaxis(skew(np.eye(3)), 2, 0)
 
 
@@ -76,9 +70,11 @@ def arm_poses(robot: Robot, data: Measurements, q: Array) -> tuple[Array, Array]
 
 def rows_by_target(robot: Robot, data: Measurements) -> Array:
     """Return ``(T, N)``, 1 where a row is of a target of the robot, else 0."""
-    if data.target is None or not robot.targets:
-        return np.ones((1, data.n))
-    return np.asarray(np.array(list(robot.targets))[:, None] == data.target, dtype=np.float64)
+    return (
+        np.ones((1, data.n))
+        if data.target is None or not robot.targets
+        else np.asarray(np.array(list(robot.targets))[:, None] == data.target, dtype=np.float64)
+    )
 
 
 def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) -> Robot:
@@ -116,10 +112,10 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
             turned, _, is_unique = register_orientations(rotation, measured, passes=1)
             known = turned if is_unique[0] else None
         rows = by_target if tool else by_target[:0]
-        found = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
-        turn, moved = found.rotation, found.targets[0]
+        registered = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
+        turn, moved = registered.rotation, registered.targets[0]
         before = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
-        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ found.shift[0]) @ before))
+        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ registered.shift[0]) @ before))
     if not tool:
         return robot
     placed = {}
@@ -216,7 +212,8 @@ def register_positions(
     for _ in range(2 if trimmed else passes):
         root = np.repeat(np.sqrt(weight), 3, axis=1)[..., None]
         free, wanted = offsets.reshape(h, 3 * n, -1) * root, columns.reshape(h, 3 * n, 10) * root
-        inverse = np.linalg.pinv(free.swapaxes(1, 2) @ free, rcond=(_LEAST_TURN * _RELUCTANCE) ** 2, hermitian=True)
+        # rad: where the last link's turns spread by less, a target's place along an axis stays where it is.
+        inverse = np.linalg.pinv(free.swapaxes(1, 2) @ free, rcond=(1e-2 * _RELUCTANCE) ** 2, hermitian=True)
         solved = inverse @ (free.swapaxes(1, 2) @ wanted)
         rest = wanted - free @ solved
         start = (wanted.swapaxes(1, 2) @ wanted)[:, :9, 9]
@@ -255,7 +252,8 @@ def register_orientations(
         tool, base = nearest_rotation(sign * tool), nearest_rotation(sign * base)
         errors = _angles(base[:, None] @ rotation @ tool[:, None], measured)
         weight = _weights(errors)
-    is_unique = 1.0 - values[:, 1] >= _ONE_AXIS * (1.0 + values[:, 0])
+    # Axes are parallel within about a degree where the second smallest eigenvalue over the largest is less.
+    is_unique = 1.0 - values[:, 1] >= 1e-4 * (1.0 + values[:, 0])
     return np.swapaxes(base, 1, 2), np.asarray(np.median(errors, axis=1)), is_unique
 
 
@@ -307,7 +305,8 @@ def _regular(normal: Array) -> Array:
 def _weights(errors: Array) -> Array:
     """Return the weights ``(H, N)`` of rows with these errors."""
     typical = np.maximum(np.median(errors, axis=1, keepdims=True), 1e-12)
-    return np.asarray(1.0 / (1.0 + np.square(errors / (_CAUCHY * typical))))
+    # A row has half its weight at three median errors.
+    return np.asarray(1.0 / (1.0 + np.square(errors / (3.0 * typical))))
 
 
 def _angles(predicted: Array, measured: Array) -> Array:

@@ -70,9 +70,7 @@ class Identifiability:
     @property
     def condition(self) -> float:
         """Condition number of the scaled columns."""
-        if self.singular_values.size == 0:
-            return 1.0
-        return float(self.singular_values[0] / self.singular_values[-1])
+        return float(self.singular_values[0] / self.singular_values[-1]) if self.singular_values.size else 1.0
 
     def observability(self) -> dict[str, float]:
         """Return O1 = (prod s)^(1/L)/sqrt(m), O2 = s_L/s_1, O3 = s_L, O4 = s_L^2/s_1, O5 = 1/sum(1/s)."""
@@ -273,9 +271,8 @@ class HoldOut:
     @cached_property
     def folds(self) -> int:
         """Number of groups that are held out in turn; 0 with validation poses, or where places are too few."""
-        if self.validation is not None or different(places(self.data)) < LEAST_PLACES:
-            return 0
-        return different(self.groups)
+        are_enough = self.validation is None and different(places(self.data)) >= LEAST_PLACES
+        return different(self.groups) if are_enough else 0
 
     def residuals(self, fit: Fit, lacking: Sequence[Collection[int]] = ((),)) -> list[Array | None]:
         """Return ``(M, N)`` residuals of the held-out poses by ``fit``, and by models that lack some of its effects.

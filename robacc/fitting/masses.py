@@ -209,10 +209,6 @@ _LOADS = np.geomspace(0.005, 0.5, 15)
 """Loads as shares of the mass that the joints carry."""
 _OFFSETS = np.array([0.02, 0.06, 0.15])
 """Distances of a load from its link's frame (standard deviation along each axis), as shares of the arm's length."""
-_LEAST_REACH = 0.1
-"""Least distance (m) that the error of a link's centre of mass is in proportion to: with half of it, 2 of 40 simulated
-arms without a load have one named."""
-_INTERVAL = (0.025, 0.5, 0.975)
 
 
 @dataclass(frozen=True, slots=True)
@@ -273,7 +269,9 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
     error, usual = relative_std(fit), regressor_stds(arm, 1.0)
     for body in arm.chain.bodies:
         for label in (f"{axis}{body.owner + 1}" for axis in ("hx", "hy", "hz")):
-            usual[label] = max(usual[label], _LEAST_REACH * body.mass)
+            # Least distance (m) that the error of a link's centre of mass is in proportion to: with half of it, 2 of 40
+            # simulated arms without a load have one named.
+            usual[label] = max(usual[label], 0.1 * body.mass)
     stds = error * _ERRORS[:, None] * np.array([usual[label] for label in labels])
     log_prior = -0.5 * np.square(np.log2(_ERRORS))
     log_prior -= math.log(np.sum(np.exp(log_prior)))
@@ -305,7 +303,7 @@ def undeclared_load(fit: Fit, data: Measurements) -> UndeclaredLoad | None:
             continue
         # The prior of the mass is even in its logarithm.
         cumulative = (np.cumsum(weights) - 0.5 * weights) / weights.sum()
-        sizes = np.sign(masses[0]) * np.exp(np.interp(_INTERVAL, cumulative, np.log(np.abs(masses))))
+        sizes = np.sign(masses[0]) * np.exp(np.interp((0.025, 0.5, 0.975), cumulative, np.log(np.abs(masses))))
         likely = float(np.logaddexp.reduce(by_mass)) - math.log(masses.size) - evidence_of_none
         name = arm.robot.joints[link].name
         places.append(LoadPlace(name, float(sizes[1]), float(sizes.min()), float(sizes.max()), likely))

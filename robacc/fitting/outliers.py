@@ -16,9 +16,6 @@ from robacc.statistics.intervals import quantiles
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
-_LEAST_INLIERS = 0.8
-"""Least share of inliers: if more rows deviate, the model is wrong."""
-
 
 def misfits(
     data: Measurements, residual: Array, inliers: NDArray[np.bool_], used: tuple[float, float]
@@ -99,7 +96,8 @@ def inlier_mask(
     mask: NDArray[np.bool_] = (distance <= limit) | (
         np.maximum(residual.max(axis=0), -residual.min(axis=0)) <= ROUNDING
     )
-    return mask if mask.sum() >= max(_LEAST_INLIERS * mask.size, coefficients / np.mean(rows) + 1) else inliers
+    # If more than a fifth of the rows deviate, the model is wrong.
+    return mask if mask.sum() >= max(0.8 * mask.size, coefficients / np.mean(rows) + 1) else inliers
 
 
 def inlier_limit(distance: Array, rows: NDArray[np.int64], n: int) -> Array:
@@ -153,7 +151,7 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         ("row number", "", np.arange(1.0, data.n + 1.0)),
     ]
     tested = [(name, unit, values) for name, unit, values in quantities if values is not None and np.ptp(values) > 0]
-    least, found = SIGNIFICANT / (2.0 * len(tested) * count), None
+    least, pattern = SIGNIFICANT / (2.0 * len(tested) * count), None
     for name, unit, values in tested:
         for side, sign in (("above", 1.0), ("below", -1.0)):
             levels, ordered = np.sort(sign * values[outliers])[::-1], np.sort(sign * values)
@@ -162,10 +160,10 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
             by_chance = bdtrc(inside - 1, count, share)
             best = int(np.argmin(by_chance))
             if by_chance[best] <= least:
-                least, found = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
-    if found is None:
+                least, pattern = by_chance[best], (name, unit, side, sign * levels[best], inside[best], share[best])
+    if pattern is None:
         return None
-    name, unit, side, limit, beyond, part = found
+    name, unit, side, limit, beyond, part = pattern
     return (
         f"{beyond} of {count} outliers have {name} {side} {limit:.4g} {unit}, "
         f"but only {100 * part:.0f} % of all rows have: the outliers have a common cause"

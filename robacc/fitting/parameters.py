@@ -56,10 +56,9 @@ def absorb_constants(robot: Robot) -> Robot:
     Raises:
         InputError: the file's ``effects:`` cannot be read.
     """
-    split: tuple[list[Known], list[Known]] = [], []
-    for known in known_effects(robot):
-        split[known.effect.traits.is_constant].append(known)
-    return _written(robot, split[True], split[False])
+    known = known_effects(robot)
+    constants = [each for each in known if each.effect.traits.is_constant]
+    return _written(robot, constants, [each for each in known if not each.effect.traits.is_constant])
 
 
 def _written(robot: Robot, constants: Sequence[Known], listed: Sequence[Known]) -> Robot:
@@ -208,9 +207,8 @@ def _frames(fit: Fit) -> dict[str, Frame]:
     if not free & {"base_frame", "tool_frame"}:
         return {}
     robot = apply_fit(fit)
-    frames = {}
-    if "base_frame" in free:
-        frames = {"base_frame": robot.base} | {f"base_frame.{name}": each.base for name, each in robot.fixtures.items()}
+    bases = {"base_frame": robot.base} | {f"base_frame.{name}": each.base for name, each in robot.fixtures.items()}
+    frames = bases if "base_frame" in free else {}
     if "tool_frame" in free:
         targets = {f"tool_frame.{name}": frame for name, frame in robot.targets.items()}
         frames |= targets or {"tool_frame": robot.tool}

@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 
 from robacc.effects import effect_class
 from robacc.effects.elastic import JointCompliance
-from robacc.errors import InputError, Problem, RobaccError, UsageError
+from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Fit, Options, held_out_poses
 from robacc.fitting.levels import DECISIVE, MANY
@@ -249,11 +249,13 @@ def align_commands(data: Measurements, frames: Sequence[str], *, held_out: bool 
         InputError: There are too few poses.
     """
     oriented = data.commanded_rotation is not None
-    if not oriented and "tool_frame" in frames:
-        raise UsageError(
+    refuse(
+        (
+            not oriented and "tool_frame" in frames,
             "tool_frame turns with the commanded orientation, which the poses do not have: add the columns cmd_qw, "
-            "cmd_qx, cmd_qy, cmd_qz, or use `align` with base_frame alone"
+            "cmd_qx, cmd_qy, cmd_qz, or use `align` with base_frame alone",
         )
+    )
     return align(_gantry(data, oriented), as_gantry(data), frames, held_out=held_out)
 
 

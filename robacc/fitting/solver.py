@@ -289,7 +289,7 @@ class _Solver:
         arm, nominal = self.model.arm, self.equations.nominal
         motions = {i: term.parts[0].motion for i, term in enumerate(free) if len(term.parts) == 1}
         first = arm.axis_motion(arm.names[0])
-        found = {i: "a turn of all that was measured" for i, motion in motions.items() if motion == first}
+        unmeasured = {i: "a turn of all that was measured" for i, motion in motions.items() if motion == first}
         lengths = [
             (float(np.max(np.abs(nominal[motion]))), i)
             for i, motion in motions.items()
@@ -298,14 +298,13 @@ class _Solver:
         if not self.data.has_length:
             scales = [i for i, motion in motions.items() if motion == SCALE_OF_INSTRUMENT]
             longest = [max(lengths)[1]] if lengths else []
-            found |= dict.fromkeys(scales + longest, "the scale of all lengths, none of which was measured,")
-        return found
+            unmeasured |= dict.fromkeys(scales + longest, "the scale of all lengths, none of which was measured,")
+        return unmeasured
 
     def _priors(self) -> Priors:
         """Return the priors, broad ones as without constants, those of groups as at the start."""
-        given, terms = np.full(len(self.equations.terms), np.inf), self.equations.terms
-        if self.options.priors is not None:
-            given = np.where(self.options.priors > 0, self.options.priors, np.inf)
+        terms, priors = self.equations.terms, self.options.priors
+        given = np.full(len(terms), np.inf) if priors is None else np.where(priors > 0, priors, np.inf)
         broad = broad_stds(self.model.free, terms, self.equations.owners)
         return Priors(terms, given, broad, self.options.group_stds)
 

@@ -68,9 +68,8 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     if stated is None:
         return LackOfFit(fit.noise, None, 1.0, axes)
     known = np.square(stated[:, fit.inliers])
-    orientation = None
-    if data.sigma_rotation is not None and data.rotation is not None:
-        orientation = float(np.sqrt(np.mean(np.square(data.sigma_rotation[fit.inliers]))))
+    sigma = None if data.rotation is None else data.sigma_rotation
+    orientation = None if sigma is None else float(np.sqrt(np.mean(np.square(sigma[fit.inliers]))))
     p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
     noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
     return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)
@@ -93,8 +92,6 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     return float(np.sum(np.square(residual - means[:, groups]))) / dof, dof
 
 
-_LARGE_CONDITION = 1e3
-"""Condition number of the scaled columns from which on a warning is given."""
 _MILLI = {"m": "mm", "rad": "mrad"}
 
 
@@ -167,7 +164,7 @@ def fit_warnings(
     surplus = int(np.count_nonzero(fit.inliers)) * fit.residual.shape[0] - n_coefficients
     if surplus < n_coefficients and not fit.group_stds:
         yield f"only {surplus} more measured values than fitted coefficients: measure more poses"
-    if (condition := without_findings.identifiability.condition) > _LARGE_CONDITION:
+    if (condition := without_findings.identifiability.condition) > 1e3:
         terms, errors = without_findings.terms, np.sqrt(np.diag(without_findings.covariance))
         worst = [i for i in np.argsort(-np.nan_to_num(errors))[:EXAMPLES] if terms[i].unit in _MILLI]
         listed = ", ".join(f"{terms[i].name} (± {1e3 * errors[i]:.2g} {_MILLI[terms[i].unit]})" for i in worst)
@@ -215,8 +212,8 @@ def moved_frames(fit: Fit, holdout: Measurements) -> str | None:
     rotation, translation = np.moveaxis(predicted.rotation, 2, 0)[None], predicted.translation.T[None]
     causes = ("base", ""), ("base and target", ", or the target was mounted again")
     for targets, (what, cause) in enumerate(causes):
-        found = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
-        vectors, turn = found.vectors[0].T, found.rotation[0]
+        registered = register_positions(rotation, translation, holdout.position.T[None], np.ones((targets, holdout.n)))
+        vectors, turn = registered.vectors[0].T, registered.rotation[0]
         if rms_length(vectors) <= _ALIKE * of_fit:
             # The residual in the measuring frame is R^T times that in the base.
             shift = (residual - rotate_back(turn, vectors)).mean(axis=1)

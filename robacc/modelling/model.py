@@ -455,10 +455,16 @@ class Model:
             faded(effect, self.arm, held_at_ends(effect, self.arm, data, limit), limit if fades else {})
             for effect, limit in zip(self.free, limits, strict=True)
         ]
+        scalars = _with_targets(self.arm, self.arm.chain.scalars(q), data)
+        if data.fixture is not None:
+            # The base is where it stands, seen from the socket, plane or anchor of each row.
+            robot = self.arm.robot
+            bases = {name: fixture.base for name, fixture in robot.fixtures.items()} | {"": robot.base}
+            scalars = _with_frames(self.arm, scalars, BASE, bases, data.fixture)
         return BoundModel(
             self.arm,
             data.n,
-            tuple(_with_fixtures(self.arm, _with_targets(self.arm, self.arm.chain.scalars(q), data), data)),
+            tuple(scalars),
             tuple(term for term, _ in fixed),
             np.array([value for _, value in fixed]),
             tuple(term for terms in free for term in terms),
@@ -492,14 +498,6 @@ def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[S
         refuse((len(targets) > 1, f"the robot has the targets {', '.join(targets)}; add a column target to the poses"))
     chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
     return _with_frames(arm, scalars, TOOL, targets, chosen)
-
-
-def _with_fixtures(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
-    """Replace the base by where it stands, seen from the socket, plane or anchor of each row."""
-    if data.fixture is None:
-        return scalars
-    frames = {**{name: fixture.base for name, fixture in arm.robot.fixtures.items()}, "": arm.robot.base}
-    return _with_frames(arm, scalars, BASE, frames, data.fixture)
 
 
 def _with_frames(
@@ -583,9 +581,7 @@ def residuals(data: Measurements, poses: Poses) -> Array:
     (rad) follows.
     """
     position = data.position - poses.translation
-    if data.rotation is None:
-        return position
-    return np.concatenate((position, log_between(data.rotation, poses.rotation)))
+    return position if data.rotation is None else np.concatenate((position, log_between(data.rotation, poses.rotation)))
 
 
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:

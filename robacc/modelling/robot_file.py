@@ -25,7 +25,6 @@ from robacc.robots.yaml_robot import (
     robot_to_yaml,
 )
 
-_XML_SUFFIXES = frozenset({".urdf", ".xml"})
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML) or a URDF"
@@ -78,7 +77,7 @@ def read_robot(
     refuse((suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)))
     text, fix = read_text(name), "convert it first: xacro robot.xacro > robot.urdf"
     refuse((suffix == ".xacro", Problem("is xacro, not URDF", name, fix=fix)))
-    if suffix in _XML_SUFFIXES or text.lstrip().startswith("<"):
+    if suffix in (".urdf", ".xml") or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf
 
         return parse_urdf(text, name, base_link, tip_link, joint_columns)
@@ -169,6 +168,5 @@ def _is_close(first: Any, second: Any) -> bool:
         return first.keys() == second.keys() and all(_is_close(first[key], second[key]) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         return len(first) == len(second) and all(map(_is_close, first, second))
-    if isinstance(first, float) or isinstance(second, float):
-        return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE)
-    return bool(first == second)
+    are_numbers = isinstance(first, float) or isinstance(second, float)
+    return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE) if are_numbers else bool(first == second)

@@ -21,8 +21,6 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Campaign, Robot
 
-_PLACE = ("from_line", "from_time_s", "file")
-"""Settings of a step that say when it happened."""
 _EQUAL = 1e-6
 """Share by which registered errors differ that are equal but for rounding: a step of the base moves all poses."""
 
@@ -55,7 +53,15 @@ def resolve_campaign(
     start = f"the model's campaign effects ({names}) were fitted to other poses"
     if data is None or data.q is None:
         return robot, (f"{start} and are left out; `campaign` keep applies them",)
-    stepped = _after_steps(robot, campaign)
+    # A step without the settings that say when it happened.
+    steps = [
+        {key: value for key, value in effect.items() if key not in ("from_line", "from_time_s", "file")}
+        | {"from_line": 1}
+        for effect in campaign.effects
+        if effect.get("effect") == "step"
+    ]
+    # The robot as the steps left it, without other effects of the campaign.
+    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps)) if steps else None
     arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
     try:
         errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
@@ -96,9 +102,8 @@ def standing_campaign(robot: Robot, use: Literal["auto", "keep", "drop"]) -> tup
         elif not item.effect.traits.is_of_measurement:
             names.append(str(item.effect))
     robot = dataclasses.replace(robot, effects=(*robot.effects, *applied))
-    if not names:
-        return robot, ()
-    return robot, (f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them",)
+    note = f"effects of the model's campaign are left out: {', '.join(names)}; `campaign` keep applies them"
+    return robot, (note,) if names else ()
 
 
 def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
@@ -137,16 +142,6 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     )
 
 
-def _after_steps(robot: Robot, campaign: Campaign) -> Robot | None:
-    """Return the robot as the steps of its campaign left it, without other effects of it; None without a step."""
-    entries = [
-        {key: value for key, value in effect.items() if key not in _PLACE} | {"from_line": 1}
-        for effect in campaign.effects
-        if effect.get("effect") == "step"
-    ]
-    return dataclasses.replace(robot, effects=(*robot.effects, *entries)) if entries else None
-
-
 def _before(robot: Robot, campaign: Campaign) -> Robot:
     """Return the robot without the facts of its campaign."""
     return dataclasses.replace(
@@ -169,8 +164,6 @@ def _registered_rms(predicted: Array, measured: Array) -> float:
 
 _ROUNDING = 1e-9
 """Excess (SI) that rounding explains."""
-_SIZED = 200
-"""Poses that the size of an effect is known from."""
 _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
@@ -280,7 +273,7 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
     """
     fading, _ = known.effect.limits(arm, known.validity, fading=True)
     validity = {driver: limits for driver, limits in known.validity.items() if driver not in fading}
-    poses = data.subset(even_rows(data.n, _SIZED))
+    poses = data.subset(even_rows(data.n, 200))
     models = Model(arm, (dataclasses.replace(known, validity=validity),)), Model(arm)
     with_effect, without = (model.bind(poses).poses(np.zeros(0)).translation for model in models)
     return float(np.mean(np.sum(np.square(with_effect - without), axis=0)))

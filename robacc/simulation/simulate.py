@@ -22,7 +22,6 @@ from robacc.robots.yaml_robot import robot_to_yaml
 
 _DECIMALS = 6
 """Decimals of commanded joint variables: a microradian or micrometre, about the resolution of a controller."""
-_STREAMS = {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}
 _MAX_ROWS = 2_000_000
 """Rows of a simulation: some GB of arrays and text; a larger number is likely a typing error."""
 _ROWS = 16 * BLOCK
@@ -230,7 +229,9 @@ def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:
 
 
 def _stream(plan: Plan, purpose: str) -> np.random.Generator:
-    return np.random.default_rng([plan.seed, _STREAMS[purpose]])
+    return np.random.default_rng(
+        [plan.seed, {"poses": 0, "payload": 1, "position": 2, "orientation": 3, "outliers": 4, "order": 5}[purpose]]
+    )
 
 
 # Template files: a robot file with a comment at every field, and a CSV of poses, both valid without changes.

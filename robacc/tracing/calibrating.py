@@ -254,10 +254,9 @@ def judge(
     held_out_before = held_out_after if before is fit else how.residuals(before)[0]
     stated, poses, judged, gain = dataclasses.replace(robot, gravity=gravity), how.validation, fit.inliers, None
     unregistered = residuals(data, predict(stated, data))
-    if is_nominal:
-        registered, held_out_nominal = before.residual, held_out_before
-    else:
-        registered, held_out_nominal = registered_residuals(stated, data, how)
+    registered, held_out_nominal = (
+        (before.residual, held_out_before) if is_nominal else registered_residuals(stated, data, how)
+    )
     held_out: tuple[Array | None, ...] = (None,) * 4
     if held_out_before is not None and held_out_after is not None:
         raw, groups = unregistered, places(data)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
@@ -54,12 +55,6 @@ TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or place is up against."""
 PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
 """Orders of a joint's complete profile in a model file."""
-_STEP_PLACES = 40
-"""Largest number of places at which a step is tried first; those between them are tried beside a step that is found."""
-_TIME_FACTORS = 2.0 ** np.array([-0.5, -0.125, 0.125, 0.5])
-"""Factors of a time constant that are tried beside one in the model; the first tried are a factor of 2 apart."""
-_PLACE_STEPS = 0.25 ** np.arange(1, 4)
-"""Steps of the refinement of an instrument's place, rad and log distance; the grid's spacing is twice the first."""
 
 
 EffectName = tuple[str, tuple[str, ...]]
@@ -98,7 +93,8 @@ class Candidate:
         """
         low, high = self.effect.about.usual_range
         first = self.terms[0].typical
-        scales = np.geomspace(low / first, 1e3 * high / first, _SCALES)
+        # Sizes that the evidence is averaged over, a factor of 3 to 5 apart.
+        scales = np.geomspace(low / first, 1e3 * high / first, 12)
         weight = np.minimum(1.0, np.sqrt(2.0 * high / first / scales))
         return scales, np.log(weight / weight.sum())
 
@@ -106,10 +102,6 @@ class Candidate:
     def log_prior_of_size(self) -> float:
         """Return the log prior probability of the candidate at its most probable size."""
         return self.log_prior + float(np.max(self.scales[1]))
-
-
-_SCALES = 12
-"""Number of sizes that the evidence is averaged over, a factor of 3 to 5 apart."""
 
 
 def named_candidates(
@@ -148,15 +140,14 @@ def named_candidates(
     # Every effect on every joint is equally likely; the forms of an effect share its probability.
     units = Counter((effect.name, effect.joints) for forms in families.values() for effect in forms)
     candidates = []
-    for forms in families.values():
-        for effect in forms:
-            try:
-                terms = effect.terms(arm, data)
-            except UsageError as error:
-                missing[effect.name] = str(error)
-                continue
-            share = len(units) * units[effect.name, effect.joints]
-            candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
+    for effect in itertools.chain.from_iterable(families.values()):
+        try:
+            terms = effect.terms(arm, data)
+        except UsageError as error:
+            missing[effect.name] = str(error)
+            continue
+        share = len(units) * units[effect.name, effect.joints]
+        candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
     return candidates, missing
 
 
@@ -231,7 +222,8 @@ class Pool:
         if CHANGE_POINT in self._names and between.size:
             for form in step_forms(self.arm, self.data):
                 possible = possible_places(form, between)
-                chosen = np.linspace(0, possible.size - 1, min(possible.size, _STEP_PLACES)).round().astype(int)
+                # Those between them are tried beside a step that is found.
+                chosen = np.linspace(0, possible.size - 1, min(possible.size, 40)).round().astype(int)
                 few = possible[np.unique(chosen)].tolist()
                 log_prior = -math.log(3.0 * max(units, 1) * len(few))
                 yield from ((at_place(form, place, self.data), log_prior) for place in few)
@@ -271,14 +263,18 @@ class Pool:
         yield from effect.refinements(self.arm, self.data)
         if isinstance(effect, LineOfSight):
             centre = lines_of_sight(self.arm, self.data, effect.name)[0].mean(axis=1)
-            for step in _PLACE_STEPS:
+            # rad and log distance; the grid's spacing is twice the first.
+            for step in 0.25 ** np.arange(1, 4):
                 yield from (effect.at(_rounded(place)) for place in neighbours(np.array(effect.place), centre, step))
         elif is_step(effect):
             between = possible_places(effect, places(self.data, visit_numbers(self.data))[1])
             nearest = between[np.argsort(np.abs(between - place_of(effect)), kind="stable")[:20]]
             yield from (at_place(effect, place, self.data) for place in nearest.tolist())
         elif (constant := getattr(effect, "time_constant", None)) is not None:
-            near_constants = [float(f"{constant * factor:.4g}") for factor in _TIME_FACTORS]
+            # The first tried are a factor of 2 apart.
+            near_constants = [
+                float(f"{constant * factor:.4g}") for factor in (2.0 ** np.array([-0.5, -0.125, 0.125, 0.5]))
+            ]
             yield from (dataclasses.replace(effect, time_constant=other) for other in near_constants)  # type: ignore[call-arg]
         elif (order := searched_order(effect)) is not None:
             on_grid = abs(order / ORDER_STEP - round(order / ORDER_STEP)) < 1e-6
@@ -442,9 +438,8 @@ class DecisiveTest:
 
     def power(self, noncentrality: float) -> float:
         """Return the probability that an effect is found."""
-        if self.dof[1] <= 0.0:
-            return 0.0
-        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality)
+        is_testable = self.dof[1] > 0.0
+        return noncentral_f_sf(f_critical(self.level, *self.dof), *self.dof, noncentrality) if is_testable else 0.0
 
 
 def decisive_test(rank: int, dof: float, log_prior: float) -> DecisiveTest:

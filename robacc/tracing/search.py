@@ -75,8 +75,6 @@ without a bound, which doubles the time of one."""
 PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_geometry": 2e-3}
 """Prior standard deviation of declared constants, m and rad; frames are registered first. Those of other declared
 effects are :data:`LARGEST` usual sizes."""
-_NEAR_ENOUGH = 1e-2
-"""Length of the last step of a fit, in standard deviations of all rows together."""
 
 Progress = Callable[[int, int], None]
 
@@ -278,7 +276,8 @@ class _Search:
         """Return a state whose effects are fitted to convergence, with its noise estimated again."""
         for _ in range(rounds):
             state, moved = self._step(state)
-            if moved < _NEAR_ENOUGH:
+            # Length of the last step, in standard deviations of all rows together.
+            if moved < 1e-2:
                 break
         return dataclasses.replace(state, noise=with_gross_errors(state.noise, state.linear))
 

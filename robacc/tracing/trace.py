@@ -283,8 +283,6 @@ def _rms_and_largest(sizes: Array) -> tuple[float, float]:
 
 # Error that remains after the findings of a trace, and hints on its cause.
 
-_OF_EVERY_ARM = ("joint_offset", "link_geometry")
-"""Effects by which every nominal model deviates."""
 _USUAL = 1.2e-4
 """Remaining error, m rms, that a laser tracker at some metres (0.03 to 0.05 mm along each axis) and a data sheet's
 repeatability (0.02 to 0.1 mm) leave together."""
@@ -322,13 +320,19 @@ def remaining_error(
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
     hints = list(structure.warnings)
-    empirical = [one.size_at_tool or 0.0 for one in findings if effect_class(one.effect).traits.is_empirical]
+    empirical = [
+        finding.size_at_tool or 0.0 for finding in findings if effect_class(finding.effect).traits.is_empirical
+    ]
     if empirical:
         hints.append(
             f"an error of about {1e3 * math.hypot(*empirical):.2g} mm rms depends smoothly on the pose, and no effect "
             "of the catalogue describes it better than chance: no cause is named"
         )
-        absent = [name for name in _OF_EVERY_ARM if all(effect.name != name for effect in found.model.free)]
+        absent = [
+            name
+            for name in ("joint_offset", "link_geometry")
+            if all(effect.name != name for effect in found.model.free)
+        ]
         if absent:
             hints.append(
                 f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "
@@ -414,9 +418,12 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
 
 def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
     """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
-    if noise.p_value is not None or repeatability is None or repeatability.source != "residual":
-        return False
-    return noise.rms < NEGLIGIBLE * repeatability.position
+    return (
+        noise.p_value is None
+        and repeatability is not None
+        and repeatability.source == "residual"
+        and noise.rms < NEGLIGIBLE * repeatability.position
+    )
 
 
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
@@ -431,10 +438,9 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
         presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
     if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
         axes = noise.noise.along_axes
-        size = f"{1e3 * noise.noise.position:.2g} mm along each axis (standard deviation)"
-        if axes is not None:
-            size = f"{', '.join(f'{1e3 * std:.2g}' for std in axes)} mm along x, y, z (standard deviation)"
-        presumed.append(f"the measurement noise is {size}")
+        sizes = ", ".join(f"{1e3 * std:.2g}" for std in axes or (noise.noise.position,))
+        along = "each axis" if axes is None else "x, y, z"
+        presumed.append(f"the measurement noise is {sizes} mm along {along} (standard deviation)")
         test = "sigma columns or repeated poses"
     return f"{verdict} if {' and '.join(presumed)}; {test} would test this" if presumed else None
 
@@ -593,7 +599,9 @@ def trace(
         refitted = functools.partial(refit, final, final.model.free, data)
         structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
         constants = [
-            one.name for one in model.free if one.name in CONSTANTS and one.joints == one.possible_joints(model.arm)
+            effect.name
+            for effect in model.free
+            if effect.name in CONSTANTS and effect.joints == effect.possible_joints(model.arm)
         ]
         final, _ = shrink_to_nominal(structured.fit, data, structured.options, constants)
         before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from operator import add
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
@@ -21,33 +21,46 @@ if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
 
 
+class PredictedBy(NamedTuple):
+    """What predicts the commanded poses of every part, and the axes of the errors."""
+
+    robot: Robot | None
+    """Registered, if frames were fitted; None for the commanded poses of the file."""
+    is_gantry: bool
+    """The robot's joint variables are the coordinates of the file's commanded poses."""
+    frame: ErrorFrame
+
+    @classmethod
+    def of(cls, robot: Robot | None, alignment: Alignment | None, frame: ErrorFrame) -> PredictedBy:
+        """Return the robot, or without one the commanded poses of the file, with the frames that were fitted."""
+        registered = alignment and alignment.robot
+        return cls(registered or robot, robot is None and registered is not None, frame)
+
+    def errors(self, data: Measurements) -> PoseErrors:
+        """Return the errors of a part."""
+        from robacc.fitting.registration import as_gantry
+
+        position, turns = commanded_poses(as_gantry(data) if self.is_gantry else data, self.robot)
+        turns = None if self.is_gantry and data.commanded_rotation is None else turns
+        return pose_errors(data, position, turns, self.frame)
+
+
 @single_threaded
 def totals_of_part(
-    read: Callable[[], Measurements],
-    robot: Robot | None,
-    frame: ErrorFrame,
-    origins: tuple[Array, Array | None],
-    *,
-    is_gantry: bool,
+    read: Callable[[], Measurements], predicted: PredictedBy, origins: tuple[Array, Array | None]
 ) -> Totals:
     """Return what is counted over the poses of a part.
 
     Args:
         read: Function that reads the part.
-        robot: Robot that predicts the commanded poses: registered, if frames were fitted; None for those of the file.
-        frame: Axes of the errors.
+        predicted: What predicts the commanded poses.
         origins: ``(3,)`` mean position error, m, and orientation error, rad, of some of the poses.
-        is_gantry: The robot's joint variables are the coordinates of the file's commanded poses.
 
     Raises:
         InputError: A row is wrong; with every problem of the part.
     """
-    from robacc.fitting.registration import as_gantry
-
     data = read()
-    position, turns = commanded_poses(as_gantry(data) if is_gantry else data, robot)
-    turns = None if is_gantry and data.commanded_rotation is None else turns
-    errors = pose_errors(data, position, turns, frame)
+    errors = predicted.errors(data)
     commands = DifferentCommands.of(data.hashed_commands())
     names = () if data.target is None else np.unique(data.target)
     own = {str(name): np.flatnonzero(data.target == name) for name in names}
@@ -84,12 +97,9 @@ def totals(
         InputError: A row is wrong; with every problem of its part.
         UsageError: The workers cannot be reached.
     """
-    registered = alignment and alignment.robot
     work = partial(
         totals_of_part,
-        robot=registered or robot,
-        frame=errors.frame,
+        predicted=PredictedBy.of(robot, alignment, errors.frame),
         origins=(errors.mean, None if errors.rotation is None else errors.rotation.mean(axis=1)),
-        is_gantry=robot is None and registered is not None,
     )
     return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
@@ -16,7 +16,7 @@ from robacc.accuracy.estimation import (
     moved_warning,
     position_errors,
 )
-from robacc.accuracy.in_parts import totals as errors_in_parts
+from robacc.accuracy.in_parts import PredictedBy, totals as errors_in_parts
 from robacc.api.inputs import Inputs, fitted_pose_warnings, with_measured_targets
 from robacc.api.parameters import (
     Angles,
@@ -49,7 +49,6 @@ from robacc.api.parameters import (
 from robacc.api.result import Result, effect_names, fields_of
 from robacc.diagnostics.data_mistakes import other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
-from robacc.diagnostics.robot_poses import read_rows
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
@@ -73,7 +72,9 @@ class Estimate(Result, EstimateResult):
     robot: Robot | None
     """Robot as its file describes it, before any alignment."""
     data: Measurements
-    """The measured poses."""
+    """The measured poses; of a large file some, evenly spread."""
+    parts: tuple[Callable[[], Measurements], ...] = ()
+    """Functions that read the parts of a large file; none for any other file."""
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
@@ -98,13 +99,21 @@ class Estimate(Result, EstimateResult):
 
     def per_pose_csv(self) -> str:
         """Return a CSV with one row for each pose: line, ids, error vector and its length, in m and rad."""
-        columns: dict[str, Iterable[Any] | None] = {"line": map(self.data.line, range(self.data.n))}
-        columns |= {name: getattr(self.data, name) for name in ("pose", "cycle", "visit", "target")}
-        for prefix, unit, errors in (("d", "m", self.errors.position), ("r", "rad", self.errors.rotation)):
-            if errors is not None:
-                columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", errors, strict=True)}
-                columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", errors, errors))
-        return csv_text(columns)
+        return "".join(self.per_pose_pieces())
+
+    def per_pose_pieces(self) -> Iterator[str]:
+        """Yield the text of :meth:`per_pose_csv` in pieces, for which a large file is read again."""
+        predicted = PredictedBy.of(self.robot, self.alignment, self.errors.frame)
+        of_parts = ((data := read(), predicted.errors(data)) for read in self.parts)
+        for number, (data, errors) in enumerate(of_parts if self.parts else [(self.data, self.errors)]):
+            columns: dict[str, Iterable[Any] | None] = {"line": map(data.line, range(data.n))}
+            columns |= {name: getattr(data, name) for name in ("pose", "cycle", "visit", "target")}
+            for prefix, unit, vectors in (("d", "m", errors.position), ("r", "rad", errors.rotation)):
+                if vectors is not None:
+                    columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", vectors, strict=True)}
+                    columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", vectors, vectors))
+            text = csv_text(columns)
+            yield text.partition("\n")[2] if number else text
 
 
 @call
@@ -181,9 +190,7 @@ def estimate(
         aligned = ("base_frame", "tool_frame")  # Nobody knows where the camera and the board are.
     # Only a fit of the tool finds the place of a target that the robot file lacks.
     any_target = arm is not None and "tool_frame" in (aligned or ())
-    sample, *parts = inputs.parts(poses) or (poses,)
-    data = inputs.poses(sample, arm, any_target=any_target)
-    read = partial(read_rows, robot=arm, any_target=any_target, ignore_limits=ignore_limits)
+    data, parts = inputs.measured(poses, arm, any_target=any_target)
     if arm is not None and any_target:
         arm, data = with_measured_targets(arm, data)
     if arm is not None and data.q is None and data.commanded_position is not None:
@@ -195,13 +202,13 @@ def estimate(
     grades, totals = inputs.scale(), None
     if parts:
         workers, shown = Workers(jobs, cluster), progress or (lambda label, done, total: None)
-        totals = partial(errors_in_parts, [partial(read, part) for part in parts], arm, workers, shown)
+        totals = partial(errors_in_parts, parts, arm, workers, shown)
     body = estimate_errors(
         data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed, totals=totals
     )
     in_parts = (
         f"the file was read in {len(parts)} parts: statistics, grade and worst poses are of all rows; frames were "
-        f"fitted to {data.n} rows, evenly spread, and the errors that are listed pose by pose are theirs"
+        f"fitted to {data.n} rows, evenly spread, and the errors that a result lists pose by pose are theirs"
     )
     notes = ((fitted, "the robot file was fitted to these same poses"), (parts, in_parts))
     body = replace(
@@ -210,7 +217,7 @@ def estimate(
         warnings=(*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings),
     )
     made = inputs.made(align=list(body.alignment.effects if body.alignment else ()), frame=body.errors.frame)
-    return Estimate(**fields_of(body), robot=arm, data=data, made=made)
+    return Estimate(**fields_of(body), robot=arm, data=data, parts=parts, made=made)
 
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:

@@ -34,7 +34,6 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Result, fields_of
-from robacc.diagnostics.robot_poses import read_rows
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
@@ -344,9 +343,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
     """
     poses, holdout = inputs.arguments["poses"], inputs.arguments["holdout"]
     described = inputs.robot(inputs.arguments["robot"], poses)
-    sample, *parts = inputs.parts(poses) or (poses,)
-    data = inputs.poses(sample, described, any_target=True, any_kind=True)
-    reader = partial(read_rows, robot=described, any_target=True, ignore_limits=inputs.arguments["ignore_limits"])
+    data, parts = inputs.measured(poses, described, any_target=True, any_kind=True)
     arm, data = with_measured_targets(described, data)
     arm = inputs.campaign(arm, data)
     validation = None if holdout is None else inputs.poses(holdout, described, kind="holdout", any_kind=True)
@@ -369,7 +366,7 @@ def _read(inputs: Inputs, effects: str | Sequence[str] | None) -> FitInputs:
         baseline = baseline._replace(names=("base_frame", *baseline.names))  # Where they are is unknown.
     if "tool_frame" not in baseline.names:
         check_targets(data, described)
-    return FitInputs(arm, data, validation, baseline, tuple(partial(reader, part) for part in parts))
+    return FitInputs(arm, data, validation, baseline, parts)
 
 
 def _of_all(read: FitInputs, workers: Workers, progress: Callable[[str, int, int], None]) -> Callable[[Fit], Fit]:

@@ -7,6 +7,7 @@ import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import replace
+from functools import partial
 from hashlib import sha256
 from typing import Annotated, Any, TypeVar
 
@@ -249,16 +250,25 @@ class Inputs:
         self.records.append(record)
         return data
 
-    def parts(self, source: PosesSource) -> tuple[PoseFile, ...]:
-        """Return a sample of a large pose file, and its parts; nothing if it is to be read as a whole.
+    def measured(
+        self, source: PosesSource, robot: Robot | None, *, any_target: bool, any_kind: bool = False
+    ) -> tuple[Measurements, tuple[Callable[[], Measurements], ...]]:
+        """Return :meth:`poses`, of a large file some, evenly spread, with functions that read its parts.
 
-        A rule that looks at all rows at once, such as the order of visits, needs the whole file.
+        A rule that looks at all rows at once, such as the order of visits, needs the whole file; there are no parts
+        then.
 
         Raises:
-            InputError: The file cannot be read.
+            InputError: The file or the arrays are wrong; with every problem.
+            UsageError: As :meth:`poses`.
         """
-        whole = self.arguments["ordered"] or self.arguments["strict_range"]
-        return () if whole or not isinstance(source, str | os.PathLike) else parts_of(pose_path(source))
+        if self.arguments["ordered"] or self.arguments["strict_range"] or not isinstance(source, str | os.PathLike):
+            return self.poses(source, robot, any_target=any_target, any_kind=any_kind), ()
+        sample, *parts = parts_of(pose_path(source)) or (source,)
+        data = self.poses(sample, robot, any_target=any_target, any_kind=any_kind)
+        limits = self.arguments["ignore_limits"]
+        read = partial(read_rows, robot=robot, any_target=any_target, ignore_limits=limits)
+        return data, tuple(partial(read, part) for part in parts)
 
     def campaign(
         self,

@@ -76,7 +76,7 @@ def estimate(
         return
     with progress_bar() as progress:
         result = call(poses[0], progress=progress)
-    write(per_pose, result.per_pose_csv)
+    write(per_pose, result.per_pose_pieces)
     deliver(outlets, result, lambda: result.view(full, poses[0], options["robot"]))
 
 

@@ -64,7 +64,7 @@ def process_file(task: FileTask) -> FileOutcome:
         result = call(task.path, **task.options)
         document, gate, warnings = output.with_gate(result, task.outlets.gate)
         if task.command == "estimate":
-            output.write(task.extra, result.per_pose_csv)
+            output.write(task.extra, result.per_pose_pieces)
             shown: tuple[str | None, ...] = (task.path, task.options["robot"])
         else:
             status, shown = 5 * bool(result.suspicions or not result.converged), (task.extra,)

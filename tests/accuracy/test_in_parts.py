@@ -64,7 +64,13 @@ def test_an_estimate_in_parts_is_that_of_the_whole_file(
     path = simulated(tmp_path / "poses.csv")
     whole = robacc.estimate(path, robot=ROBOT, align=align)
     in_parts(monkeypatch)
-    check_same(whole, robacc.estimate(path, robot=ROBOT, align=align), fitted=align is not None)
+    parts = robacc.estimate(path, robot=ROBOT, align=align)
+    check_same(whole, parts, fitted=align is not None)
+    # All rows, in their order.
+    rows = [[line.split(",") for line in each.per_pose_csv().splitlines()] for each in (whole, parts)]
+    assert [row[:2] for row in rows[0]] == [row[:2] for row in rows[1]]
+    lengths = np.array([[float(row[5]) for row in each[1:]] for each in rows])
+    assert lengths[1] == pytest.approx(lengths[0], abs=1e-15 if align is None else 0.3 * whole.position.rms)
 
 
 def test_repetitions_effects_and_circumstances_are_those_of_the_whole_file(

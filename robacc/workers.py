@@ -11,7 +11,7 @@ from importlib import import_module
 from threading import Thread
 from typing import Any, NamedTuple, NoReturn, TypeVar
 
-from robacc.errors import UsageError, install_advice
+from robacc.errors import InputError, UsageError, install_advice
 
 _GRACE_PERIOD = 5.0
 """s that a process has to clean up after it was asked to end."""
@@ -24,8 +24,12 @@ Task = TypeVar("Task")
 Outcome = TypeVar("Outcome")
 
 
-class WorkerKilled(Exception):
+class WorkerKilled(InputError):
     """The processes that had a task were ended from outside, for want of memory, for example."""
+
+    def __init__(self) -> None:
+        """Say what happened."""
+        super().__init__("the process was killed, perhaps for lack of memory; try `jobs` 1")
 
 
 class Workers(NamedTuple):

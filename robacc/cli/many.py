@@ -218,7 +218,7 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
             progress(tasks[0].command, 0, len(tasks))
             for number, outcome in workers.each(process_file, tasks):
                 if isinstance(outcome, BaseException):
-                    message, status = "the process was killed, perhaps for lack of memory; try --jobs 1", 3
+                    message, status = str(outcome), 3
                     if not isinstance(outcome, WorkerKilled):
                         traceback.print_exception(outcome)
                         message = "robacc crashed on this file, which is a defect of robacc; the traceback is above"

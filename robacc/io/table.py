@@ -141,7 +141,7 @@ _BLOCK = 1 << 18
 """Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
 _TAIL = 5 * MAX_LINE
 """Bytes behind a block at most up to a line feed: old files end their lines otherwise."""
-_BOM = b"\xef\xbb\xbf"
+BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
@@ -234,7 +234,7 @@ class TextTable(Table):
                 data = data.decode("utf-16").encode(errors="replace")
         other = Problem("the file is not UTF-8 text (it is UTF-16 or binary)", self.file, fix="save it as UTF-8")
         refuse((b"\0" in data or (number == 1 and data.startswith(_UTF16)), other))
-        data = data.removeprefix(_BOM) if number == 1 else data
+        data = data.removeprefix(BOM) if number == 1 else data
         data = data.replace(b"\r\n", b"\n").replace(b"\r", b"\n") if b"\r" in data else data
         try:
             lines = data.decode().split("\n")

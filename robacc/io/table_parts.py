@@ -11,8 +11,9 @@ from typing import NamedTuple
 
 import numpy as np
 
+from robacc.errors import InputError
 from robacc.io.files import opened
-from robacc.io.table import Block, TableOptions, TextTable
+from robacc.io.table import BOM, Block, TableOptions, TextTable
 
 LARGE = 1 << 26
 """Bytes from which a table is read in parts: half a million poses, whose columns fill some hundred megabytes."""
@@ -53,11 +54,17 @@ class TablePart(NamedTuple):
                 return ()
             stream.seek(0)
             lines = stream.read(_BLOCK).split(b"\n")
-            names = next((i for i, line in enumerate(lines) if line.strip() and not line.startswith(b"#")), None)
+            names = next(
+                (i for i, line in enumerate(lines) if line.strip() and not line.removeprefix(BOM).startswith(b"#")),
+                None,
+            )
             if names is None or b"\0" in lines[0]:
                 return ()
             head = b"\n".join(lines[: names + 1]) + b"\n"
-            table = TextTable(io.BytesIO(head), path, options)
+            try:
+                table = TextTable(io.BytesIO(head), path, options)
+            except InputError:
+                return ()  # The whole file shows what it is.
             if not table.dialect.is_documented or not all(map(options.is_known, table.names)):
                 return ()
             stream.seek(0)

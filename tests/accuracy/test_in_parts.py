@@ -145,6 +145,14 @@ def test_what_is_not_of_the_documented_form_is_read_as_a_whole(tmp_path: Path, m
     assert not any("was read in" in note for note in robacc.estimate(str(semicolons), robot=ROBOT).notes)
 
 
+def test_a_byte_order_mark_moves_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    path = Path(simulated(tmp_path / "poses.csv", n=300))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    whole = robacc.estimate(str(path), robot=ROBOT)
+    in_parts(monkeypatch)
+    check_same(whole, robacc.estimate(str(path), robot=ROBOT))
+
+
 def test_weights_of_features_are_the_quadratic_function() -> None:
     rng = np.random.default_rng(0)
     errors, origin, about, linear = rng.normal(size=(3, 20)), *rng.normal(size=(3, 3))

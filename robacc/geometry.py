@@ -30,6 +30,11 @@ def cross(a: Array, b: Array) -> Array:
     return np.array((a[1] * b[2] - a[2] * b[1], a[2] * b[0] - a[0] * b[2], a[0] * b[1] - a[1] * b[0]))
 
 
+def vector_lengths(vectors: Array) -> Array:
+    """Return the lengths ``(N,)`` of vectors ``(K, N)``, in their unit."""
+    return np.asarray(np.sqrt(np.einsum("in,in->n", vectors, vectors)))
+
+
 def rms_length(vectors: Array) -> float:
     """Return the root mean square length of vectors ``(3, N)``, in their unit."""
     return float(np.sqrt(np.mean(np.sum(np.square(vectors), axis=0))))

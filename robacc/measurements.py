@@ -238,11 +238,14 @@ class Measurements:
 
     def hashed_commands(self) -> NDArray[np.uint64]:
         """Return a hash ``(N,)`` of each row's ``pose`` id, or without ids of its command."""
-        commands = self.position if self.commands is None else self.commands
         if self.pose is None:
-            return hashed(commands)
-        names, number = np.unique(self.pose, return_inverse=True)
-        return np.array([zlib.crc32(str(name).encode()) for name in names], dtype=np.uint64)[number]
+            hashes = hashed(self.position if self.commands is None else self.commands)
+        else:
+            names, number = np.unique(self.pose, return_inverse=True)
+            hashes = np.array([zlib.crc32(str(name).encode()) for name in names], dtype=np.uint64)[number]
+        # The finalizer of MurmurHash3, so that every bit of the hash decides on its remainders.
+        mixed = (hashes ^ (hashes >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
+        return mixed ^ (mixed >> np.uint64(33))
 
     def contradicted_ids(self) -> tuple[str, ...]:
         """Warn of rows that share a ``pose`` id but were commanded to different poses."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
 from robacc.errors import InputError
-from robacc.geometry import Array
+from robacc.geometry import Array, vector_lengths
 from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf, student_quantile
 from robacc.statistics.intervals import (
     EstimateOrReason,
@@ -314,7 +314,7 @@ class _ErrorSample(PoseSampling):
             unique, index = np.unique(groups, return_inverse=True)
             # Without repetitions: the faster and exact case.
             groups = None if unique.size == n else index.astype(np.int64)
-        mean, lengths = np.mean(errors, axis=1), np.sqrt(np.einsum("in,in->n", errors, errors))
+        mean, lengths = np.mean(errors, axis=1), vector_lengths(errors)
         # A component that is equal in all errors is exactly zero about their mean, without rounding.
         centred, low, high = errors - mean[:, None], np.min(errors, axis=1), np.max(errors, axis=1)
         centred[high - low <= 8 * np.finfo(float).eps * np.max(np.maximum(-low, high))] = 0.0

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.geometry import Array
+from robacc.geometry import Array, vector_lengths
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 LENGTH = np.eye(11)[-1]
@@ -58,9 +58,7 @@ class DifferentCommands:
     @classmethod
     def of(cls, hashes: NDArray[np.uint64]) -> DifferentCommands:
         """Return the commands with these hashes ``(N,)``."""
-        # The finalizer of MurmurHash3, so that every bit of the hash decides on the number.
-        mixed = (hashes ^ (hashes >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
-        numbers = ((mixed ^ (mixed >> np.uint64(33))) % np.uint64(_MARKS)).astype(np.int64)
+        numbers = (hashes % np.uint64(_MARKS)).astype(np.int64)
         marks = np.zeros(_MARKS, dtype=bool)
         marks[numbers] = True
         return cls(np.packbits(marks), numbers)
@@ -100,7 +98,7 @@ class ErrorSums:
     @classmethod
     def of(cls, errors: Array, origin: Array, numbers: NDArray[np.int64]) -> ErrorSums:
         """Return the sums over errors ``(3, N)`` of poses with these numbers ``(N,)`` of their commands."""
-        length = np.sqrt(np.einsum("in,in->n", errors, errors))
+        length = vector_lengths(errors)
         z = features(errors - origin[:, None], length)
         groups = [np.bincount(numbers % _GROUPS, weights=row, minlength=_GROUPS).astype(float) for row in z]
         keys, counts = np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True)

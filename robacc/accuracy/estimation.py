@@ -25,7 +25,7 @@ from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
-from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose
+from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
 
@@ -57,8 +57,8 @@ class PoseMetrics:
 
 def pose_metrics(residual: Array) -> PoseMetrics:
     """Return the metrics of residuals ``(3 or 6, N)`` in m and rad."""
-    orientation = length_metrics(lengths(residual[3:])) if residual.shape[0] == 6 else None
-    return PoseMetrics(length_metrics(lengths(residual[:3])), orientation)
+    orientation = length_metrics(vector_lengths(residual[3:])) if residual.shape[0] == 6 else None
+    return PoseMetrics(length_metrics(vector_lengths(residual[:3])), orientation)
 
 
 def length_metrics(length: Array) -> ErrorMetrics:
@@ -158,11 +158,6 @@ def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame
             pair = (transpose(turn), transpose(attained)) if frame == "tool" else (attained, turn)
             rotation[:, block] = log_between(*pair)
     return PoseErrors(frame, position, rotation)
-
-
-def lengths(errors: Array) -> Array:
-    """Return the lengths ``(N,)`` of errors ``(3, N)``."""
-    return np.asarray(np.sqrt(np.einsum("in,in->n", errors, errors)))
 
 
 def position_errors(data: Measurements, commanded: Array, turns: Array | None) -> dict[ErrorFrame, PoseErrors]:
@@ -476,7 +471,7 @@ def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose
 
     Equal lengths are in the order of rows.
     """
-    sizes = [lengths(vectors) for vectors in (errors.position, errors.rotation) if vectors is not None]
+    sizes = [vector_lengths(vectors) for vectors in (errors.position, errors.rotation) if vectors is not None]
 
     def pose(i: int) -> WorstPose:
         pose, target = (None if column is None else str(column[i]) for column in (data.pose, data.target))

@@ -7,8 +7,6 @@ from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated, Any, ClassVar, Literal
 
-import numpy as np
-
 from robacc.accuracy.estimation import (
     EstimateResult,
     commanded_poses,
@@ -53,6 +51,7 @@ from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
 from robacc.errors import Note
+from robacc.geometry import vector_lengths
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.reading import PoseFile
 from robacc.render.text import Section
@@ -111,7 +110,7 @@ class Estimate(Result, EstimateResult):
             for prefix, unit, vectors in (("d", "m", errors.position), ("r", "rad", errors.rotation)):
                 if vectors is not None:
                     columns |= {f"{prefix}{axis}_{unit}": row for axis, row in zip("xyz", vectors, strict=True)}
-                    columns[f"error_{unit}"] = np.sqrt(np.einsum("in,in->n", vectors, vectors))
+                    columns[f"error_{unit}"] = vector_lengths(vectors)
             text = csv_text(columns)
             yield text.partition("\n")[2] if number else text
 

@@ -213,7 +213,8 @@ class TextTable(Table):
             if number == 1 and data.startswith(_UTF16):
                 self._encoding = "UTF-16"
                 data += stream.read(_UTF16_LIMIT)
-            self._digest.update(data)
+            if not self.sha256:  # A part knows that of its file.
+                self._digest.update(data)
             self._ends_with_line = data.endswith((b"\n", b"\r"))
             lines = self._lines(data, number)
             # Only a line with much behind the block can be too long, or have no end at all.

@@ -97,9 +97,8 @@ class PartTable(TextTable):
 
     def __init__(self, part: TablePart, options: TableOptions) -> None:
         """Read the names of the columns."""
-        self._part = part
+        self._part, self.sha256 = part, part.sha256
         super().__init__(io.BytesIO(part.head), part.path, options)
-        self.sha256 = part.sha256
 
     def _read_blocks(self, stream: io.BufferedIOBase, number: int = 1) -> Iterator[Block]:  # type: ignore[override]
         yield from super()._read_blocks(stream, number)  # type: ignore[arg-type]

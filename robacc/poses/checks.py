@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array
+from robacc.geometry import Array, vector_lengths
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements
 from robacc.poses.layout import QUANTITY, Values, compact, listing
@@ -701,7 +701,7 @@ def _check_length(values: Values, keys: Sequence[str]) -> None:
     if (quaternion := values.column_set(keys)) is None:
         return
     with np.errstate(over="ignore"):
-        length = np.sqrt(np.einsum("in,in->n", quaternion, quaternion))
+        length = vector_lengths(quaternion)
     values.log.add_rows(
         np.abs(length - 1) > QUATERNION_TOLERANCE,
         values.lines,

@@ -43,7 +43,7 @@ from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
-from robacc.measurements import IMAGES, Measurements, commanded_groups
+from robacc.measurements import Measurements, commanded_groups
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
@@ -239,7 +239,7 @@ class Inputs:
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
             )
             data = replace(data, warnings=(*data.warnings, note))
-        is_of_photos = data.kind is not None and np.isin(data.kind, IMAGES).all()
+        is_of_photos = data.is_of_images
         if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)
         kinds = () if data.kind is None or is_of_photos else dict.fromkeys(map(str, data.kind))
@@ -698,7 +698,8 @@ def _commanded_poses(planned: Measurements, robot: Robot | None) -> tuple[Array 
     return poses.translation, poses.rotation
 
 
-_GROUP = r".*(?:::|/)_?"
+_PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
+_GROUP = r".*(?:::|/|\\)_?"
 _NAME_FORMS = (
     (r"^$", r"^$"),
     (_GROUP, _GROUP),
@@ -731,7 +732,7 @@ def _joined(
         if most == 1.0:
             break
         given, wanted = (
-            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", str(name).casefold())) for name in column]
+            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", _PHOTO.sub("", str(name).casefold()))) for name in column]
             for pattern, column in zip(form, (taught, measured), strict=True)
         )
         rows = {name: i for i, name in reversed([*enumerate(given)]) if name}
@@ -757,11 +758,15 @@ def _joined(
         refuse((np.mean(at >= 0) <= 0.5, Problem(message, source, fix=fix)))
     elif not most:
         every = np.union1d(keys.lines, np.array(keys.gaps, dtype=np.int64))
-        message = f"found {n} measured rows and {planned.n} commands in {path}, which share no names"
+        order = {name: i for i, name in enumerate(dict.fromkeys(measured.tolist()))}
+        poses_and_rows = f"{len(order)} measured poses ({n} rows)" if order else f"{n} measured rows"
+        message = f"found {poses_and_rows} and {planned.n} commands in {path}, which share no names"
         problem = Problem(message, source, fix="name the poses in both files, in a column pose")
-        refuse((planned.n not in (every.size, n), problem))
+        refuse((planned.n not in (every.size, n, len(order)), problem))
         # Rows that were left out have a command too.
         at = np.searchsorted(every, keys.lines) if every.size == planned.n else np.arange(n)
+        if planned.n == len(order) < n:
+            at = np.array([order[name] for name in measured.tolist()])
         remark = f"commands of {path} joined by the order of rows: the files share no names"
     unmatched = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
     without = list(dict.fromkeys(map(str, unmatched)))

@@ -38,6 +38,7 @@ from robacc.poses.reading import (
     Reading,
     RowKeys,
     heading_of,
+    is_point_name,
     labelled,
     meaning_of,
     source_of,
@@ -201,10 +202,14 @@ def read_layout(
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
-        time = next((name for name in ("time", "timestamp", "t") if name in layout.unused), None)
-        if time is not None and reading.columns is None and "time_s" not in layout.columns:
-            columns = {**layout.columns, "time": Column(time, table.names.index(time), "time", "text", None)}
-            layout = replace(layout, columns=columns, unused=[name for name in layout.unused if name != time])
+        # Names that say enough beside documented ones: of times, and of the poses of commands.
+        of_time = ("time_s", "time", ("time", "timestamp", "t").__contains__)
+        open_keys = [of_time] if attained else [of_time, ("pose", "pose", is_point_name)]
+        for documented, key, says in open_keys if reading.columns is None else []:
+            name = next(filter(says, filter(None, layout.unused)), None)
+            if name is not None and documented not in layout.columns:
+                columns = {**layout.columns, key: Column(name, table.names.index(name), key, "text", None)}
+                layout = replace(layout, columns=columns, unused=[other for other in layout.unused if other != name])
         unknown = Counter(filter(None, layout.unused))
         for name in [name for name, count in unknown.items() if count > 1]:
             log.add("the column is a duplicate", line, clip(name), "keep one of them")

@@ -184,6 +184,7 @@ _WHOLE_NAMES = {
     **dict.fromkeys(("punto", "nombre", "nom", "nome", "merkmal", "characteristic name"), "pose"),
     **dict.fromkeys(("label", "feature", "feature name", "element", "element name"), "pose"),  # CAM2, PolyWorks, GOM
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
+    **dict.fromkeys(("image", "image name", "image file", "photo", "file", "file name", "filename"), "pose"),
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
     **dict.fromkeys(("target", "smr", "reflector", "marker", "reflektor"), "target"),
     **dict.fromkeys(("visit", "arrival"), "visit"),

@@ -167,6 +167,11 @@ class Measurements:
         return dataclasses.replace(self.subset(first), kind=None, fixture=None, seen=None, photos=None, **columns)
 
     @property
+    def is_of_images(self) -> bool:
+        """Whether all rows are images of points."""
+        return self.kind is not None and bool(np.isin(self.kind, IMAGES).all())
+
+    @property
     def has_length(self) -> bool:
         """Whether any row measures a length; a smaller arm reaches the same sockets and planes in the same joints."""
         return self.kind is None or bool(np.isin(self.kind, ("point", "plane"), invert=True).any())

@@ -40,7 +40,7 @@ from robacc.effects.specification import Baseline, build, default_baseline, pars
 from robacc.errors import InputError, Note, Problem, refuse
 from robacc.fitting.fit_result import Options
 from robacc.fitting.in_parts import fitted_in_parts
-from robacc.fitting.priors import tolerance_priors
+from robacc.fitting.solver import tolerance_priors
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import suspected_mistakes
 from robacc.io.files import write_text

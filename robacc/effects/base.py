@@ -199,6 +199,8 @@ class Term:
     """Prior standard deviation relative to the group's."""
     least_part: float = 0.0
     """Share of its column that must be independent of other columns for the coefficient to be identifiable."""
+    stretch: float = 1.0
+    """Factor of the effect's usual range on an arm that is much smaller or larger than usual."""
 
     @property
     def label(self) -> str:
@@ -418,12 +420,12 @@ class Effect(abc.ABC):
         if self.traits.is_constant:
             return None
         unit = self.about.unit.partition(" (")[0].partition(",")[0].partition(";")[0]
-        limit = self.traits.implausible_factor * self.about.usual_range[1]
         for term, value in zip(terms, values, strict=True):
             if term.unit != unit:
                 continue
-            if abs(value) > limit:
-                usual = f"{self.about.usual_range[0]:.2g} to {self.about.usual_range[1]:.2g}"
+            low, high = (size * term.stretch for size in self.about.usual_range)
+            if abs(value) > self.traits.implausible_factor * high:
+                usual = f"{low:.2g} to {high:.2g}"
                 return f"{term.name} = {value:.3g} {unit} is implausible; usual values are {usual} {unit}"
             if self.traits.is_nonnegative and value < 0:
                 return f"{term.name} = {value:.3g} {unit} is implausible: it cannot be negative"

@@ -43,6 +43,22 @@ DEFLECTIONS = (
 """Catalogue text of the setting."""
 
 
+_STIFF = 1e-3, 1e-5
+"""Turn of a gear under the arm's own weight, rad, and usual compliance, rad/(N m): 100 N m lie on the second joint of a
+UR10. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees under 1.5 kg; users'
+measurements in github.com/TheRobotStudio/SO-ARM100, issue 134)."""
+
+
+def compliance_stretch(arm: Arm, data: Measurements) -> float:
+    """Return the factor of usual compliances on an arm: gears of a light arm are as much softer as it is lighter."""
+    if not arm.chain.bodies or data.q is None:
+        return 1.0
+    turning = [arm.number(joint) for joint in arm.names if arm.is_revolute(joint)]
+    torque = float(np.abs(weight_torques(arm, data)[turning]).max(initial=0.0))
+    turn, usual = _STIFF
+    return max(1.0, turn / usual / torque) if torque > 0.1 else 1.0
+
+
 @dataclass(frozen=True)
 class Elastic(Effect):
     """An effect of c times gravity's torque, in equilibrium: at the pose with all deflections.
@@ -88,14 +104,17 @@ class OwnWeight(Elastic):
         weight = () if self.masses == "unknown" else weight_needed(arm, data, self.name)
         # Relative standard deviation of uncertain masses.
         stds = regressor_stds(arm, 0.25) if self.masses not in ("known", "unknown") else {}
+        stretch = compliance_stretch(arm, data)
+        typical *= stretch
         for name, unit, motions, first in moved:
             if self.masses != "unknown":
-                terms.append(Term(name, unit, typical, self.parts(motions, weight)))
+                terms.append(Term(name, unit, typical, self.parts(motions, weight), stretch=stretch))
             for label, load in unit_loads(arm, first).items() if self.masses != "known" else ():
                 kind = "kg" if label.startswith("m") else "kg m"
                 # Of an unknown mass, and of an unknown first moment of mass.
                 std = stds.get(label, {"kg": 5.0, "kg m": 1.0}[kind])
-                terms.append(Term(f"{name}.{label}", f"{unit} {kind}", typical, self.parts(motions, load), name, std))
+                own = Term(f"{name}.{label}", f"{unit} {kind}", typical, self.parts(motions, load), name, std)
+                terms.append(dataclasses.replace(own, stretch=stretch))
         return tuple(terms)
 
 
@@ -442,7 +461,10 @@ class PayloadCompliance(Elastic):
             for label, mass in self._masses(data).items():
                 of_load = f"{name}.{label}" if self.groups else name
                 unit_of_load, typical = (f"{unit} kg", 5e-5) if self.groups else (unit, 1e-5)
-                terms.append(Term(of_load, unit_of_load, typical, self.parts(motions, payload(arm, mass))))
+                stretch = compliance_stretch(arm, data)
+                typical *= stretch
+                parts = self.parts(motions, payload(arm, mass))
+                terms.append(Term(of_load, unit_of_load, typical, parts, stretch=stretch))
                 # The payload's first moments of mass per metre along each axis of the last link's frame.
                 terms += [
                     Term(

@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting.levels import HALF_DIGITS
-from robacc.geometry import Array, Poses, nearest_rotation, rpy_from_rotation, skew
+from robacc.geometry import Array, Poses, nearest_rotation, rotation_from_rpy, rpy_from_rotation, skew
 from robacc.measurements import IMAGES, Measurements
 from robacc.modelling.model import predict
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame, Robot, Vector
 
 _PASSES = 3
 """Fits of a registration, each with the rows weighted by their errors in the one before."""
@@ -130,16 +130,23 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     return dataclasses.replace(robot, targets=placed) if robot.targets else dataclasses.replace(robot, tool=placed[""])
 
 
+def gravity_turned(before: Robot, after: Robot) -> Vector:
+    """Return the gravity of a robot, m/s^2, turned as another place of its base turns the arm."""
+    old, new = (rotation_from_rpy(np.array(robot.base.rpy)) for robot in (before, after))
+    x, y, z = (new @ old.T @ np.array(before.gravity)).tolist()
+    return (x, y, z)
+
+
 def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot:
     """Return the robot with the place of its base, seen from each socket, plane, anchor and camera, by the nominal arm.
 
-    Images place the tool too.
+    Images place the tool too. Gravity stays along the base then: a camera does not show what is level.
     """
     bare = dataclasses.replace(data, kind=None, fixture=None, reference=None)
     position = predict(dataclasses.replace(robot, base=Frame()), bare).translation
     assert data.fixture is not None
     assert data.kind is not None
-    fixtures = dict(robot.fixtures)
+    fixtures, before = dict(robot.fixtures), robot
     for name in (name for name, fixture in robot.fixtures.items() if fixture.kind in IMAGES):
         poses = data.subset((data.fixture == name) & np.isin(data.kind, IMAGES)).each_photo()
         if poses is not None:
@@ -151,6 +158,8 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
             fixtures[name] = dataclasses.replace(fixture, base=base)
     if (rows := data.kind == "position").sum() >= 3:
         robot = register_frames(robot, bare.subset(rows), base=True, tool=False)
+    elif robot.base != before.base:
+        robot = dataclasses.replace(robot, gravity=gravity_turned(before, robot))
     return dataclasses.replace(robot, fixtures=fixtures)
 
 

@@ -39,7 +39,6 @@ from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_sf
 
 WEAK = 0.3
@@ -65,24 +64,13 @@ def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
     Constants with another prior are not weakly identifiable.
     """
     columns = fit.identifiability.columns
-    broad = broad_stds(fit.model.free, fit.terms, fit.owners)[columns]
+    broad = broad_stds(fit.model, fit.terms, fit.owners)[columns]
     is_weak = np.sqrt(np.diag(posterior(fit.gram, fit.precision))) > WEAK * broad
     is_weak &= np.isclose(fit.precision, broad_precision(broad, fit.theta[columns]), rtol=0.5)
     kinds: dict[tuple[str, str, float], list[str]] = {}
     for i, std in zip(columns[is_weak].tolist(), broad[is_weak].tolist(), strict=True):
         kinds.setdefault((fit.model.free[fit.owners[i]].name, fit.terms[i].unit, std), []).append(fit.names[i])
     return tuple(WeakKind(*kind, tuple(names)) for kind, names in kinds.items())
-
-
-def tolerance_priors(robot: Robot) -> dict[str, float]:
-    """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
-    return {
-        f"joint_offset.{joint.name}"
-        if label == joint.offset_parameter
-        else f"link_geometry.{joint.name}.{label}": deviation
-        for joint in robot.joints
-        for label, deviation in joint.tolerance.items()
-    }
 
 
 # Sparse prior.

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 from robacc.effects import effect_class
 from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
-from robacc.fitting.closed_form import register_frames
+from robacc.fitting.closed_form import gravity_turned, register_frames
 from robacc.fitting.fit_result import Fit, Options, held_out_poses
 from robacc.fitting.levels import DECISIVE, MANY
 from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
@@ -58,7 +58,8 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
     if data.n > MANY:
         data = data.subset(random_rows(data, MANY))
     turned = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-    others = list(_other_directions(model.arm.robot, turned))
+    # Registration to images turns gravity with the base.
+    others = [] if turned.gravity != model.arm.robot.gravity else list(_other_directions(model.arm.robot, turned))
     first = _with_springs(model, data, None) if others else None
     if first is None:
         return model
@@ -90,9 +91,9 @@ def _other_directions(robot: Robot, turned: Robot) -> Iterator[Vector]:
     """Yield gravity turned as registration turned the base, and downwards along the base, where they differ."""
     stated = np.array(robot.gravity)
     size = float(np.linalg.norm(stated))
-    before, after = (rotation_from_rpy(np.array(r.base.rpy)) for r in (robot, turned))
     known = [stated]
-    for direction in (after @ before.T @ stated, -size * after[:, 2]):
+    down = -size * rotation_from_rpy(np.array(turned.base.rpy))[:, 2]
+    for direction in (np.array(gravity_turned(robot, turned)), down):
         if size and all(_angle(direction, other) > LEVEL for other in known):
             known.append(direction)
             yield cast(Vector, tuple(direction.tolist()))

@@ -41,6 +41,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
+from robacc.robots.description import Robot
 
 # Priors of a fit: the broad one of the arm's constants, given ones, and those of groups.
 #
@@ -57,11 +58,29 @@ BADLY_MADE = 3.0
 """Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
 
 
-def broad_stds(free: Sequence[Effect], terms: Sequence[Term], owners: Sequence[int]) -> Array:
-    """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others."""
-    is_constant = [effect.traits.is_constant and not effect.traits.is_frame for effect in free]
+def tolerance_priors(robot: Robot) -> dict[str, float]:
+    """Return the robot file's tolerances as prior standard deviations, by coefficient name."""
+    return {
+        f"joint_offset.{joint.name}"
+        if label == joint.offset_parameter
+        else f"link_geometry.{joint.name}.{label}": deviation
+        for joint in robot.joints
+        for label, deviation in joint.tolerance.items()
+    }
+
+
+def broad_stds(model: Model, terms: Sequence[Term], owners: Sequence[int]) -> Array:
+    """Return ``(P,)`` standard deviations of the constants' broad prior near nominal, m or rad; inf for all others.
+
+    A constant whose tolerance in the robot file is larger than that of a badly made arm has its tolerance.
+    """
+    is_constant = [effect.traits.is_constant and not effect.traits.is_frame for effect in model.free]
+    stated = tolerance_priors(model.arm.robot)
     return np.array(
-        [BADLY_MADE * term.typical if is_constant[owner] else np.inf for term, owner in zip(terms, owners, strict=True)]
+        [
+            max(BADLY_MADE * term.typical, stated.get(term.name, 0.0)) if is_constant[owner] else np.inf
+            for term, owner in zip(terms, owners, strict=True)
+        ]
     )
 
 
@@ -305,7 +324,7 @@ class _Solver:
         """Return the priors, broad ones as without constants, those of groups as at the start."""
         terms, priors = self.equations.terms, self.options.priors
         given = np.full(len(terms), np.inf) if priors is None else np.where(priors > 0, priors, np.inf)
-        broad = broad_stds(self.model.free, terms, self.equations.owners)
+        broad = broad_stds(self.model, terms, self.equations.owners)
         return Priors(terms, given, broad, self.options.group_stds)
 
     def solve(self) -> NormalEquations:

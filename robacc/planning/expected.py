@@ -19,8 +19,7 @@ from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.levels import ACCEPTED, ROUNDS
 from robacc.fitting.normal_equations import joint_columns, whitening
-from robacc.fitting.priors import tolerance_priors
-from robacc.fitting.solver import BADLY_MADE, broad_stds
+from robacc.fitting.solver import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -145,7 +144,7 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     identified = identify_terms(np.asarray(np.linalg.qr(flat, mode="r")), terms, flat.shape[0])
     columns = identified.columns
     tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
-    broad = broad_stds(model.free, terms, owners)
+    broad = broad_stds(model, terms, owners)
     # Base and tool frames may be anywhere: 1 m or rad.
     usual = [
         # Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses.

@@ -92,7 +92,7 @@ class Candidate:
         Above the range the prior falls as the root, so that absurd sizes are possible but cost.
         """
         low, high = self.effect.about.usual_range
-        first = self.terms[0].typical
+        first = self.terms[0].typical / self.terms[0].stretch
         # Sizes that the evidence is averaged over, a factor of 3 to 5 apart.
         scales = np.geomspace(low / first, 1e3 * high / first, 12)
         weight = np.minimum(1.0, np.sqrt(2.0 * high / first / scales))

@@ -51,6 +51,7 @@ from robacc.fitting.levels import (
     SHORTLIST,
     STEPS,
 )
+from robacc.fitting.solver import broad_precision, broad_stds
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -72,9 +73,9 @@ MOST_COMPONENTS = 1200
 MOST_FINDINGS = 16
 """Findings at most, which bounds the time alone: on three real arms, held-out errors are the same with 14, with 17 and
 without a bound, which doubles the time of one."""
-PRIOR_STDS = {"base_frame": 0.1, "tool_frame": 0.1, "joint_offset": 3e-3, "link_geometry": 2e-3}
-"""Prior standard deviation of declared constants, m and rad; frames are registered first. Those of other declared
-effects are :data:`LARGEST` usual sizes."""
+_OF_FRAMES = 0.1
+"""Prior standard deviation of declared frames, m and rad: they are registered first. The arm's constants have the broad
+prior of a fit, other declared effects :data:`LARGEST` usual sizes."""
 
 Progress = Callable[[int, int], None]
 
@@ -221,12 +222,14 @@ class _Search:
     # -- fits
 
     def _linearised(self, bound: BoundModel, theta: Array, scales: Sequence[float]) -> Linearised:
-        names = [effect.name for effect in self.model.free]
-        multiples = np.array([*([LARGEST] * len(names)), *scales])[list(bound.owners)]
+        free = self.model.free
+        multiples = np.array([*([LARGEST] * len(free)), *scales])[list(bound.owners)]
         stds = multiples * [term.typical * term.weight for term in bound.terms]
-        for column, owner in enumerate(bound.owners):
-            if owner < len(names):
-                stds[column] = PRIOR_STDS.get(names[owner], stds[column])
+        declared = sum(owner < len(free) for owner in bound.owners)  # Their columns are first.
+        broad = broad_stds(self.model, bound.terms[:declared], bound.owners[:declared])
+        constant = np.flatnonzero(np.isfinite(broad))
+        stds[constant] = broad_precision(broad, theta[:declared])[constant] ** -0.5
+        stds[[column for column in range(declared) if free[bound.owners[column]].traits.is_frame]] = _OF_FRAMES
         return Linearised.at(bound, theta, stds, self.rows, self.data)
 
     def _start(self) -> State:
@@ -374,10 +377,10 @@ class _Search:
     # -- moves
 
     def _search_from(self, start: State) -> list[State]:
-        """Return the ends of searches from a state: without terms, and with terms first where they may gain."""
-        ends = [plain := self._settled(start)]
+        """Return the ends of searches from a state: without terms, and from there with terms where they may gain."""
+        plain = beside = self._settled(start)
         if has_term_that_gains(plain.noise, plain.linear) or self._terms_rival(plain):
-            noise, beside = with_terms_that_gain(start.noise, start.linear), start
+            noise = with_terms_that_gain(plain.noise, plain.linear)
             while noise.terms.keys() != beside.noise.terms.keys():
                 now, earlier = set(noise.terms), set(beside.noise.terms)
                 changes = [("add", name) for name in sorted(now - earlier)]
@@ -385,8 +388,7 @@ class _Search:
                 moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
                 beside = self._settled(dataclasses.replace(beside, noise=noise, steps=(*beside.steps, *moves)))
                 noise = without_idle_terms(beside.noise, beside.linear)
-            ends += [] if beside is start else [beside]
-        return ends
+        return [plain, beside]
 
     def _terms_rival(self, state: State) -> bool:
         """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""

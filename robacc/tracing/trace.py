@@ -644,7 +644,7 @@ def trace(
 
 
 def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:
-    """Return the effect without which the poses, each held out in turn, are predicted best, if better than with it.
+    """Return the effect without which the poses, each held out in turn, are predicted best, if no worse than with it.
 
     The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
     outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
@@ -660,5 +660,6 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
         np.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
         for residual in residuals
     ]
-    best = int(np.argmin(costs))
-    return identified[best - 1] if best > 0 else None
+    best = int(np.argmin(costs[1:]))
+    is_useless = costs[1 + best] <= costs[0] or math.isclose(costs[1 + best], costs[0])
+    return identified[best] if is_useless else None

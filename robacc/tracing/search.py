@@ -387,7 +387,7 @@ class _Search:
                 changes += [("drop", name) for name in sorted(earlier - now)]
                 moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
                 beside = self._settled(dataclasses.replace(beside, noise=noise, steps=(*beside.steps, *moves)))
-                noise = without_idle_terms(beside.noise, beside.linear)
+                noise = with_terms_that_gain(beside.noise, beside.linear)
         return [plain, beside]
 
     def _terms_rival(self, state: State) -> bool:

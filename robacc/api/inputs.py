@@ -47,6 +47,7 @@ from robacc.measurements import Measurements, commanded_groups
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
+from robacc.poses.cameras import seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
@@ -239,6 +240,8 @@ class Inputs:
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
             )
             data = replace(data, warnings=(*data.warnings, note))
+        if attained and not isinstance(source, Measurements):
+            data = seen_from_board(data, path.reading.camera if isinstance(path, PoseFile) else None)
         is_of_photos = data.is_of_images
         if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)

@@ -309,7 +309,7 @@ MIRRORED = _of_positions(
 """Change by which a left-handed frame becomes right-handed: the first axis is reversed."""
 _INVERTED = Change(
     "the measured poses seem to be inverted: the instrument's pose in the target's frame",
-    "invert each measured pose",
+    "invert each measured pose; of a board that a camera on the hand sees, state `camera`, a file with mount: hand",
     _inverse,
 )
 

@@ -8,16 +8,18 @@ the mount only, the photos are to show the lens. For several cameras, ``cameras`
 from __future__ import annotations
 
 import os
+from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from robacc.errors import refuse
-from robacc.geometry import Array, Poses, compose, exp_so3, nearest_rotation, skew
+from robacc.errors import Note, refuse
+from robacc.geometry import Array, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
+from robacc.measurements import Measurements
 from robacc.plug_ins import plug_in
 
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
@@ -128,6 +130,45 @@ def _camera(section: YamlSection) -> Camera:
     if lists["size"] is not None and min(lists["size"]) <= 0:
         section.report("size", "expected a width and a height above 0 px")
     return Camera((fx, fy), (cx, cy), lists["distortion"] or (0.0,) * 5, lists["size"], mount == "hand")
+
+
+# Poses of a board in a camera on the hand, as hand-eye calibrations write them.
+
+_BETTER = 8.0
+"""Factor by which one reading of the poses must follow the arm better than the other, as for any mistake in data."""
+_FEWEST = 4
+"""Poses whose turns show in which axes they are: three turns determine a rotation and test it."""
+
+
+def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
+    """Return measured poses of a board in a camera on the hand as those of the camera in the board; others as they are.
+
+    The file ``camera`` may state the mount. If not, the motion of the arm from each commanded pose to the next shows
+    it: its turns are the commanded ones in axes that stand still in what turns (Shiu and Ahmad 1989).
+
+    Raises:
+        InputError: The file cannot be read or is wrong.
+    """
+    if data.rotation is None or data.kind is not None:
+        return data
+    mounts = {each.is_on_hand for each in read_cameras(camera).values()} if camera is not None else {False}
+    is_on_hand = mounts == {True}
+    if camera is None and data.commanded_rotation is not None and data.n > _FEWEST:
+        arm = _turns(data.commanded_rotation)
+        seen = [_turns(rotation) for rotation in (data.rotation, transpose(data.rotation))]
+        as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)
+        is_on_hand = bool(_BETTER * inverted < as_given)
+    if not is_on_hand:
+        return data
+    inverse = Poses(data.rotation, data.position).inverse()
+    text = "the measured poses are taken as those of a board in a camera on the hand"
+    note = Note(f"{data.source}: {text}, and turned into those of the camera in the board")
+    return replace(data, position=inverse.translation, rotation=inverse.rotation, warnings=(*data.warnings, note))
+
+
+def _turns(rotation: Array) -> Array:
+    """Return the rotation vectors ``(3, N - 1)`` of the turns to each next pose, in the axes of what turns."""
+    return log_so3(compose(transpose(rotation[..., :-1]), rotation[..., 1:]))
 
 
 # Pose of a board from its points: a homography of their plane, improved to the least squares of the rays.

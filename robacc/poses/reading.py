@@ -58,7 +58,7 @@ _ACTUAL = frozenset(["actual", "act", "ist", "istwert", "attained", "real", "aip
 _ATTAINED = _ACTUAL | frozenset(
     [
         *("meas", "measured", "measurement", "observed", "messwert", "gemessen", "messung"),
-        *("tracker", "tracking", "camera", "cam", "optical", "marker"),
+        *("tracker", "tracking", "camera", "cam", "optical", "marker", "sensor"),
         *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata"),
     ]
 )
@@ -82,7 +82,9 @@ _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
     ]
 )
 """Instruments, and words that say measured by one."""
-_CONTROLLER = frozenset(["robot", "roboter", "controller", "steuerung", "rist", "est", "estimated", "fk", "ctrl"])
+_CONTROLLER = frozenset(
+    ["robot", "roboter", "controller", "steuerung", "rist", "est", "estimated", "fk", "ctrl", "effector", "gripper"]
+)
 """Words of a position that the controller computed."""
 _FILLERS = frozenset(
     [
@@ -123,6 +125,7 @@ _FILLERS = frozenset(
         "axis",
         "header",
         "stamped",
+        *("effector", "gripper", "object", "wrt", "world"),
     ]
 )
 _ORIENTED = frozenset(

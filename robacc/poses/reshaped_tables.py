@@ -178,8 +178,13 @@ _ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*
 def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
     """Return the name of the first matrix among the names, and the column of each entry; None without a matrix."""
     found: dict[str, dict[tuple[int, int], int]] = {}
+    # Of 16 numbers in a row, as MoveIt's calibration writes them.
+    listed = {name.removesuffix("_16") for name in names if name.endswith("_16")} - {"q", "read_q", "cmd_q"}
     for index, name in enumerate(names):
-        if match := _ENTRY.fullmatch(name.strip()):
+        stem, _, number = name.strip().rpartition("_")
+        if stem in listed and number.isdigit() and f"{stem}_17" not in names:
+            found.setdefault(stem, {})[divmod(int(number) - 1, 4)] = index
+        elif match := _ENTRY.fullmatch(name.strip()):
             found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
     for (stem, entries), first in itertools.product(found.items(), (0, 1)):
         at = {(row - first, column - first): index for (row, column), index in entries.items()}

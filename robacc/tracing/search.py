@@ -36,7 +36,6 @@ from robacc.error_model.covariance import (
     whitened,
     with_gross_errors,
     with_terms_that_gain,
-    without_idle_terms,
 )
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames

@@ -101,6 +101,29 @@ def test_the_command_takes_a_folder_of_photos(tmp_path: Path, monkeypatch: pytes
     assert "Error of 6 measured poses" in done.stdout
 
 
+@pytest.mark.parametrize("form", ["image,photos/{}.png", "filename,{}.PNG", "id,{number}", ""])
+def test_joints_are_joined_however_the_photos_are_named(form: str, tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 6)
+    head, *rows = (tmp_path / "joints.csv").read_text().splitlines()
+    name, _, entry = form.partition(",")
+    lines = [",".join(filter(None, (name, head.partition(",")[2])))]
+    for number, row in enumerate(rows, 1):
+        photo, _, joints = row.partition(",")
+        lines.append(",".join(filter(None, (entry.format(photo, number=number), joints))))
+    (tmp_path / "joints.csv").write_text("\n".join(lines) + "\n")
+    result = robacc.estimate(path, robot=robot())
+    assert result.n_poses == 6
+    assert result.position.rms < 5e-3
+
+
+def test_the_number_of_joints_is_compared_with_that_of_photos(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 6)
+    rows = [line.partition(",")[2] for line in (tmp_path / "joints.csv").read_text().splitlines()]
+    (tmp_path / "joints.csv").write_text("\n".join(rows[:5]) + "\n")
+    with pytest.raises(InputError, match=r"found 6 measured poses \(\d+ rows\) and 4 commands"):
+        robacc.estimate(path, robot=robot())
+
+
 def test_a_photo_without_the_board_is_named(tmp_path: Path) -> None:
     path = taken(tmp_path, "charuco", 6)
     cv2.imwrite(str(tmp_path / "photos" / "IMG_3.png"), np.full((960, 1280), 200, np.uint8))

@@ -1,0 +1,72 @@
+"""Samples of hand-eye calibrations, as MoveIt and easy_handeye2 save them: the camera on the hand or beside the arm."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+import yaml
+from homogeneous import frame, shift, turn
+from independent_arm import link_frames, robot
+from scipy.spatial.transform import Rotation
+
+import robacc
+
+TOOL = shift(0.03, 0.05, 0.08) @ turn(0, 0.4) @ turn(2, -1.2)
+WORLD = shift(0.6, 0.1, 0.02) @ frame((0.0, 0.0, 0.0), (2.9, 0.1, 0.3))
+NOISE = 0.5e-3
+"""m and rad, of each measured pose."""
+
+
+def samples(mount: str) -> tuple[np.ndarray, list[np.ndarray], list[np.ndarray]]:
+    """Joints, poses of the hand in the base, and poses of the board in the camera."""
+    generator = np.random.default_rng(2)
+    joints = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1]) + generator.uniform(-0.6, 0.6, (30, 6))
+    hands = [link_frames(q)[-1] for q in joints]
+    seen = []
+    for hand in hands:
+        exact = np.linalg.inv(hand @ TOOL) @ WORLD if mount == "hand" else np.linalg.inv(WORLD) @ hand @ TOOL
+        seen.append(exact @ frame(NOISE * generator.standard_normal(3), NOISE * generator.standard_normal(3)))
+    return joints, hands, seen
+
+
+def of_moveit(hands: list[np.ndarray], seen: list[np.ndarray]) -> object:
+    return [
+        {"effector_wrt_world": hand.ravel().tolist(), "object_wrt_sensor": board.ravel().tolist()}
+        for hand, board in zip(hands, seen, strict=True)
+    ]
+
+
+def of_easy_handeye(hands: list[np.ndarray], seen: list[np.ndarray]) -> object:
+    def transform(pose: np.ndarray) -> dict[str, object]:
+        quaternion = Rotation.from_matrix(pose[:3, :3]).as_quat().tolist()
+        translation = dict(zip("xyz", pose[:3, 3].tolist(), strict=True))
+        return {"translation": translation, "rotation": dict(zip("xyzw", quaternion, strict=True))}
+
+    pairs = zip(hands, seen, strict=True)
+    return {"samples": [{"robot": transform(hand), "optical": transform(board)} for hand, board in pairs]}
+
+
+@pytest.mark.parametrize("written", [of_moveit, of_easy_handeye])
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_samples_give_the_error_at_the_first_call(written: object, mount: str, tmp_path: Path) -> None:
+    _, hands, seen = samples(mount)
+    path = tmp_path / "samples.yaml"
+    path.write_text(yaml.safe_dump(written(hands, seen)))  # type: ignore[operator]
+    result = robacc.estimate(path)
+    assert result.n_poses == 30
+    # Three components of noise, and on the hand the noise of the angles over the distance of the board.
+    assert 1e-3 * 0.5 < result.position.rms < 1.6e-3
+    assert any("camera on the hand" in warning for warning in result.warnings) == (mount == "hand")
+
+
+def test_joint_states_of_moveit_give_the_joints(tmp_path: Path) -> None:
+    joints, hands, seen = samples("hand")
+    (tmp_path / "samples.yaml").write_text(yaml.safe_dump(of_moveit(hands, seen)))
+    states = {"joint_names": [f"j{i}" for i in range(1, 7)], "joint_values": joints.tolist()}
+    (tmp_path / "joints.yaml").write_text(yaml.safe_dump(states))
+    (tmp_path / "camera.yaml").write_text("mount: hand\n")
+    stated = {"commanded": tmp_path / "joints.yaml", "camera": tmp_path / "camera.yaml"}
+    result = robacc.estimate(robacc.PoseFile(tmp_path / "samples.yaml", **stated), robot=robot())
+    assert 1e-3 * 0.5 < result.position.rms < 1.6e-3

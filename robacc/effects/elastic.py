@@ -43,10 +43,10 @@ DEFLECTIONS = (
 """Catalogue text of the setting."""
 
 
-_STIFF = 1e-3, 1e-5
-"""Turn of a gear under the arm's own weight, rad, and usual compliance, rad/(N m): 100 N m lie on the second joint of a
-UR10. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees under 1.5 kg; users'
-measurements in github.com/TheRobotStudio/SO-ARM100, issue 134)."""
+_STIFF = 1e-4, 1e-5
+"""Turn of a gear under the arm's own weight, rad, and usual compliance, rad/(N m): 10 N m are less than lie on the second
+joint of any industrial arm. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees
+under 1.5 kg; users' measurements in github.com/TheRobotStudio/SO-ARM100, issue 134)."""
 
 
 def compliance_stretch(arm: Arm, data: Measurements) -> float:

@@ -213,10 +213,10 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
     if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
         document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
-    for names, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
+    for keys, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
         # A list of names and one of rows, as MoveIt's joint states.
-        if all(isinstance(n, str) for n in names) and all(isinstance(r, list) and len(r) == len(names) for r in items):
-            document = [dict(zip(names, row, strict=True)) for row in items]
+        if all(isinstance(n, str) for n in keys) and all(isinstance(r, list) and len(r) == len(keys) for r in items):
+            values = [[dict(zip(keys, row, strict=True)) for row in items]]
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
     longest = max(lists, key=len, default=[])
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]

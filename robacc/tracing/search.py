@@ -2,7 +2,8 @@
 
 Each move counts by the change of log likelihood and log prior odds, and is made beyond :data:`ACCEPTED`. Effects are
 chosen beside independent noise first. Where terms of the covariance may gain, beside these effects or in the place of
-one, a second search adds the terms first; the more probable model is the result. No finding is withdrawn afterwards.
+one, they are added to the effects that stand out, and a second search adds the terms first; the most probable model is
+the result. No finding is withdrawn afterwards.
 """
 
 from __future__ import annotations
@@ -29,13 +30,13 @@ from robacc.error_model.covariance import (
     by_row,
     estimated,
     gains_at_sizes,
-    has_term_that_gains,
     log_evidence,
     too_many_gross_errors,
     usual_std,
     whitened,
     with_gross_errors,
     with_terms_that_gain,
+    without_idle_terms,
 )
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
@@ -72,6 +73,9 @@ MOST_COMPONENTS = 1200
 MOST_FINDINGS = 16
 """Findings at most, which bounds the time alone: on three real arms, held-out errors are the same with 14, with 17 and
 without a bound, which doubles the time of one."""
+MOVES_ALONE = 4
+"""Moves beside independent noise before terms of the covariance are tried, which bounds the time alone: arms without
+such errors mostly need fewer."""
 _OF_FRAMES = 0.1
 """Prior standard deviation of declared frames, m and rad: they are registered first. The arm's constants have the broad
 prior of a fit, other declared effects :data:`LARGEST` usual sizes."""
@@ -376,18 +380,43 @@ class _Search:
     # -- moves
 
     def _search_from(self, start: State) -> list[State]:
-        """Return the ends of searches from a state: without terms, and from there with terms where they may gain."""
-        plain = beside = self._settled(start)
-        if has_term_that_gains(plain.noise, plain.linear) or self._terms_rival(plain):
-            noise = with_terms_that_gain(plain.noise, plain.linear)
-            while noise.terms.keys() != beside.noise.terms.keys():
-                now, earlier = set(noise.terms), set(beside.noise.terms)
-                changes = [("add", name) for name in sorted(now - earlier)]
-                changes += [("drop", name) for name in sorted(earlier - now)]
-                moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
-                beside = self._settled(dataclasses.replace(beside, noise=noise, steps=(*beside.steps, *moves)))
-                noise = with_terms_that_gain(beside.noise, beside.linear)
-        return [plain, beside]
+        """Return the ends of searches from a state: beside independent noise, with terms added there, and terms first.
+
+        Effects that stand out are found before terms, which would hide them; terms that are found first hide effects
+        that only resemble them.
+        """
+        state, gain = self._settled(start, MOVES_ALONE)
+        ends, noise = [], with_terms_that_gain(state.noise, state.linear)
+        if not noise.terms or self._may_reach(state, gain, dataclasses.replace(state, noise=noise)):
+            state, _ = self._settled(state) if gain > 0.0 else (state, gain)
+            ends, noise = [state], with_terms_that_gain(state.noise, state.linear)
+        ends += [self._with_terms(state, noise)] if noise.terms else []
+        if noise.terms or self._terms_rival(state):
+            noise = with_terms_that_gain(start.noise, start.linear)
+            ends += [self._with_terms(start, noise, ends[-1])] if noise.terms else []
+        return ends
+
+    def _may_reach(self, state: State, gain: float, other: State) -> bool:
+        """Return whether effects may yet make a state as probable as another: gains mostly diminish from ``gain``."""
+        left = max(MOST_FINDINGS - len(state.chosen), 1)
+        return self._log_posterior(state) + left * gain >= self._log_posterior(other)
+
+    def _with_terms(self, state: State, noise: CovarianceParameters, rival: State | None = None) -> State:
+        """Return the end of a search beside the terms of ``noise``, to which others come, and from which idle go.
+
+        It ends early where it cannot reach ``rival``.
+        """
+        while noise.terms.keys() != state.noise.terms.keys():
+            now, earlier = set(noise.terms), set(state.noise.terms)
+            changes = [("add", name) for name in sorted(now - earlier)]
+            changes += [("drop", name) for name in sorted(earlier - now)]
+            moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
+            state = dataclasses.replace(state, noise=noise, steps=(*state.steps, *moves))
+            state, gain = self._settled(state, STEPS, rival)
+            if gain > 0.0:
+                break
+            noise = without_idle_terms(with_terms_that_gain(state.noise, state.linear), state.linear)
+        return state
 
     def _terms_rival(self, state: State) -> bool:
         """Return whether a term in the place of an effect gains more than the effect: a wander in place of a step."""
@@ -395,27 +424,36 @@ class _Search:
         for k, (candidate, beside) in enumerate(zip(state.chosen, without, strict=True)):
             chosen, scales = ([*values[:k], *values[k + 1 :]] for values in (state.chosen, state.scales))
             other = self._with_effects(state, chosen, scales)
-            sizes = (at_size for name in TERMS for at_size in gains_at_sizes(other.noise, other.linear, name))
+            absent = [name for name in TERMS if name not in other.noise.terms]
+            sizes = (at_size for name in absent for at_size in gains_at_sizes(other.noise, other.linear, name))
             if any(gain > beside.log_odds[self.pool.number(candidate)] for gain, *_ in sizes):
                 return True
         return False
 
-    def _settled(self, state: State) -> State:
-        """Return the state from which no effect that is added, dropped or swapped gains."""
+    def _settled(self, state: State, moves: int = STEPS, rival: State | None = None) -> tuple[State, float]:
+        """Return the state from which no effect that is added, dropped or swapped gains, and 0.
+
+        Before more than ``moves`` moves, or where it cannot reach ``rival``, return that state and the gain of the next
+        move.
+        """
         visited = {frozenset(candidate.key for candidate in state.chosen)}
         shortlist: NDArray[np.int64] | None = None
-        while len(visited) <= STEPS:
+        while True:
             scores, without = self._scores(state, shortlist)
             own = [self.pool.number(candidate) for candidate in state.chosen]
             scales = tuple(float(beside.scale[i]) for beside, i in zip(without, own, strict=True))
             state = dataclasses.replace(state, scales=scales)
             move = self._best_move(state, scores, without, visited)
             if move is None and shortlist is None:
-                return self._logged(state, "stop", None, scores)
+                return self._logged(state, "stop", None, scores), 0.0
             if move is None:
                 shortlist = None
                 continue
-            action, chosen, scales, names, beside = move
+            action, chosen, scales, names, beside, gain = move
+            is_behind = rival is not None and len(visited) > MOVES_ALONE and not self._may_reach(state, gain, rival)
+            if is_behind or len(visited) > moves:
+                self.settled &= is_behind or moves < STEPS
+                return state, gain
             # The best beside the model, and beside it without each effect, are scored after a swap or a drop, mostly of
             # an order or a place, which changes little. That decides about time, not about the result: before a search
             # ends, all candidates are scored. A new effect may show what it hid.
@@ -423,8 +461,6 @@ class _Search:
             shortlist = None if action == "add" else shortlist
             visited.add(frozenset(candidate.key for candidate in chosen))
             state = self._with_effects(self._logged(state, action, names, beside), chosen, scales)
-        self.settled = False
-        return state
 
     def _best_move(
         self,
@@ -432,8 +468,8 @@ class _Search:
         scores: Scores,
         without: Sequence[Scores],
         visited: Collection[frozenset[tuple[object, ...]]],
-    ) -> tuple[str, tuple[Candidate, ...], tuple[float, ...], str, Scores] | None:
-        """Return the move that gains most to effects not yet visited; None if none gains."""
+    ) -> tuple[str, tuple[Candidate, ...], tuple[float, ...], str, Scores, float] | None:
+        """Return the move that gains most to effects not yet visited, and its gain; None if none gains."""
         count = len(state.chosen)
         # A swap gains 1 at least: log odds below that are not worth more than a bare mention (Kass and Raftery 1995).
         # Gain and least gain, action, places of the effects that leave, candidates that come, and scores without them.
@@ -453,7 +489,7 @@ class _Search:
             names = " -> ".join(str(candidate.effect) for candidate in (*chosen[at], *new))
             chosen[at], scales[at] = new, [float(beside.scale[number]) for number in numbers]
             if gain > least and frozenset(candidate.key for candidate in chosen) not in visited:
-                return action, tuple(chosen), tuple(scales), names, beside
+                return action, tuple(chosen), tuple(scales), names, beside, gain
         return None
 
     def _best(self, scores: Scores, others: Sequence[Candidate], not_itself: Candidate | None = None) -> list[int]:

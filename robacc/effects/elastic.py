@@ -43,9 +43,9 @@ DEFLECTIONS = (
 """Catalogue text of the setting."""
 
 
-_STIFF = 1e-4, 1e-5
-"""Turn of a gear under the arm's own weight, rad, and usual compliance, rad/(N m): 10 N m are less than lie on the second
-joint of any industrial arm. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees
+_STIFF = 3e-4, 1e-5
+"""Turn of a gear under its arm's weight, rad, and usual compliance, rad/(N m): 30 N m are less than lie on the second
+joint of most industrial arms. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees
 under 1.5 kg; users' measurements in github.com/TheRobotStudio/SO-ARM100, issue 134)."""
 
 

@@ -223,9 +223,9 @@ def test_an_instrument_metres_away_with_nothing_declared() -> None:
 
 @pytest.mark.parametrize("declared", [FRAMES, DECLARED])
 def test_constants_that_nobody_declared_are_a_hint_where_no_cause_is_named(declared: str) -> None:
-    """Of forty poses the search names four links; 18 constants declared leave noise alone."""
-    built = erring(arm("irb1600").robot, np.random.default_rng(0), offsets=True, lengths=True)
-    data = simulate(built, Plan(40, seed=1, noise_position=NOISE, orientation=False)).data
+    """Of 25 poses the search names four links, not all; 18 constants declared leave noise alone."""
+    built = erring(arm("irb1600").robot, np.random.default_rng(1), offsets=True, lengths=True)
+    data = simulate(built, Plan(25, seed=1, noise_position=NOISE, orientation=False)).data
     found = traced(arm("irb1600").robot, data, declared)
     is_empirical = any(finding.effect == "joint_correction" for finding in found.findings)
     hint = "every arm deviates in joint_offset and link_geometry too"

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from robacc.iso_9283.evaluation import ORIENTATION_TEXT, Proposal
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -41,6 +41,9 @@ from robacc.render.text import (
 )
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import ASSURANCE
+
+if TYPE_CHECKING:
+    from robacc.iso_9283.evaluation import Proposal
 
 _FRAMES = {
     "tool": "components along the axes of the commanded target (frame tool)",
@@ -562,6 +565,8 @@ def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
 
 
 def _cube_facts(proposal: Proposal) -> list[str]:
+    from robacc.iso_9283.evaluation import ORIENTATION_TEXT
+
     x, y, z = (float(value) * IN_MM for value in proposal.centre)
     return [
         f"cube with an edge of {proposal.edge * IN_MM:g} mm and its centre P1 at x {x:.0f}, y {y:.0f}, z {z:.0f} mm in "

@@ -58,10 +58,9 @@ from robacc.planning.candidates import (
     at_rest_warning,
     check_at_rest,
     length,
+    lengths,
     parse_box,
-    parse_distance,
     parse_half_space,
-    parse_vector,
 )
 from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
@@ -580,10 +579,19 @@ def _sight(
     )
     if instrument is None:
         return None
-    near_far = (0.0, np.inf) if distance is None else parse_distance(distance, "distance")
-    axis = None if reflector is None else parse_vector(reflector, "reflector")
-    refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
-    return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
+    vector = "three numbers such as 2.5,0,1.2"
+    near, far = (
+        (0.0, np.inf) if distance is None else lengths(distance, "distance", "nearest and farthest such as 0.5:15")
+    )
+    axis = None if reflector is None else lengths(reflector, "reflector", vector)
+    refuse(
+        (
+            not 0 <= near < far,
+            f"`distance`: the farthest distance must be beyond the nearest, found {distance!r}",
+        ),
+        (axis is not None and not any(axis), "`reflector`: the direction has no length"),
+    )
+    return Sight(lengths(instrument, "instrument", vector), axis, size(cone, "angle", "`cone`"), (near, far))
 
 
 def _demands(

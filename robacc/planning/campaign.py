@@ -364,7 +364,9 @@ def planned_visits(
     visits = replace(plan.visits(), pose=None, cycle=None)
     data = with_targets(
         plan.robot,
-        replace(visits, time=_TIME_STEP * np.arange(visits.n), temperature=conditions.constant_temperature(visits.n)),
+        replace(
+            visits, time=_TIME_STEP * np.arange(0.0, visits.n), temperature=conditions.constant_temperature(visits.n)
+        ),
     )
     if already is None:
         return data, data

@@ -433,4 +433,4 @@ def _drift_share(scaled: Array) -> float:
         return 0.0
     time, design = np.arange(n) - (n - 1) / 2, np.vstack((np.ones(n), scaled)).T
     residual = time - design @ np.linalg.lstsq(design, time, rcond=None)[0]
-    return max(1.0 - float(residual @ residual / (time @ time)) * (n - 1) / (n - 1 - joints), 0.0)
+    return float(max(1.0 - residual @ residual / (time @ time) * (n - 1) / (n - 1 - joints), 0.0))

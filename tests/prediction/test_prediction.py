@@ -259,14 +259,14 @@ def test_p95_is_that_of_robots_and_poses_drawn_at_random() -> None:
 
 def test_grade_and_the_share_of_poses_that_meet_it() -> None:
     prediction = predicted(robot_of("puma560"))
-    assert (prediction.grade.grade, prediction.grade.limited_by) == ("D", ("position",))
+    assert (prediction.grade["grade"], prediction.grade["limited_by"]) == ("D", ("position",))
     expected = np.mean(
         (prediction.position.pose_radius95 <= 0.5e-3) & (prediction.orientation.pose_radius95 <= np.deg2rad(0.5))
     )
-    assert dict(prediction.grade.meeting)["C"] == expected
+    assert prediction.grade["share_of_poses_meeting"]["C"] == expected
     rough = predicted(with_tolerances(robot_of("puma560"), {"theta": 0.1}))
-    assert rough.grade.grade == "F"
-    assert all(share == 0 for _, share in rough.grade.meeting)
+    assert rough.grade["grade"] == "F"
+    assert not any(rough.grade["share_of_poses_meeting"].values())
 
 
 @pytest.mark.parametrize("grade", ["A", "C"])
@@ -307,7 +307,7 @@ def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     rough = predicted(with_tolerances(robot, {"theta": 2e-3, "alpha": 2e-3}))
     allocation = allocate(robot, rough, "A")
     assert allocation["met"]
-    assert allocation["verified"].grade.grade == "A"
+    assert allocation["verified"].grade["grade"] == "A"
     assert allocation["verified"].orientation.p95 <= np.deg2rad(0.1)
     with pytest.raises(UsageError, match=r"no grade 'Z' on the scale .*; it has A, B, C, D, E"):
         allocate(robot, prediction, "Z")

@@ -37,7 +37,6 @@ _OFFSET = re.compile(r"\b(Tool_Offset|TOOL_OFFSET|Offset|OFFSET|VOFFSET|VISION)\
 _INCREMENTAL = re.compile(r"\b(INC|INK)\b")
 _KINDS: dict[str, MotionType] = {"J": "joint", "L": "linear", "C": "circular", "A": "circular", "S": "other"}
 _CARTESIAN = ("X", "Y", "Z", "W", "P", "R")
-_UNKNOWN = "is not a position that robacc knows"
 _FIX = "write the program as ASCII again"
 
 
@@ -63,9 +62,8 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         opened = text.find("{", *gap)
         is_cut = gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0
         refuse((is_cut, source.problem("is truncated: this position has no }", opened, _FIX)))
-        draft.note(gap, _UNKNOWN)
-    indices = {match[1]: _add_position(draft, match) for match in positions}
-    targets = {number: index for number, index in indices.items() if index is not None}
+        draft.note(gap, "is not a position that robacc knows")
+    targets = {match[1]: index for match in positions if (index := _add_position(draft, match)) is not None}
     if "MN" in sections:
         for match in _MOTION.finditer(text, sections["MN"].end(), first):
             instruction, place = match[2], (match.start(1), match.end())

@@ -151,13 +151,16 @@ class _Reader:
         self.statements: list[tuple[str, re.Match[str]]] = []
         """Kind and match of each statement, whose match begins and ends with its line."""
         for line in re.finditer(r"[^\r\n]+", self.text):
-            tried = ((kind, pattern.match(self.text, *line.span())) for kind, pattern in _STATEMENTS.items())
-            kind, match = next(((kind, match) for kind, match in tried if match), ("", None))
-            if match is not None:
-                self.statements.append((kind, match))
-                self.read_variable(kind, match)
-        own = [(kind, match) for kind, match in self.statements if match.start() < self.end]
-        blocks = [(match[1], match.start(), kind == "block") for kind, match in own if kind in ("block", "end")]
+            for kind, pattern in _STATEMENTS.items():
+                if (match := pattern.match(self.text, *line.span())) is not None:
+                    self.statements.append((kind, match))
+                    self.read_variable(kind, match)
+                    break
+        blocks = [
+            (match[1], match.start(), kind == "block")
+            for kind, match in self.statements
+            if kind in ("block", "end") and match.start() < self.end
+        ]
         is_whole = any(opens for *_, opens in blocks) or any(map(self.own, self.values))
         word, place = next(iter(unclosed(blocks)), ("", 0))
         no_end, fix = "is truncated: the routine that begins here has no END", "copy it from the controller again"
@@ -220,8 +223,9 @@ class _Reader:
             if changes:
                 self.draft.dropped[index] = CHANGED.format(self.line_of(changes[0]))
             elif self.type_of(name) == "FRAME" and index not in moved:
-                reason = "is a frame" if name in bases else "is a FRAME that no motion of the files read goes to"
-                self.draft.dropped[index] = reason
+                self.draft.dropped[index] = (
+                    "is a frame" if name in bases else "is a FRAME that no motion of the files read goes to"
+                )
         return self.draft.program()
 
     def type_of(self, name: str) -> str:
@@ -265,9 +269,8 @@ class _Reader:
             elif _frame_of(kind, match) == frame:
                 yield FrameEvent(place, "set", None if match[2] else self.resolve(_rest(match)))
             elif kind == "assignment" and _key(match[1]) == "FDAT_ACT" and not match[2]:
-                name = _key(_rest(match))
-                is_known = name in self.data and name not in self.fixed
-                yield FrameEvent(place, "set", self.numbered(self.data[name][frame], frame) if is_known else None)
+                data = None if (name := _key(_rest(match))) in self.fixed else self.data.get(name)
+                yield FrameEvent(place, "set", data and self.numbered(data[frame], frame))
 
     def of_spline(self, text: str, kind: str) -> ProgramFrame | None:
         """Return the frame that a motion sets with ``WITH $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO)``."""
@@ -305,8 +308,12 @@ class _Reader:
                 elif is_own:
                     self.draft.move(line, self.inline(place), motion, tool, base)
         if elsewhere:
-            places = (place[0] for name in elsewhere for *_, place in self.values[name])
-            files = {self.line_of(place).partition(" of ")[2] for place in places if place > self.end}
+            files = {
+                self.line_of(start).partition(" of ")[2]
+                for name in elsewhere
+                for *_, (start, _) in self.values[name]
+                if start > self.end
+            }
             first = min(elsewhere.values())
             self.draft.note(
                 (first, first + 1),
@@ -316,8 +323,7 @@ class _Reader:
     def inline(self, place: Place) -> list[int | None] | str:
         """Add the target of a motion whose numbers are in the instruction; return a reason where they are not."""
         if not items(self.text, place):
-            is_name = _REFERENCE.match(self.text, *place) and self.text[place[0]] != "$"
-            return ELSEWHERE if is_name else RUN_TIME
+            return ELSEWHERE if _REFERENCE.match(self.text, *place) and self.text[place[0]] != "$" else RUN_TIME
         written = _written(self.text, place)
         if written is None or len(written.numbers) < len(_AXIS_KEYS):
             return "the instruction leaves numbers of the target out or computes them"

@@ -70,9 +70,11 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
             elif opened.pop()[0] != word[3:]:
                 raise InputError(module.problem(f"{word} ends no {word[3:]}", at, copy))
         word, at = opened[-1]
-        no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
         refuse(
-            (not _BLOCK.search(blocks), no_module),
+            (
+                not _BLOCK.search(blocks),
+                module.problem("has no MODULE and no PROC, so it is not a RAPID module"),
+            ),
             (word, module.problem(f"is truncated: this {word} has no END{word}", at, copy)),
         )
     text, end = mask("\n".join(module.text for module in modules), _HIDDEN), len(source.text)
@@ -85,10 +87,13 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         return k if k % 2 == 0 else _GLOBAL
 
     changed = [(match.start(), match[1]) for match in _ASSIGNMENT.finditer(mask(text, _DECLARATION))]
-    for match in _INSTRUCTION.finditer(text):
-        if match[1].lower().startswith("search"):  # it stores a point in its second argument
-            point = [*_arguments(text, match), (0, 0), (0, 0)][1]
-            changed.append((match.start(), text[slice(*point)]))
+    # A search stores a point in its second argument.
+    changed += [
+        (match.start(), text[slice(*point)])
+        for match in _INSTRUCTION.finditer(text)
+        if match[1].lower().startswith("search")
+        for point in _arguments(text, match)[1:2]
+    ]
     changes: dict[str, list[int]] = {}
     """Places of assignments outside of declarations, by name in small letters."""
     for start, name in sorted(changed):
@@ -115,12 +120,12 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 reason = CHANGED.format(source.line(at))
                 draft.dropped.update({index: reason for index in indices if index is not None})
     for match in _INSTRUCTION.finditer(text, 0, end):
-        motion = _KINDS[match[2].upper()]
         places = _arguments(text, match)
         work = _WORK_OBJECT.search(match[3])
         names = text[slice(*places[-1])] if len(places) > 1 else "", work[1].strip() if work else "wobj0"
         tool, base = (frames.get(name.lower(), ProgramFrame(name, None)) for name in names)
         first = 2 if match[1].lower().startswith("search") else 0
+        motion = _KINDS[match[2].upper()]
         for place in places[first : first + (2 if motion == "circular" else 1)]:
             variable = _NAME.match(text, *place)
             if variable is None:
@@ -134,8 +139,9 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                     found = found[int(variable[2]) - 1 : int(variable[2])]
             draft.move(match.span(), found, motion, tool, base)
     for match in _DISPLACEMENT.finditer(text, 0, end):
-        reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
-        draft.note(match.span(), reason)
+        draft.note(
+            match.span(), f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
+        )
     return draft.program()
 
 

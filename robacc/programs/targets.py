@@ -53,9 +53,9 @@ def flange_targets(program: Program) -> tuple[tuple[int, ...], Poses, tuple[tupl
     numbers = tuple(i for i, reason in reasons.items() if not reason)
     targets = [program.targets[i] for i in numbers]
     values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
-    poses = Poses(rotation_from_quaternion(values[3:]), values[:3])
-    base, tool = _poses(target.base for target in targets), _poses(target.tool for target in targets)
-    return numbers, base @ poses @ tool.inverse(), tuple((i, reason) for i, reason in reasons.items() if reason)
+    poses = Poses(rotation_from_quaternion(values[3:]), values[:3]) @ _poses(t.tool for t in targets).inverse()
+    unknown = tuple((i, reason) for i, reason in reasons.items() if reason)
+    return numbers, _poses(target.base for target in targets) @ poses, unknown
 
 
 def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
@@ -80,8 +80,8 @@ def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
     """
     numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
     rows = [program.targets[i].values for i in numbers]
-    is_mixed = len({len(row) for row in rows}) > 1
-    refuse((is_mixed, "the joint targets have different numbers of joints"), error=ValueError)
+    counts = {len(row) for row in rows}
+    refuse((len(counts) > 1, "the joint targets have different numbers of joints"), error=ValueError)
     return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
 
 
@@ -94,9 +94,9 @@ def _unknown(frame: ProgramFrame | None, kind: str) -> str:
 
 def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
     """Return known frames as poses over N."""
-    known = [frame.frame for frame in frames if frame and frame.frame]
-    coordinates = np.array([(frame.xyz, frame.rpy) for frame in known], dtype=float).reshape(-1, 2, 3).T
-    return Poses(rotation_from_rpy(coordinates[:, 1]), coordinates[:, 0])
+    known = [(frame.frame.xyz, frame.frame.rpy) for frame in frames if frame and frame.frame]
+    place, angles = np.array(known, dtype=float).reshape(-1, 2, 3).transpose(1, 2, 0)
+    return Poses(rotation_from_rpy(angles), place)
 
 
 # Status ``S`` of a KRL target: the side of the wrist centre on which a solution of the inverse kinematics lies.
@@ -128,9 +128,9 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     measures = [(2, -q[4])]
     if (sides := _sides(arm, q)) is not None:
         measures += [(0, -sides[0]), (1, sides[1])]
-    signed = [value if status >> bit & 1 else -value for bit, value in measures]
+    signed = np.array([value if status >> bit & 1 else -value for bit, value in measures])
     # m or rad: distance from a border within which both values of a bit count.
-    return np.asarray(np.all(np.array(signed) > -1e-4, axis=0))
+    return np.asarray(np.all(signed > -1e-4, axis=0))
 
 
 def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
@@ -147,13 +147,11 @@ def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
     None for a wrist whose axes do not intersect.
     """
     points, axes = _lines(arm, q)
-    across = np.eye(3)[:, :, None, None] - axes[:, None] * axes[None]
-    matrix = across[:, :, 3:].sum(axis=2)
-    right = np.einsum("abjn,bjn->an", across[:, :, 3:], points[:, 3:])
+    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
     # The axes of a wrist in its singular pose are still three lines, two of which coincide.
-    solved = np.linalg.pinv(np.moveaxis(matrix, 2, 0), rcond=1e-9, hermitian=True) @ right.T[:, :, None]
-    centre = solved[:, :, 0].T
-    misses = np.einsum("abjn,bjn->ajn", across[:, :, 3:], centre[:, None] - points[:, 3:])
+    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
+    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
+    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
     if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
         return None
     second = axes[:, 1]
@@ -250,8 +248,8 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
         inside = (before > window[0]) & (before < window[1])
         if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
-    is_flipped = before.size == _N_AXES and before[4] * after[4] < 0
-    return bool(dialect not in _READ_WHOLE and configuration and is_flipped)
+    is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == _N_AXES
+    return bool(is_named and before[4] * after[4] < 0)
 
 
 def _turn_range(turn: int) -> tuple[float, float]:
@@ -299,10 +297,6 @@ def _shortened(number: str, bare_point: bool) -> str:
     return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
-_LENGTH_DIGITS = 1e-7
-"""Resolution of written lengths, m: a tenth of the micrometre that a correction converges to."""
-_ANGLE_DIGITS = 2e-7
-"""Resolution of written angles, rad."""
 _FANUC_DECIMALS = 3
 """Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
@@ -341,13 +335,13 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             is_new[3:] = rotation_distance(old[3:], unit) > 4 * _SAME
         for c, k in np.argwhere(is_new).tolist():
             number = targets[k].numbers[c]
-            resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
-            decimals = (
-                8
-                if program.dialect == "rapid" and number.unit == 1.0
-                else max(0, round(-float(np.log10(resolution / number.unit))))
-            )
-            decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
+            # Of lengths a tenth of the micrometre that a correction converges to, m, and of angles rad.
+            resolution = 2e-7 if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else 1e-7
+            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
+            if program.dialect == "fanuc":
+                decimals = _FANUC_DECIMALS
+            elif program.dialect == "rapid" and number.unit == 1.0:
+                decimals = 8
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)
 

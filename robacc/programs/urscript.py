@@ -131,13 +131,11 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     for match in (match for match in calls if match[1] == "set_tcp"):
         # The TCP is unknown before the first of these calls.
         _, place = argument(arguments(text, match.end())[0][0])
-        written = _written(text, place)
-        is_known = written is not None and written.convention is not None
-        if is_known:
+        written, frame = _written(text, place), None
+        if written is not None and written.convention is not None:
             used.setdefault(place[0])
-        events.append(
-            FrameEvent(match.start(), "set", ProgramFrame("", written.frame) if written and is_known else None)
-        )
+            frame = ProgramFrame("", written.frame)
+        events.append(FrameEvent(match.start(), "set", frame))
     tools = timeline(sorted(events, key=lambda event: event.position))
     for match in (match for match in calls if match[1] != "set_tcp"):
         places, end = arguments(text, match.end())

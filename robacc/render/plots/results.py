@@ -404,8 +404,9 @@ def operating_curve_charts(document: Document) -> Iterator[Chart]:
             abscissa, header, at_least, line = unit, "true value", bool(criterion["at_least"]), "limit"
             place_, over = limit, "the true value"
             text = (
-                f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, {unit.text(value)}."
-                f" Passing with a true value {'below' if at_least else 'above'} the limit is a false acceptance."
+                f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, "
+                f"{unit.text(value)}. Passing with a true value {'below' if at_least else 'above'} the limit is a "
+                "false acceptance."
             )
             axis = f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}"
         x, y = curve[:, 0] * abscissa.factor, 100 * curve[:, 1]
@@ -628,8 +629,8 @@ def detection_limit_charts(document: Document) -> Iterator[Chart]:
             "Detection limits",
             "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line "
             "joins the most and the least visible joint. Left of 1, the usual size is found. "
-            f"{sum(family.power >= 0.5 for family in families)} of {len(families)} effects are found at their usual size"
-            " with a mean probability of at least 1/2.",
+            f"{sum(family.power >= 0.5 for family in families)} of {len(families)} effects are found at their usual "
+            "size with a mean probability of at least 1/2.",
             f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
             [
                 Panel(

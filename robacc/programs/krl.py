@@ -24,7 +24,6 @@ from robacc.programs.program import (
     Draft,
     EventKind,
     FrameEvent,
-    MotionType,
     Place,
     Program,
     ProgramFrame,
@@ -80,7 +79,6 @@ _WITH = {
 _SPLINE_DATA = re.compile(r"S(?:TOOL2?|BASE)\s*\(\s*(\w+)(?:\s*\.\s*\w+)?\s*\)", _ANY)
 _TAIL = re.compile(r"\bWITH\b|\bC_(?:PTP|DIS|VEL|ORI|SPL)\b|,\s*CA\s", _ANY)
 _REFERENCE = re.compile(rf"{_NAME}\Z")
-_KINDS: dict[str, MotionType] = {"PTP": "joint", "LIN": "linear", "CIR": "circular", "SPL": "other", "ASY": "joint"}
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -112,16 +110,13 @@ def _written(text: str, place: Place) -> ProgramTarget | None:
         if entry:
             entries[key] = entry.span(2)
 
-    def as_written(prefix: Sequence[str]) -> str:
-        return ",".join(f"{key} {text[slice(*span)]}" for key, span in entries.items() if key in prefix)
-
-    external = as_written(("E1", "E2", "E3", "E4", "E5", "E6"))
     pose = numbers(text, [entries[key] for key in _FRAME_KEYS if key in entries], POSE_UNITS)
     if pose is not None:
-        return ProgramTarget(ZYX, pose, as_written(("S", "T")), external)
+        configuration = (f"{key} {text[slice(*span)]}" for key, span in entries.items() if key in ("S", "T"))
+        return ProgramTarget(ZYX, pose, ",".join(configuration))
     keys = [key for key in _AXIS_KEYS if key in entries]
     axes = numbers(text, [entries[key] for key in keys], AXIS_UNITS[: len(keys)])
-    return ProgramTarget(None, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
+    return ProgramTarget(None, axes) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
 
 
 class _Reader:
@@ -270,7 +265,7 @@ class _Reader:
                 yield FrameEvent(place, "set", None if match[2] else self.resolve(_rest(match)))
             elif kind == "assignment" and _key(match[1]) == "FDAT_ACT" and not match[2]:
                 data = None if (name := _key(_rest(match))) in self.fixed else self.data.get(name)
-                yield FrameEvent(place, "set", data and self.numbered(data[frame], frame))
+                yield FrameEvent(place, "set", None if data is None else self.numbered(data[frame], frame))
 
     def of_spline(self, text: str, kind: str) -> ProgramFrame | None:
         """Return the frame that a motion sets with ``WITH $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO)``."""
@@ -294,19 +289,17 @@ class _Reader:
             stop = tail.start() if tail else match.endpos
             tool = self.of_spline(self.text[stop : match.endpos], "TOOL") or tools(line[0])
             base = self.of_spline(self.text[stop : match.endpos], "BASE") or bases(line[0])
-            word = match[1].upper()
-            motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
-            for place in arguments(self.text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:
+            for place in arguments(self.text, match.end(), stop)[0][: 2 if match[1].upper().endswith("CIRC") else 1]:
                 name = _key(self.text[slice(*place)])
                 found: list[int | None] | str = [targets[name]] if name in targets else ""
                 if match[2]:
                     found = "a relative motion has no target of its own"
                 if found and (is_own or not match[2]):
-                    self.draft.move(line, found, motion, tool, base)
+                    self.draft.move(line, found, tool, base)
                 elif is_own and self.type_of(name) and name in self.values:
                     elsewhere.setdefault(name, place[0])
                 elif is_own:
-                    self.draft.move(line, self.inline(place), motion, tool, base)
+                    self.draft.move(line, self.inline(place), tool, base)
         if elsewhere:
             files = {
                 self.line_of(start).partition(" of ")[2]

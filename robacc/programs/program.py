@@ -203,9 +203,6 @@ ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
 """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
 
 
-MotionType = Literal["joint", "linear", "circular", "other"]
-
-
 @dataclass(frozen=True, slots=True)
 class ProgramFrame:
     """Tool or base frame that a program names."""
@@ -238,8 +235,6 @@ class ProgramTarget:
     """Numbers in the order of the program's components."""
     configuration: str = ""
     """Configuration of a Cartesian target, as written: ``S 2,T 10``, ``[0,-1,0,0]``, ``N U T, 0, 0, 0``."""
-    external: str = ""
-    """External axes, as written; they are left alone."""
     name: str = ""
     """Name in the program; ``line 12`` for a target without a name."""
     line: int = 0
@@ -251,8 +246,6 @@ class ProgramTarget:
     """Tool of its motions; None where none is named, or where its motions name several."""
     base: ProgramFrame | None = None
     """Base frame (work object, user frame) of its motions; None as for ``tool``."""
-    motion: MotionType | None = None
-    """Type of its motions; None without a motion in the files read, or with several types."""
 
     @property
     def place(self) -> tuple[int, int]:
@@ -451,8 +444,8 @@ class Draft:
     source: ProgramSource
     dialect: str
     targets: list[ProgramTarget] = field(default_factory=list)
-    moves: list[tuple[int, MotionType, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
-    """Index of the target, type, tool and base of each motion."""
+    moves: list[tuple[int, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
+    """Index of the target, tool and base of each motion."""
     notes: list[ProgramNote] = field(default_factory=list)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
@@ -490,7 +483,6 @@ class Draft:
         self,
         place: Place,
         found: Iterable[int | None] | str,
-        motion: MotionType,
         tool: ProgramFrame | None = None,
         base: ProgramFrame | None = None,
     ) -> None:
@@ -498,7 +490,7 @@ class Draft:
         if isinstance(found, str):
             self.note(place, found)
         else:
-            self.moves += [(index, motion, tool, base) for index in found if index is not None]
+            self.moves += [(index, tool, base) for index in found if index is not None]
 
     def program(self) -> Program:
         """Return the program, its targets with their values and what all motions to each have in common."""
@@ -514,9 +506,9 @@ class Draft:
         for index in kept:
             target = self.targets[index]
             # What all motions to the target have in common.
-            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 3,)), strict=True)
-            motion, tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
-            targets.append(replace(target, motion=motion, tool=target.tool or tool, base=target.base or base))
+            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 2,)), strict=True)
+            tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
+            targets.append(replace(target, tool=target.tool or tool, base=target.base or base))
         for convention, rows in by_convention(dict(enumerate(targets))):
             values = native_of([targets[i] for i in rows])
             if convention is not None:

@@ -15,6 +15,7 @@ from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of
 from robacc.api.parameters import (
+    DEFAULT_SAMPLES,
     BaseLink,
     Campaign,
     Confidence,
@@ -64,7 +65,6 @@ from robacc.planning.candidates import (
 )
 from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
-from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import Noise, compare_with_measured
 from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
 from robacc.prediction.predicting import (
@@ -121,7 +121,7 @@ class Predicted(Result, Prediction):
         configurations, reached = self.configurations, self._reached()
         return PREDICT.write(
             self,
-            warranty_map=warranty_map(self, reached)[0] if self.is_calibrated else None,
+            warranty_map=warranty_map(self, reached)[0] if not self.parameters else None,
             poses={
                 "label": list(configurations.labels),
                 "q": rounded(configurations.q),

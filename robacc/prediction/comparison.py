@@ -128,8 +128,6 @@ class SufficientStatistics:
     """Sum of squares in all other directions, which contain noise only."""
     noise_dof: int
     n_poses: int
-    n_values: int
-    """Measured numbers: 3 or 6 a pose."""
     n_aligned: int
     """Combinations of base and tool coordinates that were fitted to the same poses."""
     noise: Mapping[str, Any]
@@ -159,7 +157,7 @@ def reduce_residuals(
     """
     weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
     triangles = _triangles(robot, data, parameters, weights, aligned)
-    n_values, n_fixed = 3 * data.n * len(triangles), triangles[0].shape[1] - len(parameters) - 1
+    n_fixed = triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     # What base and tool explain is taken out.
@@ -180,9 +178,8 @@ def reduce_residuals(
         strength,
         y,
         max(float(residual @ residual - y @ y), 0.0),
-        n_values - n_aligned - strength.size,
+        3 * data.n * len(triangles) - n_aligned - strength.size,
         data.n,
-        n_values,
         n_aligned,
         {
             "position_m": position,
@@ -288,9 +285,8 @@ def consistency(
     else:
         verdict = "the measured errors are consistent with the tolerances"
     if parameters is not None and noise is not None and noise["p_value"] < SIGNIFICANT:
-        noise_ratio = math.sqrt(noise["ratio"])
-        cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
-        verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
+        verdict += f"; the part that no parameter explains is {math.sqrt(noise['ratio']):.2g} times the stated noise"
+        verdict += ": effects other than these parameters, or more noise than stated" * (noise["ratio"] > 1.0)
     return {"total": total, "parameters": parameters, "noise": noise}, scale, verdict
 
 
@@ -614,13 +610,13 @@ def _one_draw(statistics: SufficientStatistics) -> str:
     text = (
         f"all {n} poses are of one robot and share the same parameter errors, so they are not {n} independent tests of "
         "the tolerances. The tests use the covariance of all poses, J V Jᵀ + noise. Of "
-        f"{statistics.n_values} measured numbers, {n_directions} depend on the parameters"
+        f"{n_directions + statistics.noise_dof + statistics.n_aligned} measured numbers, {n_directions} depend on the "
+        "parameters"
     )
     if n_directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
         more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
-        relative_std = 100.0 / math.sqrt(2.0 * n_directions)
-        text += f": the size of the tolerances is known to about {relative_std:.0f} %; {more}"
+        text += f": the size of the tolerances is known to about {100 / math.sqrt(2 * n_directions):.0f} %; {more}"
     if statistics.n_aligned:
         text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
     return text

@@ -40,8 +40,10 @@ from robacc.prediction.predicting import (
     Configurations,
     Prediction,
     in_tool_frame,
+    largest_first,
     outer_sums,
     predicted,
+    with_shares,
 )
 from robacc.robots.arm import BLOCK
 from robacc.robots.description import Robot
@@ -348,9 +350,8 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
 
 def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
     """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
-    bound = replace(model, free=()).bind(data)
     terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
-    return replace(bound, terms=terms).linearise(np.zeros(len(terms)))[1]
+    return replace(replace(model, free=()).bind(data), terms=terms).linearise(np.zeros(len(terms)))[1]
 
 
 def _difference_waves(places: Array) -> Array:
@@ -390,9 +391,10 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     limits, periods = known.effect.limits(model.arm, known.validity, fading=True)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return np.zeros((6, 0, data.n))
-    fading = faded(known.effect, model.arm, data, known.validity)
     lost: dict[int, Array] = {}
-    for whole, rest in zip(known.effect.terms(model.arm, data), fading, strict=True):
+    for whole, rest in zip(
+        known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity), strict=True
+    ):
         before, after = whole.parts[0], rest.parts[0]
         own = known.values.get(whole.name, 0.0) * (before.factor - after.factor)
         lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + own
@@ -500,20 +502,7 @@ def calibrated_accuracy(
         poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
     data = completed(fit, poses, seed)
     covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
-    totals = np.sum(traces, axis=0)
-    shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
-    budget: list[dict[str, Any]] = [
-        {
-            "parameter": name,
-            "joint": None,
-            "kind": name,
-            "sd": None,
-            "unit": None,
-            "share_position": position,
-            "share_orientation": orientation,
-        }
-        for name, (position, orientation) in zip(SOURCES, shares, strict=True)
-    ]
+    sources = [{"parameter": name, "joint": None, "kind": name, "sd": None, "unit": None} for name in SOURCES]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
     outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
@@ -529,12 +518,11 @@ def calibrated_accuracy(
         [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
-        budget=sorted(budget, key=lambda share: -share["share_position"]),
+        budget=sorted(with_shares(sources, traces.T), key=largest_first),
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
         notes=tuple(notes),
-        is_calibrated=True,
     )
 
 
@@ -695,8 +683,9 @@ def fit_record(
         finite = np.all(np.isfinite(held_out[1]), axis=0) & (fit.inliers if held_out[0] is data else True)
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
-    inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
-    compared = replace(record, covariance=inflation * record.covariance)
+    compared = record
+    if held_out is not None and held_out[0] is data:
+        compared = replace(record, covariance=_inflation(fit, data, n_folds) * record.covariance)
     # Variances of the measurement noise that is known apart from the arm's errors, m² and rad²: of the uncertainties in
     # the file, or of visits with several rows, which separate noise and scatter. Repeats alone hold both, so all of it
     # counts as the arm's.

@@ -357,6 +357,7 @@ class Prediction:
     """Result of :func:`predict_accuracy`."""
 
     parameters: tuple[ToleranceParameter, ...]
+    """None of one calibrated arm, whose prediction is from the fit of its model."""
     configurations: Configurations
     position: PredictedErrors
     orientation: PredictedErrors
@@ -372,8 +373,6 @@ class Prediction:
     meaning: str
     """Conversion of a tolerance into a variance, as text."""
     notes: tuple[str, ...]
-    is_calibrated: bool = False
-    """The prediction is that of one calibrated arm, from the fit of its model."""
 
 
 def predict_accuracy(
@@ -393,17 +392,9 @@ def predict_accuracy(
         meaning: Conversion of a tolerance into a variance, as text.
     """
     *covariances, power = pose_covariances(Arm.of(robot).chain, configurations.scalars, configurations.n, parameters)
-    totals = power.sum(axis=1, keepdims=True)
-    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
-    by_parameter: list[dict[str, Any]] = [
-        {
-            "parameter": parameter.name,
-            **{key: getattr(parameter, key) for key in ("joint", "kind", "sd", "unit")},
-            "share_position": position,
-            "share_orientation": orientation,
-        }
-        for parameter, (position, orientation) in zip(parameters, shares, strict=True)
-    ]
+    by_parameter = with_shares(
+        [{"parameter": p.name, "joint": p.joint, "kind": p.kind, "sd": p.sd, "unit": p.unit} for p in parameters], power
+    )
     notes = list(configurations.notes)
     if robot.effects:
         notes.append("the robot file's effects are not part of a prediction from tolerances")
@@ -414,7 +405,7 @@ def predict_accuracy(
         covariances,
         scale,
         parameters=tuple(parameters),
-        budget=sorted(by_parameter, key=_largest_first),
+        budget=sorted(by_parameter, key=largest_first),
         by_joint=_summed_shares(
             by_parameter, [share["joint"] or share["parameter"].split(".")[0] for share in by_parameter]
         ),
@@ -422,6 +413,16 @@ def predict_accuracy(
         meaning=meaning,
         notes=tuple(notes),
     )
+
+
+def with_shares(sources: Sequence[Mapping[str, Any]], power: Array) -> list[dict[str, Any]]:
+    """Return the sources of error, each with its share in the variances ``power`` ``(2, P)``."""
+    totals = power.sum(axis=1, keepdims=True)
+    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    return [
+        {**source, "share_position": position, "share_orientation": orientation}
+        for source, (position, orientation) in zip(sources, shares, strict=True)
+    ]
 
 
 def predicted(configurations: Configurations, covariances: Sequence[Array], scale: Scale, **facts: Any) -> Prediction:
@@ -491,10 +492,10 @@ def _summed_shares(shares: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> 
     for share, key in zip(shares, keys, strict=True):
         total = sums.setdefault(key, {"name": key, "share_position": 0.0, "share_orientation": 0.0})
         total |= {name: total[name] + share[name] for name in ("share_position", "share_orientation")}
-    return sorted(sums.values(), key=_largest_first)
+    return sorted(sums.values(), key=largest_first)
 
 
-def _largest_first(share: Mapping[str, Any]) -> tuple[float, float]:
+def largest_first(share: Mapping[str, Any]) -> tuple[float, float]:
     """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
     return -round(share["share_position"], 9), -round(share["share_orientation"], 9)
 

@@ -355,9 +355,7 @@ def comparison_charts(document: Document) -> Iterator[Chart]:
         )
 
 
-def _intervals(
-    figures: Sequence[Array], at: Array | Rows, role: str, vertical: bool, label: str = "", **looks: Any
-) -> list[Series]:
+def _intervals(figures: Sequence[Array], at: Array | Rows, role: str, vertical: bool, **looks: Any) -> list[Series]:
     """Return marks at values with lower and upper ends, NaN if unknown, along one axis and ``at`` along the other."""
     values, *bounds = figures
     low, high = (np.where(np.isnan(end), values, end) for end in bounds)
@@ -369,7 +367,7 @@ def _intervals(
     marks, bars = ((at, values), (across, along)) if vertical else ((values, at), (along, across))
     return [
         Series(bars, role, line="-", marker="_" if vertical else "|", size=7, width=1.3),
-        Series(marks, role, label, **{"marker": "o", "size": 6, **looks}),
+        Series(marks, role, **{"marker": "o", "size": 6, **looks}),
     ]
 
 

@@ -183,7 +183,6 @@ def _grade(grade: Document, is_short: bool) -> Section:
         for entry in grade["probabilities"]
         if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
-    known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
     table = Grid(
         (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"),
         [
@@ -195,7 +194,19 @@ def _grade(grade: Document, is_short: bool) -> Section:
     unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
     return Section(
         f"Grade {grade['grade']}, {met} (scale: {grade['scale']})",
-        [Listing([first, *unconfirmed])] if is_short else [Listing([first, *others, known, confirming]), table],
+        [Listing([first, *unconfirmed])]
+        if is_short
+        else [
+            Listing(
+                [
+                    first,
+                    *others,
+                    f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None),
+                    confirming,
+                ]
+            ),
+            table,
+        ],
         "green" if grade["demonstrated"] else "bold yellow",
     )
 
@@ -341,8 +352,11 @@ def _methods(part: Document, unit: str) -> tuple[str, ...]:
         ("covariance", intervals[f"covariance_{unit}2"]),
         ("principal axes", part["ellipsoid"][0]["interval"]),
     )
-    texts = named_by_text((name, bounds["why"] or bounds["method"]) for name, bounds in all_bounds)
-    return part["assumption"], *texts, f"maximum: {intervals[f'max_{unit}']['why']}"
+    return (
+        part["assumption"],
+        *named_by_text((name, bounds["why"] or bounds["method"]) for name, bounds in all_bounds),
+        f"maximum: {intervals[f'max_{unit}']['why']}",
+    )
 
 
 # An evaluation by ISO 9283. Accuracy and repeatability stand in separate tables: reading RP as AP is the commonest
@@ -389,7 +403,6 @@ _STATUS = {"met": "met", "not_met": "NOT MET", "unknown": "unknown"}
 
 def iso9283_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``iso9283``."""
-    labels = {"AP": "accuracy, AP", "RP": "repeatability, RP", "vAP": "multi-directional, vAP"}
     met = sum(condition["status"] == "met" for condition in document["protocol"])
     return ReportHeadline(
         f"ISO 9283 pose criteria{of_robot(document)}",
@@ -398,7 +411,12 @@ def iso9283_headline(document: Document) -> ReportHeadline:
         "standard's protocol.",
         [
             tile(label, part["max_m"], "m", part["intervals"]["max_m"], f"at {part['max_at']}")
-            for label, part in ((label, document["iso9283"][symbol]) for symbol, label in labels.items())
+            for label, symbol in (
+                ("accuracy, AP", "AP"),
+                ("repeatability, RP", "RP"),
+                ("multi-directional, vAP", "vAP"),
+            )
+            for part in [document["iso9283"][symbol]]
             if part["max_m"] is not None
         ],
         (),
@@ -422,9 +440,17 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         listed = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
         counts = Counter(_STATUS[condition["status"]] for condition in protocol)
         statuses = ", ".join(f"{n} {status}" for status, n in counts.items())
-        told = Text(f"conditions of the standard's protocol: {statuses}")
-        more = Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True)
-        return [start, Section("", [*_summary(listed, confidence), told, more])]
+        return [
+            start,
+            Section(
+                "",
+                [
+                    *_summary(listed, confidence),
+                    Text(f"conditions of the standard's protocol: {statuses}"),
+                    Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True),
+                ],
+            ),
+        ]
     known = [(part["symbol"], part["intervals"]["max_m"]) for part in parts if part["max_m"] is not None]
     methods = named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known)
     return [

@@ -105,7 +105,6 @@ def comparison_view(document: Document, form: Form = "page") -> list[Section]:
         for name, *_ in QUANTITIES
     }
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
-    title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
     made = Grid(
         ("", *(result["name"] for result in results)),
         [
@@ -118,7 +117,10 @@ def comparison_view(document: Document, form: Form = "page") -> list[Section]:
         is_text=True,
     )
     return [
-        *([] if complete else [Section(title, [_results(document)])]),
+        Section(
+            f"{len(results)} results compared; baseline: {_short(document['baseline'])}",
+            [] if complete else [_results(document)],
+        ),
         _ranking(document["ranking"]),
         *([] if document["grade"] is None else [_grade(document["grade"])]),
         *(_block(document, heading, group, complete) for heading, group in groups.items() if group),
@@ -367,8 +369,8 @@ _HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
 def title(gate: Document) -> str:
     """Return the gate's name and outcome, and the number of criteria with each outcome."""
     outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
-    counts = [f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes]
-    return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({', '.join(counts)})"
+    counts = ", ".join(f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes)
+    return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({counts})"
 
 
 def words_of(criterion: Document) -> dict[str, str]:
@@ -392,17 +394,19 @@ def words_of(criterion: Document) -> dict[str, str]:
             limit = f"no {'less' if is_least else 'more'} than in {file}"
         elif baseline:
             # A limit on a difference has a sign and a direction.
-            extent = "most" if (given > 0.0) != is_least else "least"
-            limit = f"at {extent} {size} {'more' if given > 0.0 else 'less'} than in {file}"
+            limit = (
+                f"at {'most' if (given > 0.0) != is_least else 'least'} {size} "
+                f"{'more' if given > 0.0 else 'less'} than in {file}"
+            )
     shown = unit.text(value) if isinstance(value, int | float) else value or "missing"
     if isinstance(value, int | float) and before is not None:
         relation = "same as" if value == 0.0 else f"{unit.text(abs(value))} {'more' if value > 0.0 else 'less'} than"
         shown = f"{unit.text(value + before)}, {relation} the {unit.text(before)} in {file}"
     bounds, ends = "", (criterion["lower_bound"], criterion["upper_bound"])
     if criterion["rule"] != "simple" and criterion["share"] is None and ends != (None, None):
-        of = "" if before is None else " for the difference"
         bounds = (
-            f"{' to '.join(map(unit.text, ends))}{of}, each bound at {100 * criterion['confidence']:g} % confidence"
+            f"{' to '.join(map(unit.text, ends))}{' for the difference' * (before is not None)}, each bound at "
+            f"{100 * criterion['confidence']:g} % confidence"
         )
     chance, probability = "", criterion["conformity_probability"]
     if probability is not None:
@@ -417,8 +421,9 @@ def words_of(criterion: Document) -> dict[str, str]:
         decided += f", {if_true} if the measured value is the true one" * (if_true not in (None, needed))
     elif criterion["outcome"] == "inconclusive" and if_true is None and criterion["why"] is None:
         # The distance to the limit is unknown without bounds or without a number of poses.
-        is_known = criterion["n_poses"] is not None
-        decided = "the value is too close to the limit for any number of poses to decide" * is_known
+        decided = "the value is too close to the limit for any number of poses to decide" * (
+            criterion["n_poses"] is not None
+        )
     label, reasons = LOOKS[criterion["outcome"]].label, [as_options(criterion["why"] or ""), decided]
     parts = (
         f"{criterion['key']} {shown}{f' ({bounds})' * bool(bounds)}, expected {limit}",
@@ -427,17 +432,14 @@ def words_of(criterion: Document) -> dict[str, str]:
         *reasons,
     )
     sentence = "; ".join(filter(None, parts))
-    cells = (
-        criterion["name"],
-        criterion["key"],
-        shown,
-        limit,
-        bounds or "–",
-        unit.text(criterion["margin"]),
-        chance or "–",
-    )
     return {
-        **dict(zip(_HEADER, cells, strict=True)),
+        "criterion": criterion["name"],
+        "key": criterion["key"],
+        "value": shown,
+        "limit": limit,
+        "bounds": bounds or "–",
+        "margin": unit.text(criterion["margin"]),
+        "conforms": chance or "–",
         "sentence": sentence,
         "said": f"{label}: {sentence}",
         "explained": f"{'; '.join(filter(None, (label, *reasons)))}. Reason: {criterion['reason']}",
@@ -675,9 +677,17 @@ def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
         if done is None:
             entries.append(("error", head, _reason(outcome)))
             continue
-        sizes = ("rms_m", "p95_m", "max_m", "before_m", "after_m")
-        names = ("rms", "95th pct.", "max", "rms before", "rms after")
-        figures = [f"{name} {with_unit(done[key])}" for name, key in zip(names, sizes, strict=True) if key in done]
+        figures = [
+            f"{name} {with_unit(done[f'{key}_m'])}"
+            for name, key in (
+                ("rms", "rms"),
+                ("95th pct.", "p95"),
+                ("max", "max"),
+                ("rms before", "before"),
+                ("rms after", "after"),
+            )
+            if f"{key}_m" in done
+        ]
         if command == "estimate":
             figures.append(f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}")
         figures += [] if outcome.gate is None else [title(outcome.gate)]

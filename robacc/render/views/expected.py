@@ -97,7 +97,6 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
     """
     parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
     origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-    opening = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
     limited = f"; limited by {' and '.join(grade['limited_by'])}" * bool(grade["limited_by"])
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
     graded = Listing(
@@ -127,7 +126,12 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
         *(Section("", [_budget(label, "name", document[f"budget_by_{label}"])]) for label in ("joint", "kind")),
     ]
     return [
-        *([] if is_page else [Section(f"Expected accuracy{of_robot(document)}, from {origin}", opening)]),
+        Section(
+            f"Expected accuracy{of_robot(document)}, from {origin}",
+            []
+            if is_page
+            else [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])],
+        ),
         Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [graded]),
         Section("Predicted error", _errors(document)),
         Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])]),
@@ -275,7 +279,6 @@ def _against(comparison: Document, source: str) -> list[Section]:
         ]
     ]
     heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-    dof = "dof: effective number of independent parameter errors in the estimate"
     return [
         Section(
             f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}",
@@ -297,7 +300,15 @@ def _against(comparison: Document, source: str) -> list[Section]:
         ),
         Section(
             "Variance components (one standard deviation)",
-            [Grid(heads, rows), Listing([dof * bool(rows), *components["notes"]])],
+            [
+                Grid(heads, rows),
+                Listing(
+                    [
+                        "dof: effective number of independent parameter errors in the estimate" * bool(rows),
+                        *components["notes"],
+                    ]
+                ),
+            ],
         ),
         Section("Limits of data from one robot", [Text(comparison["one_draw"])]),
     ]
@@ -405,15 +416,20 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         f"{document['n_visits']} visits"
     )
     enough, needed, accuracy = (document[key] for key in ("sufficiency", "needed_poses", "accuracy"))
-    excluded = [
-        (each["reason"], str(each["count"]), str(each["alone"]))
-        for each in (() if is_short else document["candidates"]["excluded"])
-    ]
+    excluded = () if is_short else document["candidates"]["excluded"]
     region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
     sections = [
         Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))]),
         *([] if enough is None else [_sufficiency(enough, document["n_poses"])]),
-        Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)]),
+        Section(
+            "Feasible poses",
+            [
+                Grid(
+                    ("candidates excluded by", "count", "by this alone"),
+                    [(each["reason"], str(each["count"]), str(each["alone"])) for each in excluded],
+                )
+            ],
+        ),
         *([_needed(needed)] if needed else []),
         Section(
             f"Predicted error after the fit, over {region}, mm",
@@ -424,8 +440,8 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         more = (
             "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
         )
-        ahead = Text(f"next: {_next_step(document, robot, output)}")
-        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])]
+        ahead = f"next: {_next_step(document, robot, output)}"
+        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), Text(ahead)])]
     most, texts = {"full": 8, "page": 20}[form], _inseparable(document["inseparable"] or ())
     fitted = document["coefficients"] if purpose in ("calibrate", "health") else ()
     missing = ", ".join(each["name"] for each in fitted if each["std"] is None)
@@ -683,10 +699,12 @@ def _visits(document: Document) -> Section:
         )
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
-    heads = ("visit", "pose", "role", None if payloads is None else "payload, kg")
-    names = (f"{joint['name']}, {unit.name}" for joint, unit in zip(joints, units, strict=True))
+    heads = (
+        *("visit", "pose", "role", None if payloads is None else "payload, kg"),
+        *(f"{joint['name']}, {unit.name}" for joint, unit in zip(joints, units, strict=True)),
+    )
     more = f"The first {_VISITS} of {count} visits; the CSV has all of them." * (count > _VISITS)
-    return Section("Visits", [grid((*heads, *names), rows), Text(more)])
+    return Section("Visits", [grid(heads, rows), Text(more)])
 
 
 # A correction: corrections, the errors to expect, and what remains.
@@ -733,10 +751,12 @@ def correction_text(parts: Sequence[Document], n_targets: int, names: tuple[str,
         for part in parts
         for name, unit, _, factor in QUANTITIES
     ):
-        what = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
         ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
         return [
-            Section(f"Correction of {targets} by {model}: nothing to correct", [Text(what)]),
+            Section(
+                f"Correction of {targets} by {model}: nothing to correct",
+                [Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}.")],
+            ),
             Section("", [notes, Text(f"next: {ahead}")]),
         ]
     count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
@@ -793,14 +813,21 @@ def _errors_to_expect(document: Document) -> list[Section]:
         f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
         "nominal arm best, which robacc calibrate and a registered estimate take",
     ]
-    refused = [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()]
     kind = f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (count > 1)}"
     return [
         Section(
             f"Errors to expect at {count} corrected {kind}",
             [grid(("", "rms, mm", "at most, mm", *turns), rows), Listing(texts)] if count else [],
         ),
-        Section("", [Grid(("not corrected, kept as given", "targets"), refused)]),
+        Section(
+            "",
+            [
+                Grid(
+                    ("not corrected, kept as given", "targets"),
+                    [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()],
+                )
+            ],
+        ),
     ]
 
 

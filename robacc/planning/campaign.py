@@ -67,28 +67,6 @@ from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
 from robacc.statistics.intervals import ASSURANCE, smallest_sufficient
 
-# Plans with fewer measured coordinates than the fit has coefficients.
-
-
-def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients: int) -> tuple[str, ...]:
-    """Return a warning about a plan that cannot determine its fit; nothing if it can.
-
-    Args:
-        n_poses: Planned poses.
-        n_known: Poses that are measured already.
-        components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
-        n_coefficients: Coefficients that the feasible poses identify.
-    """
-    n, enough = n_poses + n_known, math.ceil(n_coefficients / components) - n_known
-    if n_poses >= enough:
-        return ()
-    return (
-        f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the {n_coefficients} coefficients "
-        "of the fit: the fit would stay near the nominal model in some directions and be arbitrary in others; plan at "
-        f"least {enough} poses, and more for a check on held-out poses",
-    )
-
-
 # Number of poses that decides a limit, and poses spread over the task's region.
 #
 # The squared error length of n poses is taken as a chi-square with n degrees of freedom, as for errors along one
@@ -571,14 +549,23 @@ def plan_campaign(
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
-    fits = purpose != "acceptance"
+    warnings = []
+    # Coordinates: 3 of a position, 6 with the orientation.
+    n, components, n_coefficients = count + n_known, rows.shape[1], planned.columns.size
+    if purpose != "acceptance" and components * n < n_coefficients:
+        warnings.append(
+            f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the {n_coefficients} "
+            "coefficients of the fit: the fit would stay near the nominal model in some directions and be arbitrary in "
+            f"others; plan at least {math.ceil(n_coefficients / components) - n_known} poses, and more for a check on "
+            "held-out poses"
+        )
     return replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
-        detectability=detectability(model, data, errors) if fits else None,
-        warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
+        detectability=detectability(model, data, errors) if purpose != "acceptance" else None,
+        warnings=tuple(warnings),
     )
 
 

@@ -145,20 +145,6 @@ def test_covariances_agree_with_exact_nonlinear_kinematics(name: str, draws: int
             assert np.trace(sampled) == pytest.approx(np.trace(predicted), rel=10 / np.sqrt(draws))
 
 
-def test_matrices_of_a_planar_arm_as_written_out() -> None:
-    a1, a2 = 0.5, 0.3
-    q = np.array([[0.3, -1.1, 2.0], [0.7, 1.9, -0.4]])
-    matrices = error_matrices(planar(a1, a2), q)
-    for k, (_, q2) in enumerate(q.T):
-        c, s = np.cos(q2), np.sin(q2)
-        m1 = [[a1 * s, 0], [a1 * c + a2, a2], [0, 0]]
-        m2 = [[0, 0], [0, 0], [1, 1]]
-        m3 = [[c, 1], [-s, 0], [0, 0]]
-        m4 = [[0, 0], [0, 0], [a2 * s, 0]]
-        for name, expected in (("m1", m1), ("m2", m2), ("m3", m3), ("m4", m4)):
-            np.testing.assert_allclose(getattr(matrices, name)[:, :, k], expected, atol=1e-15)
-
-
 @pytest.mark.parametrize("name", ["puma560", "stanford", "panda"])
 def test_matrices_are_equation_6(name: str) -> None:
     """Each column against central differences of the textbook's matrices, prismatic joints and modified rows too."""

@@ -122,7 +122,6 @@ def fit_cube(points: Array) -> CubeFit | str:
 
 # Centres of cubes that an arm reaches, in front of it, the most used place first.
 
-_SAMPLES = 2048
 _RADII, _HEIGHTS = 12, 16
 """Grid of places in front of the arm that are tried as the cube's centre."""
 _CENTRE_BATCH = 24
@@ -133,7 +132,7 @@ _MAX_CENTRES = 4
 
 def reachable_centres(arm: Arm, edge: float) -> Array:
     """Return centres ``(3, C)`` of the first few cubes all of whose corners the target reaches, the most used first."""
-    q = spread_configurations(arm, _SAMPLES)
+    q = spread_configurations(arm, 2048)
     low, high = joint_ranges(arm)
     q[0] = 0.5 * (low[0] + high[0]) if np.isfinite(low[0]) else 0.0
     positions = arm.chain.forward(q).translation
@@ -389,7 +388,6 @@ _POSE_COUNT = 5
 _AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
 _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
-_LOADS = (1.0, 0.1)
 
 Finding = tuple[Literal["met", "not_met", "unknown"], str]
 """Whether a condition is met, and the reason."""
@@ -482,7 +480,7 @@ def _load(loads: list[Array], rated: float | None) -> Finding:
         return "not_met", f"the load varies from {low:g} kg to {high:g} kg"
     if rated is None:
         return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
-    return _rated_share(high / rated, _LOADS, f"{high:g} kg of {rated:g} kg", "load")
+    return _rated_share(high / rated, (1.0, 0.1), f"{high:g} kg of {rated:g} kg", "load")
 
 
 def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:

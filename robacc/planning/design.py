@@ -234,8 +234,6 @@ def expected_power(
 
 # Order of the visits.
 
-Role = Literal["pose", "repeat", "check"]
-
 LEAST_DIRECTION_SHARE = 0.3
 """Share of the approaches of each joint that each direction must have."""
 
@@ -246,7 +244,8 @@ class Route:
 
     visits: NDArray[np.int64]
     """``(V,)`` number of the pose at each visit."""
-    roles: tuple[Role, ...]
+    roles: tuple[str, ...]
+    """``pose``, ``repeat`` or ``check`` of each."""
     figures: Mapping[str, Any]
     """Figures of the order, with the keys of the result: passes; length, the sum over all moves of the largest joint
     move as a share of its range, and that in a random order; share of the rarer direction among each joint's
@@ -278,7 +277,7 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
         passes = max(passes, own_passes)
     visits = np.concatenate(parts)
     first = np.unique(visits, return_index=True)[1]
-    roles: list[Role] = [
+    roles = [
         "check" if node in checks else "pose" if place in first else "repeat"
         for place, node in enumerate(visits.tolist())
     ]

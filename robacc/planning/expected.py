@@ -339,11 +339,6 @@ def sufficiency_of(
 # The poses are in their planned order, so directions and speeds of approach and the time are known. The noise is known
 # too; the test is that of a trace (:func:`robacc.tracing.candidates.decisive_test`).
 
-_LARGEST = 300.0
-"""Largest limit, in multiples of the typical size."""
-_CERTAIN = 10.0
-"""Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
-
 
 def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Mapping[str, Any]:
     """Return what a trace of the rows of ``data`` in their order finds, given the free effects of ``model``.
@@ -377,9 +372,10 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
             test = decisive_test(values.size, dof, candidate.log_prior_of_size)
             needed = test.noncentrality_at_limit
             noncentrality = usual**2 * float(values[0])
-            power = 1.0 if noncentrality > _CERTAIN * needed else test.power(noncentrality)
+            # Beyond ten times the noncentrality at probability 1/2 an effect is found for certain, to nine digits.
+            power = 1.0 if noncentrality > 10.0 * needed else test.power(noncentrality)
             limit = math.sqrt(needed / float(values[0]))
-            if limit <= _LARGEST * first.typical:
+            if limit <= 300.0 * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)
         tested.append(
@@ -467,15 +463,14 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
 
 # Choice of poses for a trace.
 
-_CANDIDATES = 800
-"""Candidates that the search looks at, drawn at random; more gain little."""
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
 
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` different candidates, chosen among some drawn at random."""
-    pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
+    # More than 800 candidates gain little.
+    pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(800, count)]
     part = replace(problem, rows=problem.rows[pool])
     return pool[choose(part, part.best(count), seed, 100)]
 

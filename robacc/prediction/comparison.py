@@ -365,7 +365,6 @@ GIVEN = frozenset({"base", "tool"})
 """Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
-_STEP_LIMIT = 2.0
 _MIN_DOF = 1.0
 """Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
@@ -480,7 +479,7 @@ def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | N
         block = information[np.ix_(active, active)]
         ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
         step = np.zeros_like(eta)
-        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
+        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -2.0, 2.0)
         trials = (np.clip(eta + 0.5**halving * step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX) for halving in range(30))
         better = next(((trial, found) for trial in trials if (found := likelihood(trial))[0] > value), None)
         if better is None:

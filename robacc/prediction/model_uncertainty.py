@@ -621,8 +621,6 @@ def coverage(
 
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_MOST_ROWS = 20_000
-"""Poses that the unexplained error and the factor are taken from: they know a 95 % bound to 0.3 %."""
 _FEWEST = 20
 """Smallest number of held-out poses from which a factor of the bounds is taken."""
 
@@ -697,7 +695,8 @@ def fit_record(
     if poses.sigma_position is not None:
         turn = 0.0 if poses.sigma_rotation is None else float(np.mean(np.square(poses.sigma_rotation)))
         noise = float(np.mean(np.square(poses.sigma_position))), turn
-    judged = random_rows(poses, _MOST_ROWS)
+    # So many poses know a 95 % bound to 0.3 %.
+    judged = random_rows(poses, 20_000)
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, *model_uncertainty(robot, compared, poses, measured=True), sign, noise)

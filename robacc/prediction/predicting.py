@@ -120,8 +120,6 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
 # base: {x: 0.5, yaw: 0.05}
 # tool: {z: 0.1}
 
-_KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
-
 
 def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     """Return ``robot`` with the tolerances of a file, which replace its own one by one, as standard deviations.
@@ -131,7 +129,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     Raises:
         InputError: The file has problems; all of them are listed with line and dotted key.
     """
-    top = top_section(text, file, _KEYS)
+    top = top_section(text, file, ("units", "distribution", "coverage", "all", "joints", "base", "tool"))
     source, units = top.source, read_units(top)
     distribution = top.text("distribution", ("normal", "uniform", "limits")) or "normal"
     coverage = top.number("coverage", lambda sds: 0 < sds <= 10, "standard deviations, above 0 and at most 10", 3.0)

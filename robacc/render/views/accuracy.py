@@ -49,11 +49,6 @@ _FRAMES = {
     "tool": "components along the axes of the commanded target (frame tool)",
     "base": "components along the axes of the measuring frame (frame base)",
 }
-_TESTS = {
-    "zero_mean": "zero mean, Hotelling's T²",
-    "skewness": "Gaussian, Mardia's skewness",
-    "kurtosis": "Gaussian, Mardia's kurtosis",
-}
 
 
 def _registered(alignment: Document | None, joined: str = ": {} fitted, {} parameters") -> str:
@@ -301,7 +296,11 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
                     number(tests[key]["statistic"]),
                     tests[key]["why"] or "" if tests[key]["p_value"] is None else p_value(tests[key]["p_value"]),
                 )
-                for key, label in _TESTS.items()
+                for key, label in (
+                    ("zero_mean", "zero mean, Hotelling's T²"),
+                    ("skewness", "Gaussian, Mardia's skewness"),
+                    ("kurtosis", "Gaussian, Mardia's kurtosis"),
+                )
             ],
         ),
         grid(

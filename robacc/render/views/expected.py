@@ -339,13 +339,6 @@ _PURPOSES = {
     "acceptance": "acceptance",
     "health": "health check",
 }
-_COMMANDS = {
-    "calibrate": ("calibrate", "--fit"),
-    "trace": ("trace", "--declared"),
-    "acceptance": ("estimate", "--gate"),
-    "health": ("health", "--db"),
-}
-"""What evaluates the measured poses, by purpose, and its option for what was planned for."""
 _VISITS = 200
 """Visits that the page lists."""
 
@@ -430,7 +423,35 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
                 )
             ],
         ),
-        *([_needed(needed)] if needed else []),
+        Section(
+            "Poses to decide with a probability of 90 %, by true value in % of the limit",
+            [
+                Grid(
+                    ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in needed[0]["by_ratio"])),
+                    [
+                        (
+                            f"{entry['name']} ({entry['statistic']})",
+                            number(entry["limit_m"], IN_MM),
+                            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+                        )
+                        for entry in needed
+                    ],
+                ),
+                Listing(
+                    [
+                        *(
+                            f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+                            f"{100 * entry['true_over_limit']:.2g} % of the limit"
+                            for entry in needed
+                        ),
+                        "the nearer the true value to the limit, the more poses; `expected` states the value that you "
+                        "expect",
+                    ]
+                ),
+            ]
+            if needed
+            else [],
+        ),
         Section(
             f"Predicted error after the fit, over {region}, mm",
             [] if accuracy is None else _accuracy(document, not is_short),
@@ -489,7 +510,13 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
 def _next_step(document: Document, robot: str, output: str | None) -> str:
     """Return what to do with the plan."""
     purpose, file = document["purpose"], output or "PLAN"
-    name, option = _COMMANDS[purpose]
+    # What evaluates the measured poses, and its option for what was planned for.
+    name, option = {
+        "calibrate": ("calibrate", "--fit"),
+        "trace": ("trace", "--declared"),
+        "acceptance": ("estimate", "--gate"),
+        "health": ("health", "--db"),
+    }[purpose]
     planned_for = document.get("options", {}).get("gate") if purpose == "acceptance" else document["fit"]
     planned_for = "FILE" if purpose == "health" else planned_for
     start = "measure the poses" if output else "write the poses (`output=PLAN`), measure them"
@@ -567,36 +594,6 @@ def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
             ),
             *(f"none with {payload:g} kg" for payload in payloads if payload not in used),
         ]
-    )
-
-
-def _needed(entries: Sequence[Document]) -> Section:
-    return Section(
-        "Poses to decide with a probability of 90 %, by true value in % of the limit",
-        [
-            Grid(
-                ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"])),
-                [
-                    (
-                        f"{entry['name']} ({entry['statistic']})",
-                        number(entry["limit_m"], IN_MM),
-                        *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
-                    )
-                    for entry in entries
-                ],
-            ),
-            Listing(
-                [
-                    *(
-                        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
-                        f"{100 * entry['true_over_limit']:.2g} % of the limit"
-                        for entry in entries
-                    ),
-                    "the nearer the true value to the limit, the more poses; `expected` states the value that you "
-                    "expect",
-                ]
-            ),
-        ],
     )
 
 

@@ -80,10 +80,6 @@ _PARTS = {
     "pose_m": "error that depends on the pose",
     "wander_m": "wander over time",
 }
-_MORE = {
-    True: "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits",
-    False: "`full=True` adds coefficients, errors before and after, and the quality of the fit",
-}
 _LISTED = 60
 """Coefficients in the table of a text."""
 
@@ -250,11 +246,16 @@ def fit_view(
         ],
     )
     if form == "short":
-        more, ahead = Text(_MORE[is_trace], is_note=True), Text(f"next: {next_step(document, model)}")
+        more = (
+            "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits"
+            if is_trace
+            else "`full=True` adds coefficients, errors before and after, and the quality of the fit"
+        )
+        ahead = f"next: {next_step(document, model)}"
         return [
             opening,
             Section("", _causes(document, 6, short=True)),
-            Section("", [Listing(_doubts(document)), more, ahead]),
+            Section("", [Listing(_doubts(document)), Text(more, is_note=True), Text(ahead)]),
         ]
     if form == "full":
         return [opening, Section("Causes", _causes(document, 8)), *parts]

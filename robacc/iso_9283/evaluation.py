@@ -59,25 +59,6 @@ _SIZE_TOLERANCE = 0.01
 """Relative difference below which two sizes count as equal: 1 mm in 100 mm is accepted."""
 
 
-@dataclass(frozen=True, slots=True)
-class CubeFit:
-    """Position of five points in the standard's cube."""
-
-    centre: int
-    """Index of P1 among the points."""
-    half: float
-    """Half the side of the cube that has the four outer points as corners, m."""
-    plane: Plane | None
-    """None: an upright diagonal plane, which is not one of the standard's four."""
-
-    @property
-    def edge(self) -> float:
-        """Return the preferred edge with the points 8 to 12 % from its corners, else the edge with them at 10 %, m."""
-        # Tolerance of the standard on `FROM_CORNER`.
-        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - self.half / edge - FROM_CORNER) <= 0.02)
-        return next(preferred, self.half / (0.5 - FROM_CORNER))
-
-
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
     level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
@@ -91,8 +72,14 @@ def corners(centre: Array, edge: float) -> Array:
     return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
 
 
-def fit_cube(points: Array) -> CubeFit | str:
-    """Fit the standard's cube to five points ``(3, 5)``, m, in the axes of the base; return the reason if none fits."""
+def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
+    """Fit the standard's cube to five points ``(3, 5)``, m, in the axes of the base; return the reason if none fits.
+
+    Returns:
+        Index of P1 among the points; the preferred edge that has the outer points 8 to 12 % of the diagonal from its
+        corners, the standard's tolerance, else the edge with 10 %, m; that share; and the plane, None for an upright
+        one, which is not one of the standard's four.
+    """
     centre = int(np.argmin(np.sum(np.square(points - points.mean(axis=1, keepdims=True)), axis=0)))
     outer = np.delete(points, centre, axis=1) - points[:, [centre]]
     radii = np.sqrt(np.sum(np.square(outer), axis=0))
@@ -109,7 +96,9 @@ def fit_cube(points: Array) -> CubeFit | str:
         # The four planes in their order: along x and y, rising and falling.
         slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
         rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
-        return CubeFit(centre, half, rising[0] if rising else None)
+        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - half / edge - FROM_CORNER) <= 0.02)
+        edge = next(preferred, half / (0.5 - FROM_CORNER))
+        return centre, edge, 0.5 - half / edge, rising[0] if rising else None
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
@@ -521,13 +510,13 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
         return (("not_met", fit),) * 2
+    (centre, edge, share, rising), cube = fit, f"a cube of {fit[1] * 1e3:.0f} mm"
     plane: Finding = ("not_met", "the diagonal plane is upright; the standard's planes rise at 45°")
-    if fit.plane is not None:
-        plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
-    edge = f"a cube of {fit.edge * 1e3:.0f} mm"
-    if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
-        return plane, ("met", f"{100 * (0.5 - fit.half / fit.edge):.1f} % in {edge}")
-    return plane, ("unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
+    if rising is not None:
+        plane = ("met", f"{poses[centre].label} is the centre, and the plane rises at 45° towards {rising}")
+    if any(abs(edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
+        return plane, ("met", f"{100 * share:.1f} % in {cube}")
+    return plane, ("unknown", f"10 % in {cube}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
 
 
 def _one_approach(poses: Sequence[CommandedPose]) -> Finding:

@@ -243,15 +243,10 @@ class IntervalEstimate:
 Place = IsoCriterion[IntervalEstimate]
 
 
-def without_interval(value: float, reason: str) -> IntervalEstimate:
-    """Return a number without an interval, and the reason."""
-    return IntervalEstimate(value, partial(Interval.missing, why=reason))
-
-
 def student(value: float, standard_error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
     """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
     if dof < 1:
-        return without_interval(value, ONE_VISIT)
+        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
     return IntervalEstimate(value, lambda confidence: student_interval(value, standard_error, dof, confidence, method))
 
 
@@ -361,7 +356,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
     """
     value = float(np.linalg.norm(difference))
     if dof < 1:
-        return without_interval(value, ONE_VISIT)
+        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
     variances, axes = principal_axes(covariance)
     if not np.any(variances > 0.0):
         return IntervalEstimate(value, partial(Interval.exact, value))
@@ -426,7 +421,7 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     length_std = float(np.std(lengths, ddof=1))
     value = float(np.mean(lengths)) + 3.0 * length_std
     if n < 3:
-        return without_interval(value, FEW_VISITS)
+        return IntervalEstimate(value, partial(Interval.missing, why=FEW_VISITS))
     if not np.any(lengths > 0.0):
         return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
     # With more visits, the delta method's error is far below the scatter of the draws.

@@ -110,7 +110,6 @@ def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
 # System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
 # agree with the turn bits of axes 3 and 5 in recorded public programs.
 
-_STATUS = re.compile(r"\bS\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _N_AXES = 6
 _SPHERICAL = 1e-4
 """m: distance from their common point up to which the wrist axes count as intersecting."""
@@ -126,7 +125,7 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
         configuration: ``S`` and ``T`` as the program writes them.
         q: Joints, rad.
     """
-    status = _bits(_STATUS, configuration)
+    status = _bits("S", configuration)
     if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
@@ -137,9 +136,9 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
     return np.asarray(np.all(signed > -1e-4, axis=0))
 
 
-def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
-    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones; None where it is not given."""
-    match = pattern.search(configuration)
+def _bits(letter: str, configuration: str) -> int | None:
+    """Return the number of ``S`` or ``T``, in binary digits, ``'B010'``, or in decimal ones; None where it lacks."""
+    match = re.search(rf"\b{letter}\s*'?(B[01]+|\d+)", configuration, re.IGNORECASE)
     if match is None:
         return None
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
@@ -177,8 +176,6 @@ def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
     return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
 
 
-_TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
-_NUMBERS = re.compile(r"-?\d+")
 _READ_WHOLE = ("krl", "rapid")
 """Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
@@ -191,10 +188,10 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
     They are infinite where it says nothing; None where it is not given, or not read.
     """
     low, high = window = np.repeat([[-np.inf], [np.inf]], _N_AXES, axis=1)
-    numbers = [int(number) for number in _NUMBERS.findall(configuration)]
+    numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
     if n_joints != _N_AXES:
         return None
-    if dialect == "krl" and (turn := _bits(_TURN, configuration)) is not None:
+    if dialect == "krl" and (turn := _bits("T", configuration)) is not None:
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         low[~is_negative] = high[is_negative] = 0.0
     elif dialect == "fanuc" and len(numbers) == 3:
@@ -204,7 +201,7 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
     elif dialect == "rapid" and len(numbers) >= 3:
         # Quarter turns of the axes 1, 4 and 6.
         window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
-    elif dialect != "krl" or _bits(_STATUS, configuration) is None:
+    elif dialect != "krl" or _bits("S", configuration) is None:
         return None
     return window
 
@@ -353,9 +350,6 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
 
 # New programs that go to given joints: one motion to each, slow, with a stop for the measurement.
 
-_JOINTS = 6
-_UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
-
 
 _LAYOUT = {
     "data": "",
@@ -365,7 +359,7 @@ _LAYOUT = {
     "comma": ",",
     "half": ",",
     "units": (1e3, 180 / np.pi),
-    "joints": range(1, _JOINTS + 1),
+    "joints": range(1, _N_AXES + 1),
     "padded": 0,
     "line_end": "\r\n",
 }
@@ -391,11 +385,11 @@ _LAYOUT = {
 _LAYOUTS: dict[str, dict[str, Any]] = {
     "krl": {
         **_LAYOUT,
-        "has": f"a krl program's targets have 1 to {_JOINTS}",
+        "has": f"a krl program's targets have 1 to {_N_AXES}",
         "suffix": ".src",
         "program": "&ACCESS RVP\nDEF {name}( )\n"
         "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
-        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_JOINTS))
+        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_N_AXES))
         + "$VEL.CP=0.100\n{moves}\nEND\n",
         "move": "; {comment}\nPTP {{{numbers}}}",
         "wait": "WAIT SEC 2",
@@ -403,19 +397,19 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
     },
     "rapid": {
         **_LAYOUT,
-        "has": f"a rapid program's targets have 1 to {_JOINTS}",
-        "padded": _JOINTS,
+        "has": f"a rapid program's targets have 1 to {_N_AXES}",
+        "padded": _N_AXES,
         "suffix": ".mod",
         "program": "MODULE {name}\n"
         "  ! written by robacc: check the speed, the tool and every motion before you run it\n"
         "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
-        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
+        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],[{','.join(['9E+09'] * _N_AXES)}]]; ! {{comment}}",
         "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
         "wait": "    WaitTime \\InPos,2;",
     },
     "fanuc": {
         **_LAYOUT,
-        "has": f"a fanuc program's targets have 1 to {_JOINTS}",
+        "has": f"a fanuc program's targets have 1 to {_N_AXES}",
         "suffix": ".ls",
         "program": '/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
         "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
@@ -430,8 +424,8 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
     },
     "urscript": {
         **_LAYOUT,
-        "joints": [_JOINTS],
-        "has": f"a URScript target has {_JOINTS}",
+        "joints": [_N_AXES],
+        "has": f"a URScript target has {_N_AXES}",
         "suffix": ".script",
         "program": "def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
         "{moves}\nend\n",

@@ -297,7 +297,7 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
     number, (_, view) = f"r{place}", _VIEWS.get(document["command"], _VIEWS["check"])
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
-        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
+        others = f" and {len(lines) - 20} more" * (len(lines) > 20)
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
     leading = [
         *([gate_section(document["gate"])] if document.get("gate") else []),

@@ -318,7 +318,6 @@ def _coverage(coverage: Document) -> Section:
     """Return the measured poses within the bounds of a model."""
     parts = {name: coverage[name] for name, *_ in QUANTITIES if coverage.get(name) is not None}
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
-    halves = f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the other"
     return Section(
         f"Measured poses within the {100 * coverage['probability']:g} % bound of their error",
         [
@@ -326,7 +325,13 @@ def _coverage(coverage: Document) -> Section:
                 ("", "poses", "share"),
                 [(name, f"{p['n_inside']} of {p['n_poses']}", _percent(p["share"])) for name, p in parts.items()],
             ),
-            Listing([f"the bound contains the measurement noise, {sources}", halves * bool(coverage["registered"])]),
+            Listing(
+                [
+                    f"the bound contains the measurement noise, {sources}",
+                    f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the other"
+                    * bool(coverage["registered"]),
+                ]
+            ),
         ],
     )
 

@@ -791,8 +791,10 @@ def drift(
         for count in [windows or min(max(pose.n // 10, 2), 10)]
         if pose.n >= MIN_WINDOW_VISITS * count
     ]
-    needed = MIN_WINDOW_VISITS * (windows or 2)
-    why = f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
+    why = (
+        f"drift needs {MIN_WINDOW_VISITS * (windows or 2)} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of "
+        f"{windows or 2} windows"
+    )
     notes = [_window_note(*entry) for entry in divided[:1]]
     is_commanded = all(pose.deviation is not None for pose, _ in divided)
     accurate, repeated, shifted = [], [], []

@@ -529,8 +529,10 @@ def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
     ]
     if not labels:
         return "met", "every visit of a pose has the same approach direction"
-    names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
-    return "not_met", f"{names} approached from several directions: AP and RP include vAP"
+    return (
+        "not_met",
+        f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)} approached from several directions: AP and RP include vAP",
+    )
 
 
 def iso9283(

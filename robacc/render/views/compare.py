@@ -416,8 +416,10 @@ def words_of(criterion: Document) -> dict[str, str]:
     decided, needed, if_true = "", criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
     if criterion["outcome"] == "inconclusive" and needed is not None:
         # ISO 9283 results count visits of a few commanded poses.
-        counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
-        decided = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
+        decided = (
+            f"{needed} {'visits' if criterion['key'].startswith('iso9283.') else 'poses'} in total would decide it "
+            f"with a probability of {100 * ASSURANCE:.0f} %"
+        )
         decided += f", {if_true} if the measured value is the true one" * (if_true not in (None, needed))
     elif criterion["outcome"] == "inconclusive" and if_true is None and criterion["why"] is None:
         # The distance to the limit is unknown without bounds or without a number of poses.

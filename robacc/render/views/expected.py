@@ -328,8 +328,8 @@ def _coverage(coverage: Document) -> Section:
             Listing(
                 [
                     f"the bound contains the measurement noise, {sources}",
-                    f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the other"
-                    * bool(coverage["registered"]),
+                    f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the "
+                    "other" * bool(coverage["registered"]),
                 ]
             ),
         ],

@@ -191,8 +191,10 @@ def next_step(document: Document, model: str | None = None) -> str:
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if _is_worth_it(document):
-        start = "" if model else "write the model (`write_model`), then "
-        return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
+        return (
+            f"{'' if model else 'write the model (`write_model`), then '}change the robot's targets: robacc correct "
+            f"TARGETS --model {model or 'MODEL'}"
+        )
     registered = " with base and tool registered" * (_nominal(document) == "nominal")
     return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
 

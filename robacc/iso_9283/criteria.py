@@ -639,11 +639,8 @@ def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Chara
             why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
         elif len(names) > 1:
             rows = [moving[index.ravel() == i] for i in range(len(names))]
-            position, angles, between = separation(
-                [pose.attained[:, part] for part in rows],
-                names,
-                None if pose.turn is None else [pose.turn[:, part] for part in rows],
-            )
+            turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
+            position, angles, between = separation([pose.attained[:, part] for part in rows], names, turns)
             places.append(
                 IsoCriterion((pose.label,), pose.source, moving.size, position, None, angles, between=between)
             )
@@ -671,11 +668,8 @@ def exchangeability(
         shared, groups = zip(*(labels[label] for labels in by_label), strict=True)
         first = shared[0]
         for pose in shared[1:]:
-            offset = (
-                float(np.linalg.norm(pose.commanded - first.commanded))
-                if (first.commanded is not None and pose.commanded is not None)
-                else 0.0
-            )
+            is_known = first.commanded is not None and pose.commanded is not None
+            offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
             if offset > SAME_COMMAND:
                 return characteristic(
                     "E",
@@ -812,10 +806,8 @@ def drift(
         spreads = [position_repeatability(part, (seed, *pose.stream, i)) for i, part in enumerate(attained)]
         angles = None
         if turns is not None:
-            angles = tuple(
-                largest_magnitude([change(later, first) for later in rest])
-                for first, *rest in [[threefold_std(turn[axis]) for turn in turns] for axis in range(3)]
-            )
+            by_axis = [[threefold_std(turn[axis]) for turn in turns] for axis in range(3)]
+            angles = tuple(largest_magnitude([change(later, first) for later in rest]) for first, *rest in by_axis)
         repeated.append(_drift_place(pose, [change(later, spreads[0]) for later in spreads[1:]], angles))
         moves = [separation([attained[0], later], ("", ""), None)[0] for later in attained[1:]]
         shifted.append(_drift_place(pose, moves, None))
@@ -859,7 +851,5 @@ def _accuracy_changes(windows: Sequence[Array]) -> list[IntervalEstimate]:
     directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
     # AP changes as the mean does along its own direction (delta method).
     variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / [part.shape[1] for part in windows]
-    return [
-        student(float(at - lengths[0]), float(error), dof)
-        for at, error in zip(lengths[1:], np.sqrt(variances[1:] + variances[0]), strict=True)
-    ]
+    errors = np.sqrt(variances[1:] + variances[0])
+    return [student(float(at - lengths[0]), float(error), dof) for at, error in zip(lengths[1:], errors, strict=True)]

@@ -140,7 +140,8 @@ def reachable_centres(arm: Arm, edge: float) -> Array:
     order = np.argsort(np.hypot(radius - middle[0], height - middle[1]).ravel(), kind="stable")
     if arm.robot.variables[0].type == "revolute":
         # The column of a turning arm takes space: the cube's near side stays a tenth of the reach clear of its axis.
-        order = order[radius.ravel()[order] >= (0.5 * edge * float(np.abs(front).sum()) + 0.1 * forward.max())]
+        nearest = 0.5 * edge * float(np.abs(front).sum()) + 0.1 * forward.max()
+        order = order[radius.ravel()[order] >= nearest]
     # Step of the centres' coordinates (a tenth of the edge for small cubes), m.
     grid = min(0.01, 0.1 * edge)
     centres = np.round(np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order])) / grid) * grid
@@ -227,10 +228,9 @@ def propose(
         ),
     )
     name = target or next(iter(robot.targets), None)
+    tool = robot.tool if name is None else robot.targets[name]
     # In the base's axes, to which the cube's edges are parallel.
-    arm = Arm.of(
-        replace(robot, tool=robot.tool if name is None else robot.targets[name], targets={}, base=Frame(), effects=())
-    )
+    arm = Arm.of(replace(robot, tool=tool, targets={}, base=Frame(), effects=()))
     edges = PREFERRED_EDGES if edge is None else (edge,)
     # A smaller cube with one orientation is preferred to a larger cube without.
     preferred = (ORIENTATIONS[:3], ORIENTATIONS[3:]) if orientation is None else ((orientation,),)
@@ -339,16 +339,8 @@ def _best_plane(
         if margins[i] >= 0.01 and (best is None or margins[i] > best.margin):
             # The decimals limit how exactly the poses are met.
             q = np.round(joints[..., i], 11) + 0.0
-            best = Proposal(
-                edge,
-                centre,
-                candidate,
-                kind,
-                arm.chain.forward(q) if rotation is None else _at(points, rotation),
-                q,
-                float(margins[i]),
-                (),
-            )
+            poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
+            best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())
     return best
 
 
@@ -410,14 +402,11 @@ def protocol(
         else f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
     )
     diagonal, corner_distance = _cube([pose for pose in poses if pose.number == 0], robot)
+    no_sigma = "no columns sigma_x, sigma_y, sigma_z"
     findings: tuple[tuple[str, str, Finding], ...] = (
         ("warm-up", "6.2", ("unknown", warm_up)),
         ("temperature", "6.3", logged("temperature", "no column temperature_c", _temperature)),
-        (
-            "measuring uncertainty",
-            "6.5",
-            logged("sigma_position", "no columns sigma_x, sigma_y, sigma_z", lambda v: _instrument(v, repeatability)),
-        ),
+        ("measuring uncertainty", "6.5", logged("sigma_position", no_sigma, lambda v: _instrument(v, repeatability))),
         ("rated load", "6.6", logged("payload", "no column payload_kg", lambda loads: _load(loads, rated_load))),
         ("rated velocity", "6.7", logged("speed", "no speed columns", lambda speeds: _velocity(files, speeds))),
         ("five poses", "6.8", ("met" if n_poses == [_POSE_COUNT] else "not_met", five_poses)),
@@ -722,10 +711,8 @@ def _warnings(
         )
     for poses in poses_by_file:
         # A single pose does not show whether the accuracy of a robot is too bad for an arm.
-        if (
-            len(poses) > 1
-            and all(pose.deviation is not None for pose in poses)
-            and too_far(_largest_accuracy(poses), np.column_stack([pose.attained.mean(axis=1) for pose in poses]))
-        ):
-            warnings.append(TOO_LARGE if registered else UNREGISTERED)
+        if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
+            barycentres = np.column_stack([pose.attained.mean(axis=1) for pose in poses])
+            if too_far(_largest_accuracy(poses), barycentres):
+                warnings.append(TOO_LARGE if registered else UNREGISTERED)
     return tuple(dict.fromkeys(warnings))

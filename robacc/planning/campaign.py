@@ -598,9 +598,5 @@ def _validation(
     refuse((pool.n < count, f"only {pool.n} of {count} validation poses are feasible"))
     q, payload = pool.q[:, :count], conditions.in_turn(count)
     visits = route(q, payload, 0, 0, seed).visits
-    return _to_measure(
-        model.arm.robot,
-        q[:, visits],
-        np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)]),
-        None if payload is None else payload[visits],
-    )
+    ids = np.array([f"V{i + 1:0{len(str(count))}d}" for i in range(count)])
+    return _to_measure(model.arm.robot, q[:, visits], ids, None if payload is None else payload[visits])

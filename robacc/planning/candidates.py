@@ -104,10 +104,8 @@ def parse_box(text: str, name: str) -> Zone:
     """
     ends = {axis: (-np.inf, np.inf) for axis in _AXES}
     for part in text.split(","):
-        axis, *sides = given(
-            re.fullmatch(r"\s*([xyz])\s*=([^:]*):([^:]*)", part),
-            f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}",
-        ).groups()
+        expected = f"`{name}`: expected a box such as x=0.2:0.9,z=100mm:, found {text!r}"
+        axis, *sides = given(re.fullmatch(r"\s*([xyz])\s*=([^:]*):([^:]*)", part), expected).groups()
         low, high = (length(side, name) if side.strip() else end for side, end in zip(sides, ends[axis], strict=True))
         refuse((low >= high, f"`{name}`: {axis} ends before it begins in {text!r}"))
         ends[axis] = low, high
@@ -219,10 +217,8 @@ def _targets(arm: Arm, q: Array) -> list[Poses]:
     """Return the nominal pose of each target in the base frame at joint variables ``(J, N)``."""
     to_base, n = arm.robot.base.pose.inverse(), q.shape[1]
     data = Measurements(position=np.zeros((3, n)), q=q)
-    return [
-        to_base @ Model(arm).bind(poses).poses(np.zeros(0))
-        for poses in [replace(data, target=np.full(n, name)) for name in arm.robot.targets] or [data]
-    ]
+    rows = [replace(data, target=np.full(n, name)) for name in arm.robot.targets]
+    return [to_base @ Model(arm).bind(poses).poses(np.zeros(0)) for poses in rows or [data]]
 
 
 def targets_in_base(robot: Robot, q: Array) -> Array:

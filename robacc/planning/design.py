@@ -269,9 +269,8 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
     for number, at in enumerate(groups):
         scaled = _in_ranges(q[:, at])
         check = int(np.argmin(_from_middle(scaled))) if every and at.size > 2 else None
-        order, own_passes = _ordered(
-            scaled, repeats // len(groups) + (number < repeats % len(groups)), check, max(every, 1), seed
-        )
+        share = repeats // len(groups) + (number < repeats % len(groups))
+        order, own_passes = _ordered(scaled, share, check, max(every, 1), seed)
         checks += [] if check is None else [int(at[check])]
         parts.append(at[order])
         passes = max(passes, own_passes)

@@ -449,7 +449,8 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
         explained = cross @ np.linalg.pinv(gram[np.ix_(other, other)], rcond=1e-9) @ cross.T
         evidence = 0.5 * limit["usual_size"] ** 2 * max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
         if evidence < ACCEPTED:
-            square = float(np.linalg.eigvals(np.linalg.pinv(block, rcond=1e-12, hermitian=True) @ explained).real.max())
+            whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
+            square = float(np.linalg.eigvals(whitener @ explained).real.max())
             pairs.append(
                 {
                     "first": _label(limit),

@@ -391,12 +391,8 @@ def variance_components(
         return None
     member = np.array([[float(component == name) for component in estimated] for name in names])
     given_effects = statistics.effect[:, is_given]
-    likelihood = _likelihood(
-        statistics.y,
-        statistics.effect[:, ~is_given],
-        member,
-        np.eye(statistics.y.size) + given_effects @ given_effects.T,
-    )
+    fixed = np.eye(statistics.y.size) + given_effects @ given_effects.T
+    likelihood = _likelihood(statistics.y, statistics.effect[:, ~is_given], member, fixed)
     log_factors, maximum = _maximised(likelihood, np.zeros(len(names)))
     information = likelihood(np.zeros(len(names)))[2]
     components: list[dict[str, Any]] = []
@@ -407,9 +403,9 @@ def variance_components(
         dof = 2.0 * max(0.0, float(information[index, index] - cross @ others @ cross))
         predicted = math.sqrt(float(np.mean([parameter.sd**2 for parameter in members])))
         factor = math.exp(0.5 * log_factors[index]) if log_factors[index] > _LOG_FACTOR_MIN + 1.0 else 0.0
-        lower, upper = _profile_interval(
-            likelihood, index, log_factors, maximum, chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
-        )
+        threshold = chi2_quantile(confidence, 1.0) * bartlett_mean(max(dof, _MIN_DOF))
+        lower, upper = _profile_interval(likelihood, index, log_factors, maximum, threshold)
+        at_prediction = _maximised(likelihood, log_factors, (index, 0.0))[1]
         components.append(
             {
                 "name": name,
@@ -421,7 +417,7 @@ def variance_components(
                 "lower": lower,
                 "upper": upper,
                 "dof": dof,
-                "likelihood_ratio": max(0.0, 2.0 * (maximum - _maximised(likelihood, log_factors, (index, 0.0))[1])),
+                "likelihood_ratio": max(0.0, 2.0 * (maximum - at_prediction)),
                 "why": _unidentified_reason(names, information, index, dof),
             }
         )
@@ -554,12 +550,10 @@ def compare_with_measured(
         InputError: There are no poses or no joints, or the noise cannot be estimated.
         UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
+    lacking = "has no joint columns: the comparison needs the joint values"
     refuse(
         (data.n == 0, Problem("has no poses to compare with the prediction", data.source)),
-        (
-            data.q is None,
-            Problem("has no joint columns: the comparison needs the joint values", data.source, fix="add q1, q2, …"),
-        ),
+        (data.q is None, Problem(lacking, data.source, fix="add q1, q2, …")),
         (not all(std is None or 0.0 < std < math.inf for std in noise), "`noise` is a standard deviation above 0"),
     )
     check_confidence(confidence)

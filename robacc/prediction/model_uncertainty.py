@@ -341,9 +341,8 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
     scalars: dict[int, Array] = {}
     for term in known.effect.terms(arm, inside):
         for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
-            scalars[part.motion] = (
-                scalars.get(part.motion, np.zeros(inside.n)) + known.values.get(term.name, 0.0) * part.factor
-            )
+            before = scalars.get(part.motion, np.zeros(inside.n))
+            scalars[part.motion] = before + known.values.get(term.name, 0.0) * part.factor
     sizes = np.sqrt(2.0 * np.mean(np.square([*scalars.values()]).reshape(len(scalars), inside.n), axis=1))
     columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (sizes[:, None, None] * growth * waves)
     return np.asarray(columns.reshape(6, -1, data.n))
@@ -397,9 +396,8 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
         known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity), strict=True
     ):
         before, after = whole.parts[0], rest.parts[0]
-        lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + (
-            known.values.get(whole.name, 0.0) * (before.factor - after.factor)
-        )
+        own = known.values.get(whole.name, 0.0) * (before.factor - after.factor)
+        lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + own
     columns = _motion_columns(model, data, tuple(lost)) * np.array([*lost.values()])
     return np.asarray(columns.sum(axis=1, keepdims=True))
 
@@ -811,7 +809,8 @@ def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, floa
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
         # Updates of a factor: its bounds contain the noise, which it does not multiply.
         for _ in range(4):
-            radius = length_quantiles(RADIUS_PROBABILITY, principal_variances(factors[i] ** 2 * covariance) + variance)
+            variances = principal_variances(factors[i] ** 2 * covariance) + variance
+            radius = length_quantiles(RADIUS_PROBABILITY, variances)
             ratio = np.sort(length[radius > 0] / radius[radius > 0])
             n = ratio.size
             chance = math.sqrt(RADIUS_PROBABILITY * (1.0 - RADIUS_PROBABILITY) / max(n, 1))

@@ -161,12 +161,8 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
             if name in kinds:
                 values[name] = kinds[name](source, value, f"{path}.{name}") or {}
             else:
-                source.report(
-                    key_node,
-                    f"{path}.{name}",
-                    "the robot has no such joint",
-                    nearest(name, tuple(kinds)) or f"the joints are {', '.join(kinds)}",
-                )
+                fix = nearest(name, tuple(kinds)) or f"the joints are {', '.join(kinds)}"
+                source.report(key_node, f"{path}.{name}", "the robot has no such joint", fix)
         return values
 
     of_any, of_frame = kind("prismatic" if types == {"prismatic"} else "revolute"), kind("fixed")
@@ -234,11 +230,9 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         UsageError: The joint variables do not fit the robot.
     """
     refuse((data.n == 0, Problem("has no poses to predict the accuracy at", data.source)))
+    no_joints = "has no joint columns: the prediction needs the joint values"
     return Configurations(
-        given(
-            data.q,
-            Problem("has no joint columns: the prediction needs the joint values", data.source, fix="add q1, q2, …"),
-        ),
+        given(data.q, Problem(no_joints, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
         Model.of(replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),
@@ -260,13 +254,8 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
         InputError: A prismatic joint has no limits.
     """
     refuse((n < 1, f"`samples` is at least 1, not {n}"))
-    q = even_joints(
-        robot,
-        n,
-        np.random.default_rng(seed),
-        "to spread configurations over",
-        "give it limits, or give the configurations with `poses`",
-    )
+    fix = "give it limits, or give the configurations with `poses`"
+    q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
     if endless:
         notes.append(f"joint{'s' * (len(endless) > 1)} {', '.join(endless)} without limits: sampled over a full turn")
@@ -357,10 +346,8 @@ class PredictedErrors:
 
     def percentiles(self, values: Array) -> Mapping[str, float]:
         """Return percentiles over poses of predicted errors ``(N,)``, with the keys of the result."""
-        return {
-            f"p{percent}": size
-            for percent, size in zip(PERCENTILES, np.percentile(values, PERCENTILES).tolist(), strict=True)
-        }
+        sizes = np.percentile(values, PERCENTILES).tolist()
+        return {f"p{percent}": size for percent, size in zip(PERCENTILES, sizes, strict=True)}
 
 
 @dataclass(frozen=True, slots=True)
@@ -429,11 +416,10 @@ def predict_accuracy(
 def with_shares(sources: Sequence[Mapping[str, Any]], power: Array) -> list[dict[str, Any]]:
     """Return the sources of error, each with its share in the variances ``power`` ``(2, P)``."""
     totals = power.sum(axis=1, keepdims=True)
+    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
     return [
         {**source, "share_position": position, "share_orientation": orientation}
-        for source, (position, orientation) in zip(
-            sources, (power / np.where(totals > 0.0, totals, 1.0)).T.tolist(), strict=True
-        )
+        for source, (position, orientation) in zip(sources, shares, strict=True)
     ]
 
 

@@ -58,12 +58,8 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     gaps = zip((first, *(stop for _, stop in spans)), (*(start for start, _ in spans), end), strict=True)
     for gap in (gap for gap in gaps if text[slice(*gap)].strip()):
         opened = text.find("{", *gap)
-        refuse(
-            (
-                gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0,
-                source.problem("is truncated: this position has no }", opened, _FIX),
-            )
-        )
+        is_cut = gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0
+        refuse((is_cut, source.problem("is truncated: this position has no }", opened, _FIX)))
         draft.note(gap, "is not a position that robacc knows")
     targets = {match[1]: index for match in positions if (index := _add_position(draft, match)) is not None}
     if "MN" in sections:

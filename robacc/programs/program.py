@@ -85,13 +85,9 @@ class ProgramSource:
 def _decode(data: bytes, file: str) -> tuple[str, str]:
     """Return text and encoding; a UTF-16 text keeps its mark."""
     if wide := {b"\xff\xfe": "utf-16-le", b"\xfe\xff": "utf-16-be"}.get(data[:2]):
+        no_text = "is not UTF-16 text though it begins with its mark"
         refuse(
-            (
-                _not_decoded(data, wide) is not None,
-                Problem(
-                    "is not UTF-16 text though it begins with its mark", file, fix="export it from the controller again"
-                ),
-            )
+            (_not_decoded(data, wide) is not None, Problem(no_text, file, fix="export it from the controller again"))
         )
         return data.decode(wide), wide
     before, nul, _ = data.partition(b"\0")

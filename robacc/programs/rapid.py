@@ -105,9 +105,8 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         kind, name, scope = match[2].lower(), match[3], routine(match.start())
         if kind in ("tooldata", "wobjdata"):
             # A frame that the program changes is unknown.
-            frames[name.lower()] = ProgramFrame(
-                name, None if name.lower() in changes else _frame(text, match.span(5), kind)
-            )
+            frame = None if name.lower() in changes else _frame(text, match.span(5), kind)
+            frames[name.lower()] = ProgramFrame(name, frame)
         elif match.start() < end:
             elements = (items(text, match.span(5)) if match[4] else []) or [match.span(5)]
             indices = targets[scope, name.lower()] = []

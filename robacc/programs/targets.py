@@ -54,11 +54,8 @@ def flange_targets(program: Program) -> tuple[tuple[int, ...], Poses, tuple[tupl
     targets = [program.targets[i] for i in numbers]
     values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
     poses = Poses(rotation_from_quaternion(values[3:]), values[:3]) @ _poses(t.tool for t in targets).inverse()
-    return (
-        numbers,
-        _poses(target.base for target in targets) @ poses,
-        tuple((i, reason) for i, reason in reasons.items() if reason),
-    )
+    unknown = tuple((i, reason) for i, reason in reasons.items() if reason)
+    return numbers, _poses(target.base for target in targets) @ poses, unknown
 
 
 def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
@@ -83,9 +80,8 @@ def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
     """
     numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
     rows = [program.targets[i].values for i in numbers]
-    refuse(
-        (len({len(row) for row in rows}) > 1, "the joint targets have different numbers of joints"), error=ValueError
-    )
+    counts = {len(row) for row in rows}
+    refuse((len(counts) > 1, "the joint targets have different numbers of joints"), error=ValueError)
     return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
 
 
@@ -245,10 +241,10 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
         after: Corrected joints ``(J,)``, rad.
     """
     window = joint_window(dialect, configuration, before.size)
-    if window is not None and np.any(
-        (before > window[0]) & (before < window[1]) & ((after < window[0]) | (after > window[1]))
-    ):
-        return True
+    if window is not None:
+        inside = (before > window[0]) & (before < window[1])
+        if np.any(inside & ((after < window[0]) | (after > window[1]))):
+            return True
     is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == _N_AXES
     return bool(is_named and before[4] * after[4] < 0)
 
@@ -321,9 +317,8 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
     text = program.source.text
     # A program with a .5 for 0.5 has all numbers so.
     bare_point = any(text[n.start : n.end].lstrip("+-").startswith(".") for t in program.targets for n in t.numbers)
-    changed = {
-        i: target for i, (target, new) in enumerate(zip(program.targets, values, strict=True)) if new is not None
-    }
+    pairs = enumerate(zip(program.targets, values, strict=True))
+    changed = {i: target for i, (target, new) in pairs if new is not None}
     for convention, rows in by_convention(changed):
         targets = [changed[i] for i in rows]
         wanted = np.array([values[i] for i in rows], dtype=float).T

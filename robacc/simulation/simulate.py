@@ -123,10 +123,8 @@ def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | 
     if planned is None or planned.commanded_position is None or planned.n * plan.cycles != n:
         return None
     rotation = planned.commanded_rotation
-    return Poses(
-        np.tile(Poses.identity(planned.n).rotation if rotation is None else rotation, plan.cycles),
-        np.tile(planned.commanded_position, plan.cycles),
-    )
+    turned = Poses.identity(planned.n).rotation if rotation is None else rotation
+    return Poses(np.tile(turned, plan.cycles), np.tile(planned.commanded_position, plan.cycles))
 
 
 def even_joints(

@@ -280,11 +280,8 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     if axis.names:
         count = len(axis.names)
         # No more than 50 characters stand side by side.
-        line.set_ticks(
-            range(axis.first, axis.first + count),
-            axis.names,
-            rotation=60 if (name == "x" and count * max(map(len, axis.names)) > 50) else 0,
-        )
+        is_tilted = name == "x" and count * max(map(len, axis.names)) > 50
+        line.set_ticks(range(axis.first, axis.first + count), axis.names, rotation=60 if is_tilted else 0)
         line.set_tick_params(length=0)
         axes.grid(visible=False, axis=name)
         if name == "y":

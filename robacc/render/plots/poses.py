@@ -630,8 +630,9 @@ def _groups(document: Document, at: Array) -> Iterator[Series]:
     ]
     groups = [(label, colour, marker, at[rows], texts[rows]) for label, colour, marker, rows in chosen]
     validation = vectors((document["validation"] or {"target_in_base_m": ()})["target_in_base_m"])
+    labels = [f"validation pose {i + 1}" for i in range(len(validation))]
     groups += [
-        ("validation poses", "nominal", "^", validation, [f"validation pose {i + 1}" for i in range(len(validation))]),
+        ("validation poses", "nominal", "^", validation, labels),
         ("instrument", "ink", "*", vectors([] if instrument is None else [instrument]), ["instrument"]),
     ]
     for label, colour, marker, points, own in groups:

@@ -507,13 +507,9 @@ def _cloud(document: Document, visits: Document) -> Chart:
     is_known = visits["commanded_m"] is not None
     origin = numbers(visits["commanded_m"]) if is_known else centre
     offsets, centre = attained - origin, centre - origin
+    places = document["iso9283"]["RP"]["poses"]
     radius = next(
-        (
-            each["position_m"]
-            for each in document["iso9283"]["RP"]["poses"]
-            if all(each[key] == visits[key] for key in ("pose", "file"))
-        ),
-        None,
+        (each["position_m"] for each in places if all(each[key] == visits[key] for key in ("pose", "file"))), None
     )
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
     unit, listed = unit_of("m", reach), 60
@@ -592,16 +588,8 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
     at_plan = ""
     if planned is not None:
         at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
-        series.append(
-            Series(
-                ([planned["n_poses"]], [planned["rms_m"] * unit.factor]),
-                "ink",
-                "this plan",
-                marker="o",
-                size=8,
-                hollow=True,
-            )
-        )
+        here = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
+        series.append(Series(here, "ink", "this plan", marker="o", size=8, hollow=True))
     yield Chart(
         "expected-accuracy",
         "Predicted error over the number of poses",

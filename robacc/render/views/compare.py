@@ -693,13 +693,8 @@ def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
         if command == "estimate":
             figures.append(f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}")
         figures += [] if outcome.gate is None else [title(outcome.gate)]
-        entries.append(
-            (
-                {4: "error", 5: "warning"}.get(outcome.exit_status, "notice"),
-                head,
-                "; ".join((f"{done['n_poses']} poses", *figures)),
-            )
-        )
+        level = {4: "error", 5: "warning"}.get(outcome.exit_status, "notice")
+        entries.append((level, head, "; ".join((f"{done['n_poses']} poses", *figures))))
     return annotation_lines(entries)
 
 

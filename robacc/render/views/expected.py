@@ -466,17 +466,8 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         more = (
             "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
         )
-        return [
-            *sections,
-            Section(
-                "",
-                [
-                    Listing(_found(document["power"])),
-                    Text(more, is_note=True),
-                    Text(f"next: {_next_step(document, robot, output)}"),
-                ],
-            ),
-        ]
+        ahead = f"next: {_next_step(document, robot, output)}"
+        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), Text(ahead)])]
     most, texts = {"full": 8, "page": 20}[form], _inseparable(document["inseparable"] or ())
     fitted = document["coefficients"] if purpose in ("calibrate", "health") else ()
     missing = ", ".join(each["name"] for each in fitted if each["std"] is None)
@@ -787,10 +778,8 @@ def correction_view(document: Document) -> list[Section]:
     targets, most = document["targets"], 40
     rows = [(str(n), why) for n, why in zip(targets["line"], targets["reason"], strict=True) if why is not None]
     more = Text(f"The first {most} of {len(rows)}." * (len(rows) > most))
-    return [
-        *_errors_to_expect(document),
-        Section("Targets not corrected", [Grid(("line", "reason"), rows[:most], is_text=True), more]),
-    ]
+    table = Grid(("line", "reason"), rows[:most], is_text=True)
+    return [*_errors_to_expect(document), Section("Targets not corrected", [table, more])]
 
 
 def _errors_to_expect(document: Document) -> list[Section]:

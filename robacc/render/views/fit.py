@@ -91,11 +91,8 @@ def fit_stages(document: Document) -> Sequence[tuple[str, str, str]]:
 
 def _pose_set(document: Document) -> str:
     """Return the key of the poses whose errors lead: held-out ones if there are any, without outliers."""
-    return next(
-        k
-        for k in ("held_out_inliers", "held_out", "fitted_inliers", "fitted")
-        if document[_nominal(document)].get(k) and document["after"].get(k)
-    )
+    leading = ("held_out_inliers", "held_out", "fitted_inliers", "fitted")
+    return next(k for k in leading if document[_nominal(document)].get(k) and document["after"].get(k))
 
 
 def _nominal(document: Document) -> str:

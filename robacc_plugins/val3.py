@@ -20,7 +20,6 @@ from robacc.programs.program import (
     RUN_TIME,
     Convention,
     Draft,
-    MotionType,
     Place,
     Program,
     ProgramFrame,
@@ -49,7 +48,6 @@ _HIDDEN = re.compile(r'//[^\r\n]*|"[^"\r\n]*"|<!--.*?-->', re.S)
 _OUTSIDE = re.compile(r"(?:\A|\]\]>)(?:(?!<!\[CDATA\[).)*(?:<!\[CDATA\[|\Z)", re.S)
 """Text of a program around its sections of code."""
 _MOTION = re.compile(r"\bmov(e[jlc])\s*\(")
-_KINDS: dict[str, MotionType] = {"ej": "joint", "el": "linear", "ec": "circular"}
 _ELEMENT = re.compile(r"(?:\w+\s*:\s*)?(\w+)\s*(?:\[\s*(.*?)\s*\])?\Z", re.S)
 _ASSIGNED = re.compile(r"\b(\w+)\s*(?:\[[^\]\r\n]*\])?(?:\s*\.\s*\w+)*\s*=(?!=)")
 _LINKED = re.compile(r"\b(?:link|setFrame)\s*\(([^)]*)\)")
@@ -142,7 +140,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                     [f"{array}[{number}]"] if number.isdecimal() else [key for key in targets if _array(key) == array]
                 )
                 draft.moves += [
-                    (index, _KINDS[match[1]], tool if draft.targets[index].kind == "cartesian" else None, None)
+                    (index, tool if draft.targets[index].kind == "cartesian" else None, None)
                     for index in (targets[key] for key in chosen if key in targets)
                 ]
     return draft.program()

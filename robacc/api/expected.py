@@ -15,6 +15,7 @@ from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of
 from robacc.api.parameters import (
+    DEFAULT_SAMPLES,
     BaseLink,
     Campaign,
     Confidence,
@@ -58,14 +59,12 @@ from robacc.planning.candidates import (
     at_rest_warning,
     check_at_rest,
     length,
+    lengths,
     parse_box,
-    parse_distance,
     parse_half_space,
-    parse_vector,
 )
 from robacc.plug_ins import plug_in
 from robacc.poses.csv_file import format_poses, pose_pieces
-from robacc.prediction import DEFAULT_SAMPLES
 from robacc.prediction.comparison import Noise, compare_with_measured
 from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
 from robacc.prediction.predicting import (
@@ -122,7 +121,7 @@ class Predicted(Result, Prediction):
         configurations, reached = self.configurations, self._reached()
         return PREDICT.write(
             self,
-            warranty_map=warranty_map(self, reached)[0] if self.is_calibrated else None,
+            warranty_map=warranty_map(self, reached)[0] if not self.parameters else None,
             poses={
                 "label": list(configurations.labels),
                 "q": rounded(configurations.q),
@@ -580,10 +579,19 @@ def _sight(
     )
     if instrument is None:
         return None
-    near_far = (0.0, np.inf) if distance is None else parse_distance(distance, "distance")
-    axis = None if reflector is None else parse_vector(reflector, "reflector")
-    refuse((axis is not None and not any(axis), "`reflector`: the direction has no length"))
-    return Sight(parse_vector(instrument, "instrument"), axis, size(cone, "angle", "`cone`"), near_far)
+    vector = "three numbers such as 2.5,0,1.2"
+    near, far = (
+        (0.0, np.inf) if distance is None else lengths(distance, "distance", "nearest and farthest such as 0.5:15")
+    )
+    axis = None if reflector is None else lengths(reflector, "reflector", vector)
+    refuse(
+        (
+            not 0 <= near < far,
+            f"`distance`: the farthest distance must be beyond the nearest, found {distance!r}",
+        ),
+        (axis is not None and not any(axis), "`reflector`: the direction has no length"),
+    )
+    return Sight(lengths(instrument, "instrument", vector), axis, size(cone, "angle", "`cone`"), (near, far))
 
 
 def _demands(

@@ -31,7 +31,6 @@ from typing import (
 
 from robacc.errors import refuse
 from robacc.plug_ins import plug_in_names
-from robacc.prediction import DEFAULT_SAMPLES
 from robacc.quantities import optional_size
 from robacc.threads import single_threaded
 
@@ -261,6 +260,8 @@ Folds = Annotated[
         most=50,
     ),
 ]
+DEFAULT_SAMPLES = 1000
+"""Number of configurations at which an arm is predicted."""
 Samples = Annotated[
     int | None, Help(f"Number of configurations over the joint ranges; default: {DEFAULT_SAMPLES}.", "N")
 ]

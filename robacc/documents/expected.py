@@ -201,21 +201,13 @@ PREDICT = part(
             part(
                 {
                     "grade": Key(text, "Grade by the predicted statistic."),
-                    "scale": Key(text, "Name of the scale.", "scale.name"),
-                    "statistic": Key(
-                        choice("rms", "mean_error", "p95", "max"),
-                        "Statistic that the limits apply to.",
-                        "scale.statistic",
-                    ),
+                    "scale": Key(text, "Name of the scale."),
+                    "statistic": Key(choice("rms", "mean_error", "p95", "max"), "Statistic that the limits apply to."),
                     "position": Key(text, "Grade of position alone."),
                     "orientation": Key(text, "Grade of orientation alone."),
                     "limited_by": Key(array(text), "Quantities that prevent a better grade."),
-                    "demonstrated": Key(
-                        constant(False), "Always false: a prediction is not a measurement.", lambda _: False
-                    ),
-                    "share_of_poses_meeting": Key(
-                        table(share), "Share of poses that meet each grade.", lambda grade: dict(grade.meeting)
-                    ),
+                    "demonstrated": Key(constant(False), "Always false: a prediction is not a measurement."),
+                    "share_of_poses_meeting": Key(table(share), "Share of poses that meet each grade."),
                 }
             ),
             "Grade of the prediction.",
@@ -250,7 +242,7 @@ PREDICT = part(
                     "verified": Key(
                         part(
                             {
-                                "grade": Key(text, "Reached grade.", "grade.grade"),
+                                "grade": Key(text, "Reached grade.", lambda verified: verified.grade["grade"]),
                                 "position": Key(
                                     part(
                                         {

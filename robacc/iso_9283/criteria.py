@@ -172,19 +172,18 @@ def visits_of(
     """
     refuse((data.n == 0, Problem("has no measured poses", source)))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
-    ids = data.groups() if data.pose is None else data.pose
-    targets = np.zeros(data.n) if data.target is None else data.target
+    ids = (data.groups() if data.pose is None else data.pose).tolist()
     members: dict[tuple[object, object], list[int]] = {}
-    for row, key in enumerate(zip(ids.tolist(), targets.tolist(), strict=True)):
+    for row, key in enumerate(zip(ids, [None] * data.n if data.target is None else data.target.tolist(), strict=True)):
         members.setdefault(key, []).append(row)
     several_targets, poses = len({target for _, target in members}) > 1, []
     for index, ((own, target), visits) in enumerate(members.items()):
         rows = np.array(visits)
         if data.time is not None:
             rows = rows[np.argsort(data.time[rows], kind="stable")]
-        optional = data.cycle, data.time, data.direction, data.rotation, *command
         cycle, time, direction, rotation, position, orientation = (
-            None if column is None else column[..., rows] for column in optional
+            None if column is None else column[..., rows]
+            for column in (data.cycle, data.time, data.direction, data.rotation, *command)
         )
         attained, reference, turn, at_pole = data.position[:, rows], None, None, False
         if rotation is not None:
@@ -244,15 +243,10 @@ class IntervalEstimate:
 Place = IsoCriterion[IntervalEstimate]
 
 
-def without_interval(value: float, reason: str) -> IntervalEstimate:
-    """Return a number without an interval, and the reason."""
-    return IntervalEstimate(value, partial(Interval.missing, why=reason))
-
-
 def student(value: float, standard_error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
     """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
     if dof < 1:
-        return without_interval(value, ONE_VISIT)
+        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
     return IntervalEstimate(value, lambda confidence: student_interval(value, standard_error, dof, confidence, method))
 
 
@@ -269,9 +263,13 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
         interval = signed.interval_at(confidence)
         if interval.lower is None or interval.upper is None or interval.upper_bound is None:
             return interval
-        lowest = max(0.0, interval.lower, -interval.upper)
-        bound = abs(signed.value) + (interval.upper_bound - signed.value)
-        return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
+        return Interval(
+            max(0.0, interval.lower, -interval.upper),
+            max(-interval.lower, interval.upper),
+            abs(signed.value) + (interval.upper_bound - signed.value),
+            confidence,
+            interval.method,
+        )
 
     return IntervalEstimate(abs(signed.value), interval_at)
 
@@ -279,8 +277,9 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
 def threefold_std(values: Array) -> IntervalEstimate:
     """Return 3 S of ``values`` ``(n,)``, n at least 2, S with divisor n - 1; the interval is exact if Gaussian."""
     value = 3.0 * float(np.std(values, ddof=1))
-    dof = values.size - 1.0
-    return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, "chi-square").root())
+    return IntervalEstimate(
+        value, lambda confidence: chi2_interval(value**2, values.size - 1.0, confidence, "chi-square").root()
+    )
 
 
 def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimate:
@@ -325,24 +324,25 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
             # A limit at a stricter confidence is lower, so that the first few decide.
             if plain > lower:
                 lower = max(lower, estimates[i].interval_at(adjusted).lower or 0.0)
-        upper = max(interval.upper or 0.0 for interval in intervals)
-        upper_bound = max(interval.upper_bound or 0.0 for interval in intervals)
-        method = f"{intervals[largest].method}; largest of {len(estimates)}"
-        interval = Interval(lower, upper, upper_bound, confidence, method)
+        interval = Interval(
+            lower,
+            max(interval.upper or 0.0 for interval in intervals),
+            max(interval.upper_bound or 0.0 for interval in intervals),
+            confidence,
+            f"{intervals[largest].method}; largest of {len(estimates)}",
+        )
     return largest, EstimateOrReason(estimates[largest].value, interval)
 
 
 def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Return the largest absolute value of the estimates' true values, as an estimate."""
     sizes = [magnitude(estimate) for estimate in signed]
-    value = max(estimate.value for estimate in sizes)
-    return IntervalEstimate(value, lambda confidence: largest_figure(sizes, confidence)[1].interval)
+    return IntervalEstimate(
+        max(estimate.value for estimate in sizes), lambda confidence: largest_figure(sizes, confidence)[1].interval
+    )
 
 
 # Length of a mean vector with its interval: the distance between barycentres.
-
-_SMALLEST_PROBABILITY = 1e-15
-"""Probabilities are clipped to at least this, and to at most its complement."""
 
 
 def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstimate:
@@ -356,7 +356,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
     """
     value = float(np.linalg.norm(difference))
     if dof < 1:
-        return without_interval(value, ONE_VISIT)
+        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
     variances, axes = principal_axes(covariance)
     if not np.any(variances > 0.0):
         return IntervalEstimate(value, partial(Interval.exact, value))
@@ -384,7 +384,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
             share = length_probability(
                 value, np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size), widened
             )
-            return quantile - normal_quantile(min(max(share, _SMALLEST_PROBABILITY), 1.0 - _SMALLEST_PROBABILITY))
+            return quantile - normal_quantile(min(max(share, 1e-15), 1.0 - 1e-15))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
         # Relative accuracy of a limit.
@@ -421,7 +421,7 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     length_std = float(np.std(lengths, ddof=1))
     value = float(np.mean(lengths)) + 3.0 * length_std
     if n < 3:
-        return without_interval(value, FEW_VISITS)
+        return IntervalEstimate(value, partial(Interval.missing, why=FEW_VISITS))
     if not np.any(lengths > 0.0):
         return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
     # With more visits, the delta method's error is far below the scatter of the draws.
@@ -492,7 +492,7 @@ def characteristic(
         for label, place in zip(labels, places, strict=True)
         for letter, estimate in zip("abc", place.angles or (), strict=False)
     ]
-    criteria = tuple(
+    figures = tuple(
         IsoCriterion(
             place.poses,
             place.source,
@@ -506,8 +506,14 @@ def characteristic(
         )
         for place in places
     )
-    worst = *largest(positions, why), *largest(angles, no_angle if places else why)
-    return Characteristic(symbol, clause, *worst, criteria, tuple(notes) if places else ())
+    return Characteristic(
+        symbol,
+        clause,
+        *largest(positions, why),
+        *largest(angles, no_angle if places else why),
+        figures,
+        tuple(notes) if places else (),
+    )
 
 
 def _each(function: Callable[[Array], IntervalEstimate], rows: Array | None) -> tuple[IntervalEstimate, ...] | None:
@@ -527,12 +533,13 @@ def separation(
     means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
     distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    angles = (
-        _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
-        if group_angles is not None
-        else None
+    return (
+        largest_magnitude(distances),
+        None
+        if group_angles is None
+        else _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles),
+        f"{names[first]} and {names[second]}",
     )
-    return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
 def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
@@ -545,13 +552,19 @@ def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
 def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array]) -> tuple[IntervalEstimate, ...]:
     """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all ``groups``."""
     covariance, dof = _pooled(groups)
-    shares = [1.0 / one.shape[1] + 1.0 / other.shape[1] for one, other in pairs]
-    angles = []
-    for axis, variance in enumerate(np.diag(covariance).tolist()):
-        means = [float(one[axis].mean() - other[axis].mean()) for one, other in pairs]
-        errors = [(variance * share) ** 0.5 for share in shares]
-        angles.append(largest_magnitude([student(*entry, dof) for entry in zip(means, errors, strict=True)]))
-    return tuple(angles)
+    return tuple(
+        largest_magnitude(
+            [
+                student(
+                    float(one[axis].mean() - other[axis].mean()),
+                    (variance * (1.0 / one.shape[1] + 1.0 / other.shape[1])) ** 0.5,
+                    dof,
+                )
+                for one, other in pairs
+            ]
+        )
+        for axis, variance in enumerate(np.diag(covariance).tolist())
+    )
 
 
 # Pose accuracy, repeatability, multi-directional variation and exchangeability: clauses 7.2 and 7.7 of ISO 9283:1998.
@@ -574,9 +587,16 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
         if pose.deviation is None:
             return characteristic("AP", [], confidence, NO_COMMAND)
         covariance = np.cov(pose.deviation, ddof=1) / pose.n if pose.n > 1 else np.zeros((3, 3))
-        position = distance(pose.deviation.mean(axis=1), covariance, pose.n - 1)
-        components = _each(mean, pose.deviation), _each(mean, pose.turn if pose.oriented else None)
-        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, *components))
+        places.append(
+            IsoCriterion(
+                (pose.label,),
+                pose.source,
+                pose.n,
+                distance(pose.deviation.mean(axis=1), covariance, pose.n - 1),
+                _each(mean, pose.deviation),
+                _each(mean, pose.turn if pose.oriented else None),
+            )
+        )
     return characteristic("AP", places, confidence, NO_COMMAND)
 
 
@@ -585,10 +605,17 @@ def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) 
     places = []
     for pose in (pose for pose in poses if pose.n > 1):
         lengths = np.sqrt(np.sum(np.square(pose.attained - pose.attained.mean(axis=1, keepdims=True)), axis=0))
-        position = position_repeatability(pose.attained, (seed, *pose.stream))
-        scatter = float(np.mean(lengths)), float(np.std(lengths, ddof=1))
-        angles = _each(threefold_std, pose.turn)
-        places.append(IsoCriterion((pose.label,), pose.source, pose.n, position, None, angles, *scatter))
+        places.append(
+            IsoCriterion(
+                (pose.label,),
+                pose.source,
+                pose.n,
+                position_repeatability(pose.attained, (seed, *pose.stream)),
+                angles=_each(threefold_std, pose.turn),
+                mean_distance=float(np.mean(lengths)),
+                sd_distance=float(np.std(lengths, ddof=1)),
+            )
+        )
     return characteristic(
         "RP", places, confidence, "every commanded pose was visited only once: RP needs several cycles"
     )
@@ -644,11 +671,13 @@ def exchangeability(
             is_known = first.commanded is not None and pose.commanded is not None
             offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
             if offset > SAME_COMMAND:
-                reason = (
+                return characteristic(
+                    "E",
+                    [],
+                    confidence,
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
-                    "exchangeability needs the same commanded poses"
+                    "exchangeability needs the same commanded poses",
                 )
-                return characteristic("E", [], confidence, reason)
         position, _, between = separation(groups, [pose.source for pose in shared], None)
         places.append(IsoCriterion((label,), None, sum(pose.n for pose in shared), position, between=between))
     return characteristic("E", places, confidence, "the files share no commanded pose")
@@ -706,12 +735,18 @@ def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tupl
             angles = np.abs(turned[:, None] + turn_a - turn_b)
         if pose_a.commanded is not None and pose_b.commanded is not None and is_commanded:
             offset = pose_a.commanded - pose_b.commanded
-            commanded_angles = _less(angles, turned) if pose_a.oriented and pose_b.oriented else None
-            distance_error = mean(length, float(np.linalg.norm(offset)))
-            accurate.append(IsoCriterion(*place, distance_error, _less(axes, offset), commanded_angles))
+            accurate.append(
+                IsoCriterion(
+                    *place,
+                    mean(length, float(np.linalg.norm(offset))),
+                    _less(axes, offset),
+                    _less(angles, turned) if pose_a.oriented and pose_b.oriented else None,
+                )
+            )
         if rows_a.size > 1:
-            figures = threefold_std(length), _each(threefold_std, axes), _each(threefold_std, angles)
-            repeatable.append(IsoCriterion(*place, *figures))
+            repeatable.append(
+                IsoCriterion(*place, threefold_std(length), _each(threefold_std, axes), _each(threefold_std, angles))
+            )
     return (
         characteristic("AD", accurate, confidence, why_accuracy, notes),
         characteristic("RD", repeatable, confidence, why, notes),
@@ -744,14 +779,16 @@ def drift(
 
     Poses with fewer than three visits in each window are left out.
     """
-    counts = [(pose, windows or min(max(pose.n // 10, 2), 10)) for pose in poses]
     divided = [
         (pose, np.array_split(np.arange(pose.n), count))
-        for pose, count in counts
+        for pose in poses
+        for count in [windows or min(max(pose.n // 10, 2), 10)]
         if pose.n >= MIN_WINDOW_VISITS * count
     ]
-    needed = MIN_WINDOW_VISITS * (windows or 2)
-    why = f"drift needs {needed} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of {windows or 2} windows"
+    why = (
+        f"drift needs {MIN_WINDOW_VISITS * (windows or 2)} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of "
+        f"{windows or 2} windows"
+    )
     notes = [_window_note(*entry) for entry in divided[:1]]
     is_commanded = all(pose.deviation is not None for pose, _ in divided)
     accurate, repeated, shifted = [], [], []
@@ -796,8 +833,14 @@ def _drift_place(
 ) -> Place:
     """Return the largest absolute change of the windows after the first, and those of the angles."""
     largest = max(range(len(changes)), key=lambda window: abs(changes[window].value))
-    between = f"windows 1 and {largest + 2}"
-    return IsoCriterion((pose.label,), pose.source, pose.n, largest_magnitude(changes), None, angles, between=between)
+    return IsoCriterion(
+        (pose.label,),
+        pose.source,
+        pose.n,
+        largest_magnitude(changes),
+        angles=angles,
+        between=f"windows 1 and {largest + 2}",
+    )
 
 
 def _accuracy_changes(windows: Sequence[Array]) -> list[IntervalEstimate]:
@@ -806,8 +849,7 @@ def _accuracy_changes(windows: Sequence[Array]) -> list[IntervalEstimate]:
     means = np.stack([window.mean(axis=1) for window in windows], axis=1)
     lengths = np.sqrt(np.sum(np.square(means), axis=0))
     directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
-    sizes = [window.shape[1] for window in windows]
-    variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / sizes
     # AP changes as the mean does along its own direction (delta method).
+    variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / [part.shape[1] for part in windows]
     errors = np.sqrt(variances[1:] + variances[0])
     return [student(float(at - lengths[0]), float(error), dof) for at, error in zip(lengths[1:], errors, strict=True)]

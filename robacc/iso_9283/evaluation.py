@@ -6,6 +6,7 @@ import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -58,42 +59,27 @@ _SIZE_TOLERANCE = 0.01
 """Relative difference below which two sizes count as equal: 1 mm in 100 mm is accepted."""
 
 
-@dataclass(frozen=True, slots=True)
-class CubeFit:
-    """Position of five points in the standard's cube."""
-
-    centre: int
-    """Index of P1 among the points."""
-    half: float
-    """Half the side of the cube that has the four outer points as corners, m."""
-    plane: Plane | None
-    """None: an upright diagonal plane, which is not one of the standard's four."""
-
-    @property
-    def edge(self) -> float:
-        """Return the preferred edge with the points 8 to 12 % from its corners, else the edge with them at 10 %, m."""
-        # Tolerance of the standard on `FROM_CORNER`.
-        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - self.half / edge - FROM_CORNER) <= 0.02)
-        return next(preferred, self.half / (0.5 - FROM_CORNER))
-
-
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
     level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
     along = up if plane[1] == "+" else -up
     outer = np.stack((along, level, up) if plane[0] == "x" else (level, along, up))
-    points = np.concatenate((np.zeros((3, 1)), (0.5 - FROM_CORNER) * edge * outer), axis=1)
-    return np.asarray(np.asarray(centre, dtype=float)[:, None] + points)
+    return np.asarray(centre[:, None] + np.pad((0.5 - FROM_CORNER) * edge * outer, ((0, 0), (1, 0))))
 
 
 def corners(centre: Array, edge: float) -> Array:
     """Return the cube's corners ``(3, 8)``, m."""
-    signs = np.array([[x, y, z] for x in (-1, 1) for y in (-1, 1) for z in (-1, 1)], dtype=float).T
-    return np.asarray(np.asarray(centre, dtype=float)[:, None] + 0.5 * edge * signs)
+    return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
 
 
-def fit_cube(points: Array) -> CubeFit | str:
-    """Fit the standard's cube to five points ``(3, 5)``, m, in the axes of the base; return the reason if none fits."""
+def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
+    """Fit the standard's cube to five points ``(3, 5)``, m, in the axes of the base; return the reason if none fits.
+
+    Returns:
+        Index of P1 among the points; the preferred edge that has the outer points 8 to 12 % of the diagonal from its
+        corners, the standard's tolerance, else the edge with 10 %, m; that share; and the plane, None for an upright
+        one, which is not one of the standard's four.
+    """
     centre = int(np.argmin(np.sum(np.square(points - points.mean(axis=1, keepdims=True)), axis=0)))
     outer = np.delete(points, centre, axis=1) - points[:, [centre]]
     radii = np.sqrt(np.sum(np.square(outer), axis=0))
@@ -110,18 +96,21 @@ def fit_cube(points: Array) -> CubeFit | str:
         # The four planes in their order: along x and y, rising and falling.
         slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
         rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
-        return CubeFit(centre, half, rising[0] if rising else None)
+        preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - half / edge - FROM_CORNER) <= 0.02)
+        edge = next(preferred, half / (0.5 - FROM_CORNER))
+        return centre, edge, 0.5 - half / edge, rising[0] if rising else None
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
         return "the poses lie in a diagonal plane of a cube whose edges are not parallel to the axes of the base"
-    size = f"{sides[0] * 1e3:.0f} mm by {sides[1] * 1e3:.0f} mm"
-    return f"the outer poses form a rectangle of {size}; a diagonal plane has sides of 1 : √2"
+    return (
+        f"the outer poses form a rectangle of {sides[0] * 1e3:.0f} mm by {sides[1] * 1e3:.0f} mm; a diagonal plane has "
+        "sides of 1 : √2"
+    )
 
 
 # Centres of cubes that an arm reaches, in front of it, the most used place first.
 
-_SAMPLES = 2048
 _RADII, _HEIGHTS = 12, 16
 """Grid of places in front of the arm that are tried as the cube's centre."""
 _CENTRE_BATCH = 24
@@ -132,7 +121,7 @@ _MAX_CENTRES = 4
 
 def reachable_centres(arm: Arm, edge: float) -> Array:
     """Return centres ``(3, C)`` of the first few cubes all of whose corners the target reaches, the most used first."""
-    q = spread_configurations(arm, _SAMPLES)
+    q = spread_configurations(arm, 2048)
     low, high = joint_ranges(arm)
     q[0] = 0.5 * (low[0] + high[0]) if np.isfinite(low[0]) else 0.0
     positions = arm.chain.forward(q).translation
@@ -150,14 +139,12 @@ def reachable_centres(arm: Arm, edge: float) -> Array:
     )
     order = np.argsort(np.hypot(radius - middle[0], height - middle[1]).ravel(), kind="stable")
     if arm.robot.variables[0].type == "revolute":
-        # The column of a turning arm takes space: the cube's near side stays clear of its axis.
-        # Clearance between cube and first joint's axis, as a fraction of the reach.
+        # The column of a turning arm takes space: the cube's near side stays a tenth of the reach clear of its axis.
         nearest = 0.5 * edge * float(np.abs(front).sum()) + 0.1 * forward.max()
         order = order[radius.ravel()[order] >= nearest]
     # Step of the centres' coordinates (a tenth of the edge for small cubes), m.
     grid = min(0.01, 0.1 * edge)
-    places = np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order]))
-    centres = np.asarray(np.round(places / grid) * grid)
+    centres = np.round(np.vstack((front[:, None] * radius.ravel()[order], height.ravel()[order])) / grid) * grid
     reachable: list[Array] = []
     for start in range(0, centres.shape[1], _CENTRE_BATCH):
         batch = centres[:, start : start + _CENTRE_BATCH]
@@ -184,8 +171,6 @@ ORIENTATION_TEXT: dict[Orientation, str] = {
     "own": "the tool's orientation constant, as the arm reaches the cube's centre",
     "free": "the tool's orientation different at each pose",
 }
-_DECIMALS = 11
-"""Decimals of joint variables, which limit how exactly the poses are met."""
 _STARTS = 8
 _ROLLS = 8
 
@@ -232,13 +217,15 @@ def propose(
         InputError: No cube fits, or a prismatic joint has no limits.
         UsageError: The robot has no such target, or the edge is not a length above zero.
     """
-    names = ", ".join(robot.targets) or "one tool without a name"
     refuse(
         (
             edge is not None and not 0.0 < edge < math.inf,
             f"the cube's edge is a length above 0, not {edge or 0.0:g} m",
         ),
-        (target is not None and target not in robot.targets, f"no target {target!r}; the robot file has {names}"),
+        (
+            target is not None and target not in robot.targets,
+            f"no target {target!r}; the robot file has {', '.join(robot.targets) or 'one tool without a name'}",
+        ),
     )
     name = target or next(iter(robot.targets), None)
     tool = robot.tool if name is None else robot.targets[name]
@@ -250,17 +237,18 @@ def propose(
     centres = cache(partial(reachable_centres, arm))
     tried = ((size, kind, at) for kinds in preferred for size in edges for kind in kinds for at in centres(size).T)
     for size, kind, centre in tried:
-        proposals = [
+        proposals = (
             _best_plane(arm, centre, size, plane, kind, rotation) for rotation in _rotations(arm, kind, centre)
-        ]
+        )
         # The tool rotation that is furthest from the joint limits.
         proposal = max(filter(None, proposals), key=lambda one: round(one.margin, 6), default=None)
         if proposal is not None:
-            base = Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
-            first = target is None and len(robot.targets) > 1
             found = kind if orientation is None else None
             notes = (
-                (first, f"for the target {name}, the first of {len(robot.targets)}"),
+                (
+                    target is None and len(robot.targets) > 1,
+                    f"for the target {name}, the first of {len(robot.targets)}",
+                ),
                 (
                     bool(robot.effects),
                     "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
@@ -272,15 +260,23 @@ def propose(
                 ),
                 (found == "own", "the arm cannot point the tool down or forward at all five poses of a preferred cube"),
             )
-            texts = tuple(note for applies, note in notes if applies)
-            return replace(proposal, poses=base @ proposal.poses, notes=texts, target=name)
+            return replace(
+                proposal,
+                poses=Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
+                @ proposal.poses,
+                notes=tuple(note for applies, note in notes if applies),
+                target=name,
+            )
     cube = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
     required = [f"the plane {plane}"] if plane else []
     required += [ORIENTATION_TEXT[orientation]] if orientation else []
     cube += f" with {' and '.join(required)}" if required else ""
-    fix = "give a smaller `edge`" + (", or leave out `plane` and `orientation`" if required else "")
-    message = f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches"
-    raise InputError(Problem(message, fix=fix))
+    raise InputError(
+        Problem(
+            f"{robot.name}: found no cube {cube} whose corners and five poses the arm reaches",
+            fix="give a smaller `edge`" + ", or leave out `plane` and `orientation`" * bool(required),
+        )
+    )
 
 
 def planned_poses(proposal: Proposal, cycles: int, payload: float | None = None) -> Measurements:
@@ -310,9 +306,8 @@ def _rotations(arm: Arm, kind: Orientation, centre: Array) -> Iterator[Array | N
             yield arm.chain.forward(q[:, [best]]).rotation[..., 0]
     else:
         pointed = rotation_about(0, math.pi) if kind == "down" else rotation_about(1, 0.5 * math.pi)
-        for roll in range(_ROLLS):
-            turn = rotation_about(2, 2.0 * math.pi * roll / _ROLLS)
-            yield rotation_about(2, math.atan2(centre[1], centre[0])) @ pointed @ turn
+        outwards = rotation_about(2, math.atan2(centre[1], centre[0])) @ pointed
+        yield from (outwards @ rotation_about(2, 2.0 * math.pi * roll / _ROLLS) for roll in range(_ROLLS))
 
 
 def _best_plane(
@@ -342,7 +337,8 @@ def _best_plane(
         i = int(np.argmax(margins))
         # Clearance between a joint and its limits, as a fraction of its range.
         if margins[i] >= 0.01 and (best is None or margins[i] > best.margin):
-            q = np.round(joints[..., i], _DECIMALS) + 0.0
+            # The decimals limit how exactly the poses are met.
+            q = np.round(joints[..., i], 11) + 0.0
             poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
             best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())
     return best
@@ -373,7 +369,6 @@ _POSE_COUNT = 5
 _AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
 _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
-_LOADS = (1.0, 0.1)
 
 Finding = tuple[Literal["met", "not_met", "unknown"], str]
 """Whether a condition is met, and the reason."""
@@ -463,7 +458,7 @@ def _load(loads: list[Array], rated: float | None) -> Finding:
         return "not_met", f"the load varies from {low:g} kg to {high:g} kg"
     if rated is None:
         return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
-    return _rated_share(high / rated, _LOADS, f"{high:g} kg of {rated:g} kg", "load")
+    return _rated_share(high / rated, (1.0, 0.1), f"{high:g} kg of {rated:g} kg", "load")
 
 
 def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
@@ -476,9 +471,9 @@ def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
     fastest = fastest[fastest > 0.0]
     if fastest.size == 0:
         return "unknown", "every speed is 0"
-    if np.ptp(fastest) > _STEP_TOLERANCE:
-        extent = f"from {100 * fastest.min():.0f} % to {100 * fastest.max():.0f} %"
-        return "not_met", f"the fastest joint's speed varies {extent}"
+    low, high = 100 * fastest.min(), 100 * fastest.max()
+    if high - low > 100 * _STEP_TOLERANCE:
+        return "not_met", f"the fastest joint's speed varies from {low:.0f} % to {high:.0f} %"
     return _rated_share(float(fastest.mean()), (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")
 
 
@@ -487,8 +482,8 @@ def _rated_share(share: float, steps: tuple[float, ...], description: str, quant
     step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
     if step is None:
         optional = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
-        required = f"the standard requires 100 %; optional steps are {optional}"
-        return "not_met", f"{description}: {100 * share:.0f} %; {required}"
+        text = f"{description}: {100 * share:.0f} %; the standard requires 100 %; optional steps are {optional}"
+        return "not_met", text
     also = "" if step == 1.0 else f", an optional step; a test at 100 % {quantity} is needed too"
     return "met", f"{description}: {100 * step:.0f} %{also}"
 
@@ -504,27 +499,29 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     fit = fit_cube(base.rotation.T @ (np.stack(points, axis=1) - base.translation[:, None]))
     if isinstance(fit, str):
         return (("not_met", fit),) * 2
+    (centre, edge, share, rising), cube = fit, f"a cube of {fit[1] * 1e3:.0f} mm"
     plane: Finding = ("not_met", "the diagonal plane is upright; the standard's planes rise at 45°")
-    if fit.plane is not None:
-        plane = ("met", f"{poses[fit.centre].label} is the centre, and the plane rises at 45° towards {fit.plane}")
-    edge = f"a cube of {fit.edge * 1e3:.0f} mm"
-    if any(abs(fit.edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
-        return plane, ("met", f"{100 * (0.5 - fit.half / fit.edge):.1f} % in {edge}")
-    return plane, ("unknown", f"10 % in {edge}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
+    if rising is not None:
+        plane = ("met", f"{poses[centre].label} is the centre, and the plane rises at 45° towards {rising}")
+    if any(abs(edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
+        return plane, ("met", f"{100 * share:.1f} % in {cube}")
+    return plane, ("unknown", f"10 % in {cube}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
 
 
 def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
-    directions = [(pose.label, pose.direction) for pose in poses if pose.direction is not None]
-    moving = [(label, direction[:, np.any(direction != 0, axis=0)]) for label, direction in directions]
-    labels = [label for label, direction in moving if np.unique(direction, axis=1).shape[1] > 1]
+    labels = [
+        pose.label
+        for pose in poses
+        if pose.direction is not None
+        for moving in [pose.direction[:, np.any(pose.direction != 0, axis=0)]]
+        if np.unique(moving, axis=1).shape[1] > 1
+    ]
     if not labels:
         return "met", "every visit of a pose has the same approach direction"
-    names = f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)}"
-    return "not_met", f"{names} approached from several directions: AP and RP include vAP"
-
-
-_MAX_POSES = 300
-"""Largest number of commanded poses in a file: sixty times the standard's five."""
+    return (
+        "not_met",
+        f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)} approached from several directions: AP and RP include vAP",
+    )
 
 
 def iso9283(
@@ -577,14 +574,16 @@ def iso9283(
         for data in files
     ]
     nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
+    # Sixty times the standard's five.
+    most = 300
     problems = [
         Problem(
-            f"has {len(poses)} commanded poses; the standard's criteria need a few poses, at most {_MAX_POSES}",
+            f"has {len(poses)} commanded poses; the standard's criteria need a few poses, at most {most}",
             poses[0].source,
             fix="name the commanded poses in a column pose; the command estimate takes poses that are visited once",
         )
         for poses in nominal_poses
-        if len(poses) > _MAX_POSES
+        if len(poses) > most
     ]
     refuse((problems, problems))
     alignments = [register(data, robot, align) for data in files] if align else []
@@ -596,15 +595,14 @@ def iso9283(
             visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
         nominal = Frame().pose if robot is None else robot.base.pose
-        to_nominal = [nominal @ alignment.robot.base.pose.inverse() for alignment in alignments]
         attained = [
             [move.rotation @ positions + move.translation[:, None] for positions in file_positions]
-            for move, file_positions in zip(to_nominal, attained, strict=True)
+            for alignment, file_positions in zip(alignments, attained, strict=True)
+            for move in [nominal @ alignment.robot.base.pose.inverse()]
         ]
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
     repeatability_characteristic = repeatability(poses, confidence, seed)
     accuracy_drift, repeatability_drift, shift = drift(poses, confidence, seed, windows)
-    exchanged = exchangeability(nominal_poses, attained, confidence)
     if robot is not None and alignments:
         robot = alignments[0].robot
     return Iso9283Result(
@@ -620,7 +618,7 @@ def iso9283(
             accuracy_drift,
             repeatability_drift,
             shift,
-            exchanged,
+            exchangeability(nominal_poses, attained, confidence),
         ),
         protocol=protocol(files, poses, robot, repeatability_characteristic, shift, rated_load),
         alignments=tuple(alignments),
@@ -652,10 +650,6 @@ def _notes(
             sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
     p_value = 1.0 if test is None or test.p_value is None else test.p_value
-    tails = (
-        f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {p_value:.1g}): the "
-        "intervals of RP assume a Gaussian and are too narrow"
-    )
     notes: tuple[tuple[bool, str], ...] = (
         (
             True,
@@ -690,7 +684,11 @@ def _notes(
             "the robot drifted during the run by more than the scatter explains: AP and RP include the drift",
         ),
         # p-value below which a note says that the scatter is not Gaussian.
-        (p_value <= 0.01, tails),
+        (
+            p_value <= 0.01,
+            f"the scatter of the visits has longer tails than a Gaussian (Mardia's kurtosis, p = {p_value:.1g}): the "
+            "intervals of RP assume a Gaussian and are too narrow",
+        ),
     )
     return tuple(dict.fromkeys(note for applies, note in notes if applies))
 

@@ -65,28 +65,7 @@ from robacc.planning.expected import (
 from robacc.prediction.model_uncertainty import ModelFit, model_fit, scaled_inverse
 from robacc.robots.description import Robot
 from robacc.statistics.distributions import chi2_cdf, chi2_quantile
-from robacc.statistics.intervals import smallest_sufficient
-
-# Plans with fewer measured coordinates than the fit has coefficients.
-
-
-def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients: int) -> tuple[str, ...]:
-    """Return a warning about a plan that cannot determine its fit; nothing if it can.
-
-    Args:
-        n_poses: Planned poses.
-        n_known: Poses that are measured already.
-        components: Measured coordinates of a pose: 3 of a position, 6 with the orientation.
-        n_coefficients: Coefficients that the feasible poses identify.
-    """
-    n, enough = n_poses + n_known, math.ceil(n_coefficients / components) - n_known
-    text = (
-        f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the "
-        f"{n_coefficients} coefficients of the fit: the fit would stay near the nominal model in some directions and "
-        f"be arbitrary in others; plan at least {enough} poses, and more for a check on held-out poses"
-    )
-    return (text,) if n_poses < enough else ()
-
+from robacc.statistics.intervals import ASSURANCE, smallest_sufficient
 
 # Number of poses that decides a limit, and poses spread over the task's region.
 #
@@ -97,8 +76,6 @@ def too_few_warning(n_poses: int, n_known: int, components: int, n_coefficients:
 # poses at least (S. S. Wilks, "Determination of sample sizes for setting tolerance limits", Ann. Math. Statist. 12,
 # 1941).
 
-ASSURANCE = 0.9
-"""Probability that the planned number of poses decides."""
 MOST_POSES = 2000
 
 
@@ -112,10 +89,6 @@ def needed(
     """
     # True value over the limit for which the number is planned, if no expected value is given.
     ratio = 0.8 if expected is None else expected / limit
-    by_ratio = [
-        {"true_over_limit": each, "n_poses": poses_for(each, statistic, confidence, share)}
-        for each in (0.5, 0.6, 0.7, 0.8, 0.9)
-    ]
     return {
         "name": name,
         "statistic": statistic,
@@ -123,7 +96,10 @@ def needed(
         "confidence": confidence,
         "true_over_limit": ratio,
         "n_poses": poses_for(ratio, statistic, confidence, share),
-        "by_ratio": by_ratio,
+        "by_ratio": [
+            {"true_over_limit": each, "n_poses": poses_for(each, statistic, confidence, share)}
+            for each in (0.5, 0.6, 0.7, 0.8, 0.9)
+        ],
     }
 
 
@@ -137,8 +113,7 @@ def poses_for(ratio: float, statistic: Statistic, confidence: float, share: floa
         return math.ceil(math.log(1.0 - confidence) / math.log(share)) if ratio <= 1.0 else fewest
 
     def decides(n: int) -> bool:
-        bound = chi2_quantile(1.0 - confidence if is_below else confidence, n)
-        below = chi2_cdf(bound / ratio**2, n)
+        below = chi2_cdf(chi2_quantile(1.0 - confidence if is_below else confidence, n) / ratio**2, n)
         return (below if is_below else 1.0 - below) >= ASSURANCE
 
     enough = smallest_sufficient(decides, 4, most=MOST_POSES)
@@ -178,13 +153,13 @@ def spread_poses(position: Array, q: Array, count: int, seed: int) -> NDArray[np
 
 
 Purpose = Literal["calibrate", "trace", "acceptance", "health"]
-DEFAULT_FIT: dict[Purpose, str] = {
-    "calibrate": "base_frame,tool_frame,joint_offset,link_geometry",
-    "trace": "base_frame,tool_frame,joint_offset,link_geometry",
-    "acceptance": "base_frame,tool_frame",
-    "health": "base_frame,joint_offset",
+_DEFAULTS: dict[Purpose, tuple[str, int]] = {
+    "calibrate": ("base_frame,tool_frame,joint_offset,link_geometry", 30),
+    "trace": ("base_frame,tool_frame,joint_offset,link_geometry", 60),
+    "acceptance": ("base_frame,tool_frame", 60),
+    "health": ("base_frame,joint_offset", 8),
 }
-DEFAULT_POSES: dict[Purpose, int] = {"calibrate": 30, "trace": 60, "acceptance": 60, "health": 8}
+"""Free effects and number of poses by purpose."""
 DEFAULT_CANDIDATES = 5000
 
 
@@ -241,7 +216,6 @@ class CampaignPlan:
         """Visits in a row with one payload, in order, with the keys of the result; empty where no payload was given."""
         if self.payload_kg is None:
             return ()
-        starts = np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0)
         return [
             {
                 "payload_kg": float(self.payload_kg[start]),
@@ -249,7 +223,9 @@ class CampaignPlan:
                 "n_visits": int(end - start),
                 "n_poses": np.unique(self.route.visits[start:end]).size,
             }
-            for start, end in itertools.pairwise([*starts, self.payload_kg.size])
+            for start, end in itertools.pairwise(
+                [*np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0), self.payload_kg.size]
+            )
         ]
 
     def visits(self) -> Measurements:
@@ -322,11 +298,15 @@ def expected_noise(
         joints = joint_repeatability(model, task, 2e-5 if size is None else size)
         sources.append("typical arm" if size is None else "given repeatability")
     if record is not None and not unexplained:
-        variance = float(np.trace(record.unexplained[:3, :3])) / 3.0
-        unexplained = math.sqrt(max(variance - (0.0 if record.noise_is_separate else record.noise[0] ** 2), 0.0))
+        noise = 0.0 if record.noise_is_separate else record.noise[0]
+        unexplained = math.sqrt(max(float(np.trace(record.unexplained[:3, :3])) / 3.0 - noise**2, 0.0))
         sources += ["unexplained error of the model's fit"] if unexplained else []
-    no_noise = "`noise` is zero; give the standard deviation of the instrument along each axis"
-    refuse((position == 0.0 and unexplained == 0.0, no_noise))
+    refuse(
+        (
+            position == 0.0 and unexplained == 0.0,
+            "`noise` is zero; give the standard deviation of the instrument along each axis",
+        )
+    )
     return ExpectedNoise(position, orientation, joints, unexplained, ", ".join(sources))
 
 
@@ -359,12 +339,13 @@ def planned_visits(
 
     ``already`` has the commanded part alone.
     """
-    visits = plan.visits()
-    now: dict[str, Any] = {
-        "time": _TIME_STEP * np.arange(visits.n),
-        "temperature": conditions.constant_temperature(visits.n),
-    }
-    data = with_targets(plan.robot, replace(visits, pose=None, cycle=None, **now))
+    visits = replace(plan.visits(), pose=None, cycle=None)
+    data = with_targets(
+        plan.robot,
+        replace(
+            visits, time=_TIME_STEP * np.arange(0.0, visits.n), temperature=conditions.constant_temperature(visits.n)
+        ),
+    )
     if already is None:
         return data, data
     before = replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
@@ -453,14 +434,14 @@ def plan_campaign(
         InputError: A prismatic joint has no limits.
     """
     constraints = constraints or Constraints()
-    model = Model.of(robot, free_effects(robot, fit or DEFAULT_FIT[purpose]))
+    default_fit, default_count = _DEFAULTS[purpose]
+    model = Model.of(robot, free_effects(robot, fit or default_fit))
     conditions = conditions_of(model, payloads, seed, purpose in ("calibrate", "health"))
-    feasible = (
+    pool = conditions.with_payloads(
         sampled_candidates(model, constraints, n_candidates, seed)
         if candidates is None
         else given_candidates(model, constraints, candidates)
     )
-    pool = conditions.with_payloads(feasible)
     rows_of_pool = conditions.at(pool.q, pool.payload)
     measured = None if already is None else commanded_part(already, conditions)
     # Payloads of the plan in turn where the poses of the task have none.
@@ -472,9 +453,10 @@ def plan_campaign(
     errors = expected_noise(model, task_poses, record, noise, noise_orientation, repeatability, unexplained)
     scatter = repeatability_at_target(model, task_poses, errors.joints)
     # Poses measured already, or else those of the model's fit.
-    of_model = record.n_poses if record is not None and purpose == "calibrate" else 0
-    n_known = of_model if measured is None else measured.n
-    count = _count(poses or (BATCH if n_known else None), DEFAULT_POSES[purpose], demands, pool)
+    n_known = 0 if measured is None else measured.n
+    if measured is None and record is not None and purpose == "calibrate":
+        n_known = record.n_poses
+    count = _count(poses or (BATCH if n_known else None), default_count, demands, pool)
 
     rows = candidate_rows(model, rows_of_pool, errors)
     planned = coefficients(model, rows)
@@ -491,8 +473,13 @@ def plan_campaign(
         n = pool.n_poses
         position, q = pool.position[:, :n], pool.q[:, :n]
         allowed = np.arange(n) if region is None else np.flatnonzero(region.contains(position))
-        text = f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; "
-        refuse((allowed.size < count, f"{text}give a larger region or more `candidates`"))
+        refuse(
+            (
+                allowed.size < count,
+                f"{count} poses are planned, but only {allowed.size} feasible candidates lie in `region`; give a "
+                "larger region or more `candidates`",
+            )
+        )
         # Poses come in an order in which every first part represents the task, so each payload's poses do so too.
         chosen = allowed[spread_poses(position[:, allowed], q[:, allowed], count, seed)] + n * (
             np.arange(count) % pool.n_payloads
@@ -508,8 +495,11 @@ def plan_campaign(
         elif criterion == "A":
             interest = np.diag(1.0 / scale)[None]
         # Each coefficient is in units of its prior's standard deviation.
-        information = expectation.already * scale[:, None] * scale + np.eye(scale.size)
-        design = DesignProblem(rows * scale, information, FitCriterion(judged, interest * scale))
+        design = DesignProblem(
+            rows * scale,
+            expectation.already * scale[:, None] * scale + np.eye(scale.size),
+            FitCriterion(judged, interest * scale),
+        )
         # The beginnings of a greedy design are those of fewer poses.
         order = design.best(count if purpose == "health" else 2 * count + BATCH)
         chosen = choose(design, order[:count], seed)
@@ -520,14 +510,15 @@ def plan_campaign(
             candidate_rows(model, rows_of_pool.subset(chosen), errors.reduced(*times))[:, :, planned.columns]
             for times in ((2, 1), (1, 2))
         )
-        new_poses = rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)]
-        worth = worth_of(expectation, (new_poses, repeated, readings))
+        worth = worth_of(
+            expectation, (rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)], repeated, readings)
+        )
 
     # Names of given candidates, else numbers that go on from those measured already.
     first = 1 if already is None else int(already.groups().max(initial=-1)) + 2
     digits = len(str(first + count))
-    ids = [f"P{first + i:0{digits}d}" for i in range(count)] if pool.ids is None else pool.ids[chosen].tolist()
-    default = 0 if already is not None else count if purpose == "health" else count // 10
+    if repeats is None:
+        repeats = 0 if already is not None else count if purpose == "health" else count // 10
     plan = CampaignPlan(
         robot,
         purpose,
@@ -540,11 +531,13 @@ def plan_campaign(
         route(
             pool.q[:, chosen],
             None if pool.payload is None else pool.payload[chosen],
-            default if repeats is None else repeats,
+            repeats,
             check_every if already is None else 0,
             seed,
         ),
-        tuple(ids),
+        tuple(f"P{first + i:0{digits}d}" for i in range(count))
+        if pool.ids is None
+        else tuple(pool.ids[chosen].tolist()),
         _validation(model, conditions, replace(constraints, inside=region or constraints.inside), validation, seed),
         errors,
         scatter,
@@ -556,14 +549,23 @@ def plan_campaign(
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
-    fits = purpose != "acceptance"
+    warnings = []
+    # Coordinates: 3 of a position, 6 with the orientation.
+    n, components, n_coefficients = count + n_known, rows.shape[1], planned.columns.size
+    if purpose != "acceptance" and components * n < n_coefficients:
+        warnings.append(
+            f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the {n_coefficients} "
+            "coefficients of the fit: the fit would stay near the nominal model in some directions and be arbitrary in "
+            f"others; plan at least {math.ceil(n_coefficients / components) - n_known} poses, and more for a check on "
+            "held-out poses"
+        )
     return replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
-        detectability=detectability(model, data, errors) if fits else None,
-        warnings=too_few_warning(count, n_known, rows.shape[1], planned.columns.size) if fits else (),
+        detectability=detectability(model, data, errors) if purpose != "acceptance" else None,
+        warnings=tuple(warnings),
     )
 
 
@@ -581,8 +583,8 @@ def _count(count: int | None, default: int, demands: Sequence[Mapping[str, Any]]
     )
     count = count or max((entry["n_poses"] or 0 for entry in demands), default=default)
     most = "".join(f"; most of the others are excluded by: {each['reason']}" for each in candidates.excluded[:1])
-    number = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
-    refuse((count > candidates.n, f"{count} poses are planned, but {number}{most}"))
+    feasible = f"only {candidates.n} candidate{'s are' if candidates.n > 1 else ' is'} feasible"
+    refuse((count > candidates.n, f"{count} poses are planned, but {feasible}{most}"))
     return int(count)
 
 

@@ -47,13 +47,13 @@ class Zone:
 class Sight:
     """Line of sight from the instrument to the target."""
 
-    position: tuple[float, float, float]
-    """Instrument, m."""
-    axis: tuple[float, float, float] | None = None
+    position: Sequence[float]
+    """Instrument, ``(3,)`` m."""
+    axis: Sequence[float] | None = None
     """Direction in the target's frame that the reflector faces; None: the reflector is turned by hand, or is a ball."""
     cone: float = np.radians(30.0)
     """Half angle of the reflector's acceptance, rad."""
-    distance: tuple[float, float] = (0.0, np.inf)
+    distance: Sequence[float] = (0.0, np.inf)
     """Nearest and farthest distance, m."""
 
 
@@ -132,32 +132,17 @@ def parse_half_space(text: str, name: str) -> Zone:
     return Zone(normal[None] / size, np.array([side * length(match[3], name) / size]), text)
 
 
-def parse_vector(text: str | Sequence[float], name: str) -> tuple[float, float, float]:
-    """Parse three lengths ``2.5,0,1.2`` or ``2500mm,0,1200mm``, m.
+def lengths(text: str | Sequence[float], name: str, expected: str) -> tuple[float, ...]:
+    """Parse lengths, m, as many as there are in the example at the end of ``expected``: ``2.5,0,1.2``, ``0.5:15``.
 
     Raises:
-        UsageError: The text is not that.
+        UsageError: The text is not that; ``name`` is the parameter's name.
     """
-    x, y, z = _lengths(text, name, ",", "three numbers such as 2.5,0,1.2", 3)
-    return x, y, z
-
-
-def parse_distance(text: str | Sequence[float], name: str) -> tuple[float, float]:
-    """Parse nearest and farthest distance ``0.5:15``, m.
-
-    Raises:
-        UsageError: The text is not that, or the farthest is not beyond the nearest.
-    """
-    near, far = _lengths(text, name, ":", "nearest and farthest such as 0.5:15", 2)
-    refuse((not 0 <= near < far, f"`{name}`: the farthest distance must be beyond the nearest, found {text!r}"))
-    return near, far
-
-
-def _lengths(text: str | Sequence[float], name: str, separator: str, expected: str, count: int) -> list[float]:
-    """Return so many lengths, m."""
+    example = expected.rpartition(" ")[2]
+    separator = ":" if ":" in example else ","
     parts = text.split(separator) if isinstance(text, str) else text
-    refuse((len(parts) != count, f"`{name}`: expected {expected}, found {text!r}"))
-    return [length(part, name) for part in parts]
+    refuse((len(parts) != len(example.split(separator)), f"`{name}`: expected {expected}, found {text!r}"))
+    return tuple(length(part, name) for part in parts)
 
 
 def length(text: str | float, name: str) -> float:
@@ -166,10 +151,9 @@ def length(text: str | float, name: str) -> float:
     Raises:
         UsageError: It is no length.
     """
-    quantity = parse_quantity(text) if isinstance(text, str) else (float(text), None)
-    size, dimension = quantity or (np.nan, None)
-    expected = f"`{name}`: expected a length in m or with a unit (m, mm, um), found {text!r}"
-    refuse((dimension == "angle" or not np.isfinite(size), expected))
+    size, dimension = (parse_quantity(text) if isinstance(text, str) else (float(text), None)) or (np.nan, None)
+    is_length = dimension != "angle" and np.isfinite(size)
+    refuse((not is_length, f"`{name}`: expected a length in m or with a unit (m, mm, um), found {text!r}"))
     return float(size)
 
 
@@ -189,8 +173,9 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, d
     targets = _targets(arm, q)
     positions = np.stack([target.translation for target in targets], axis=1)
     if constraints.inside is not None:
-        outside = ~np.all(constraints.inside.contains(positions), axis=0)
-        excluded[f"target outside the box {constraints.inside.text}"] = outside
+        excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(
+            constraints.inside.contains(positions), axis=0
+        )
     sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
     if constraints.min_height is not None:
         floor = Zone(np.array([[0.0, 0.0, -1.0]]), np.array([-constraints.min_height]), "")
@@ -222,8 +207,9 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, d
         if sight.axis is not None:
             facing = np.stack([rotate(target.rotation, np.array(sight.axis)[:, None]) for target in targets], axis=1)
             cosine = np.sum(facing * ray, axis=0) / np.maximum(distance * np.linalg.norm(sight.axis), 1e-12)
-            turned = f"reflector turned away by more than {np.degrees(sight.cone):g}°"
-            excluded[turned] = np.any(cosine < np.cos(sight.cone), axis=0)
+            excluded[f"reflector turned away by more than {np.degrees(sight.cone):g}°"] = np.any(
+                cosine < np.cos(sight.cone), axis=0
+            )
     return np.mean(positions, axis=1), excluded
 
 
@@ -265,8 +251,6 @@ def joint_condition(arm: Arm, q: Array) -> Array:
 
 TASK_POSES = 400
 """Poses that the mean and the worst error over the task's region are computed from."""
-_DECIMALS = 6
-"""Decimals of commanded joint variables, as in a simulation."""
 _MOST_DRAWS = 40
 """Most samples drawn, as a multiple of the candidates sought."""
 
@@ -326,12 +310,14 @@ def _feasible(
             break
     q, position, mask = (np.concatenate(blocks, axis=1) for blocks in zip(*parts, strict=True))
     number, n_drawn = np.sum(mask, axis=0), q.shape[1]
-    counts: list[dict[str, Any]] = [
-        {"reason": reason, "count": int(np.count_nonzero(own)), "alone": int(np.count_nonzero(own & (number == 1)))}
-        for reason, own in zip(excluded, mask, strict=True)
-        if own.any()
-    ]
-    exclusions = sorted(counts, key=lambda entry: -entry["count"])
+    exclusions: list[dict[str, Any]] = sorted(
+        (
+            {"reason": reason, "count": int(np.count_nonzero(own)), "alone": int(np.count_nonzero(own & (number == 1)))}
+            for reason, own in zip(excluded, mask, strict=True)
+            if own.any()
+        ),
+        key=lambda entry: -entry["count"],
+    )
     if not n_feasible:
         others = "".join(f"; {entry['count']} by: {entry['reason']}" for entry in exclusions[1:])
         raise UsageError(
@@ -339,8 +325,14 @@ def _feasible(
             f"Relax {'the first of these' if others else 'this demand'}"
         )
     at = np.flatnonzero(number == 0)[:count]
-    named = None if ids is None else ids[at]
-    return CandidatePoses(q[:, at], position[:, at], named, n_drawn, exclusions, source.format(n_drawn))
+    return CandidatePoses(
+        q[:, at],
+        position[:, at],
+        None if ids is None else ids[at],
+        n_drawn,
+        exclusions,
+        source.format(n_drawn),
+    )
 
 
 def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times: int) -> Iterator[Array]:
@@ -352,12 +344,19 @@ def _drawn(robot: Robot, margin: float, count: int, skip: int, seed: int, times:
         InputError: A prismatic joint has no limits.
     """
     for number in range(times):
-        rng = np.random.default_rng([seed, len(robot.variables)])
-        at = skip + count * number
-        q = even_joints(robot, count, rng, "to choose poses within", "give it limits", margin=margin, skip=at)
+        q = even_joints(
+            robot,
+            count,
+            np.random.default_rng([seed, len(robot.variables)]),
+            "to choose poses within",
+            "give it limits",
+            margin=margin,
+            skip=skip + count * number,
+        )
         low, high = (limit[:, None] for limit in joint_ranges(Arm.of(robot), np.pi))
         keep = margin * (high - low)
-        yield np.clip(np.round(q, _DECIMALS), low + keep, high - keep)
+        # Decimals of commanded joint variables, as in a simulation.
+        yield np.clip(np.round(q, 6), low + keep, high - keep)
 
 
 def sampled_candidates(model: Model, constraints: Constraints, count: int, seed: int) -> CandidatePoses:
@@ -379,8 +378,14 @@ def given_candidates(model: Model, constraints: Constraints, data: Measurements)
     """
     q = given(data.q, "the candidates have no joint columns")
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
-    ids = None if data.pose is None else data.pose[first].astype(str)
-    return _feasible(model, constraints, [q[:, first]], first.size, ids=ids, source="{} given poses")
+    return _feasible(
+        model,
+        constraints,
+        [q[:, first]],
+        first.size,
+        ids=None if data.pose is None else data.pose[first].astype(str),
+        source="{} given poses",
+    )
 
 
 def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:
@@ -466,10 +471,10 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
     arm, q = model.arm, np.tile([0.0, 1.0], (len(model.arm.names), 1))
     bare = Measurements(position=np.zeros((3, 2)), q=q, direction=2 * q - 1, speed=q)
     loaded = replace(bare, payload=np.array([0.0, 1.0]))
-    warm = replace(bare, temperature=np.array([0.0, 1.0]))
     fixed = [entry.effect for entry in model.known]
     if not payloads and any(effect.missing(arm, bare) and not effect.missing(arm, loaded) for effect in fixed):
         payloads = (0.0,)
+    warm = replace(bare, temperature=np.array([0.0, 1.0]))
     is_warm = any(effect.missing(arm, bare) and not effect.missing(arm, warm) for effect in fixed)
     planned = replace(bare, payload=np.array([min(payloads), max(payloads)]) if payloads else None)
     for effect in model.free:
@@ -490,26 +495,26 @@ def conditions_of(model: Model, payloads: tuple[float, ...], seed: int, is_for_f
 
 # Joints outside the chain in a plan: they stand still at their positions of the robot file.
 
-_EQUAL = 1e-4
-"""Largest difference between a column and the position, rad or m: a file's rounding."""
-
 
 def branches_at_rest(robot: Robot, n: int) -> tuple[Array | None, tuple[str, ...]]:
     """Return positions ``(B, n)`` and names of joints outside the chain; None if they load no joint of the chain."""
     if not _loading(robot):
         return None, ()
-    positions = np.array([[branch.position] * n for branch in robot.branch_variables])
-    return positions, tuple(branch.joint.name for branch in robot.branch_variables)
+    moving = robot.branch_variables
+    return np.array([[branch.position] * n for branch in moving]), tuple(branch.joint.name for branch in moving)
 
 
 def at_rest_warning(robot: Robot) -> tuple[str, ...]:
     """Return a sentence about the joints outside the chain that must stand still; nothing if there are none."""
     listed = ", ".join(f"{branch.joint.name} at {_with_unit(branch)}" for branch in _loading(robot))
-    text = (
-        f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, which "
-        "the planned rows state; to change them, set position in the robot file"
+    return (
+        (
+            f"the plan holds the joints outside the chain still: {listed}; their weight counts at these positions, "
+            "which the planned rows state; to change them, set position in the robot file",
+        )
+        if listed
+        else ()
     )
-    return (text,) if listed else ()
 
 
 def check_at_rest(robot: Robot, poses: Measurements) -> None:
@@ -521,15 +526,18 @@ def check_at_rest(robot: Robot, poses: Measurements) -> None:
     if poses.branches is None:
         return
     for branch, values in zip(robot.branch_variables, poses.branches, strict=True):
-        off = np.flatnonzero(np.abs(values - branch.position) > _EQUAL)
-        if off.size:
-            found, line = (
-                _with_unit(branch, float(values[off[0]])),
-                None if poses.rows is None else int(poses.rows[off[0]]),
+        # A file rounds them.
+        for row in np.flatnonzero(np.abs(values - branch.position) > 1e-4):
+            raise InputError(
+                Problem(
+                    f"found {_with_unit(branch, float(values[row]))}, expected {_with_unit(branch)}: a plan moves only "
+                    "the joints of the chain",
+                    poses.source,
+                    None if poses.rows is None else int(poses.rows[row]),
+                    branch.joint.name,
+                    "set the position of this joint in the robot file to where it stands, or remove the column",
+                )
             )
-            message = f"found {found}, expected {_with_unit(branch)}: a plan moves only the joints of the chain"
-            fix = "set the position of this joint in the robot file to where it stands, or remove the column"
-            raise InputError(Problem(message, poses.source, line, branch.joint.name, fix))
 
 
 def _loading(robot: Robot) -> list[BranchJoint]:

@@ -65,8 +65,7 @@ class FitCriterion:
             # Power of a task pose's error in its weight: the mean with such weights follows the worst error.
             share = np.power(variance / variance.max(), 8.0)
         weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
-        reach = turned @ weight @ np.swapaxes(turned, 1, 2)
-        return np.asarray(-np.sum(np.linalg.inv(spread) * reach, axis=(1, 2)))
+        return np.asarray(-np.sum(np.linalg.inv(spread) * (turned @ weight @ np.swapaxes(turned, 1, 2)), axis=(1, 2)))
 
 
 # Choice of poses on which a trace finds every effect at its usual size, and distinguishes it from its rivals.
@@ -105,11 +104,11 @@ class PowerCriterion:
         gain = free @ covariance @ np.swapaxes(free, 1, 2)
         white = np.linalg.inv(np.linalg.cholesky(np.eye(rows.shape[1]) + gain)) @ (columns - free @ solution)
         with_itself = np.diag(new) + np.sum(np.square(white), axis=1)
-        has_none = self.rival == np.arange(self.rival.size)
-        with_rival = new[np.arange(self.rival.size), self.rival] + np.sum(white * white[:, :, self.rival], axis=1)
+        own = np.arange(self.rival.size)
+        with_rival = new[own, self.rival] + np.sum(white * white[:, :, self.rival], axis=1)
         detected = ndtr(np.sqrt(np.maximum(with_itself, 0.0)) - np.sqrt(self.even_chance))
         beside = np.maximum(with_itself - np.square(with_rival) / np.maximum(with_itself[:, self.rival], 1e-12), 0.0)
-        separated = np.where(has_none, 1.0, ndtr(np.sqrt(beside) - np.sqrt(2.0 * ACCEPTED)))
+        separated = np.where(self.rival == own, 1.0, ndtr(np.sqrt(beside) - np.sqrt(2.0 * ACCEPTED)))
         return np.stack((detected.mean(axis=1), (detected * separated).mean(axis=1)))
 
     def cost(self, information: Array) -> float:
@@ -205,8 +204,8 @@ def random_designs(n: int, size: int, stream: int, seed: int, times: int = 10) -
 def choose(problem: DesignProblem, start: NDArray[np.int64], seed: int, others: int = EXCHANGED) -> NDArray[np.int64]:
     """Return the best design that exchange reaches from ``start`` and from random designs of as many poses."""
     # Random designs that exchange starts from, beside the greedy one, as it ends in a local optimum.
-    random = random_designs(problem.rows.shape[0], start.size, 5, seed, 2)
-    designs = [exchanged(problem, design, others) for design in (start, *random)]
+    starts = (start, *random_designs(problem.rows.shape[0], start.size, 5, seed, 2))
+    designs = [exchanged(problem, design, others) for design in starts]
     costs = np.array([problem.cost(design) for design in designs])
     # The first of equal designs: rounding makes a different one the best on different machines.
     return designs[int(np.argmax(costs <= costs.min() + 1e-9 * abs(costs.min())))]
@@ -219,16 +218,21 @@ def expected_power(
 
     They are those of the candidates ``chosen``, and the means over random sets of as many.
     """
-    sets = (chosen, *random_designs(problem.rows.shape[0], chosen.size, chosen.size, seed))
     none = np.zeros((1, 1, problem.rows.shape[2]))
-    planned, *random = (criterion.powers(problem.information_with(at), none)[:, 0] for at in sets)
-    values = (*planned.tolist(), *np.mean(random, axis=0).tolist())
-    return dict(zip(("found", "separated", "random_found", "random_separated"), values, strict=True))
+    planned, *random = (
+        criterion.powers(problem.information_with(at), none)[:, 0]
+        for at in (chosen, *random_designs(problem.rows.shape[0], chosen.size, chosen.size, seed))
+    )
+    (found, separated), (random_found, random_separated) = planned.tolist(), np.mean(random, axis=0).tolist()
+    return {
+        "found": found,
+        "separated": separated,
+        "random_found": random_found,
+        "random_separated": random_separated,
+    }
 
 
 # Order of the visits.
-
-Role = Literal["pose", "repeat", "check"]
 
 LEAST_DIRECTION_SHARE = 0.3
 """Share of the approaches of each joint that each direction must have."""
@@ -240,7 +244,8 @@ class Route:
 
     visits: NDArray[np.int64]
     """``(V,)`` number of the pose at each visit."""
-    roles: tuple[Role, ...]
+    roles: tuple[str, ...]
+    """``pose``, ``repeat`` or ``check`` of each."""
     figures: Mapping[str, Any]
     """Figures of the order, with the keys of the result: passes; length, the sum over all moves of the largest joint
     move as a share of its range, and that in a random order; share of the rarer direction among each joint's
@@ -262,32 +267,35 @@ def route(q: Array, payload: Array | None, repeats: int, every: int, seed: int) 
     groups = [np.flatnonzero(masses == mass) for mass in np.unique(masses)]
     parts, checks, passes = [], [], 0
     for number, at in enumerate(groups):
-        share = repeats // len(groups) + (number < repeats % len(groups))
         scaled = _in_ranges(q[:, at])
         check = int(np.argmin(_from_middle(scaled))) if every and at.size > 2 else None
+        share = repeats // len(groups) + (number < repeats % len(groups))
         order, own_passes = _ordered(scaled, share, check, max(every, 1), seed)
         checks += [] if check is None else [int(at[check])]
         parts.append(at[order])
         passes = max(passes, own_passes)
     visits = np.concatenate(parts)
-    first = np.isin(np.arange(visits.size), np.unique(visits, return_index=True)[1])
-    roles: list[Role] = [
-        "check" if node in checks else "pose" if is_first else "repeat"
-        for node, is_first in zip(visits.tolist(), first, strict=True)
+    first = np.unique(visits, return_index=True)[1]
+    roles = [
+        "check" if node in checks else "pose" if place in first else "repeat"
+        for place, node in enumerate(visits.tolist())
     ]
     scaled = _in_ranges(q)
     direction, speed = motion_between_rows(q[:, visits])
-    figures = {
-        "passes": passes,
-        "length": _length(scaled[:, visits]),
-        "random_length": _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
-        "rarer_direction_share": direction_shares(direction),
-        "speed_std": np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
-        "drift_share": _drift_share(scaled[:, visits]),
-        "repeats": roles.count("repeat"),
-        "checks": roles.count("check"),
-    }
-    return Route(visits, tuple(roles), figures)
+    return Route(
+        visits,
+        tuple(roles),
+        {
+            "passes": passes,
+            "length": _length(scaled[:, visits]),
+            "random_length": _length(scaled[:, np.random.default_rng([seed, 1]).permutation(visits)]),
+            "rarer_direction_share": direction_shares(direction),
+            "speed_std": np.array([float(np.std(np.abs(row[row != 0]))) if np.any(row) else 0.0 for row in speed]),
+            "drift_share": _drift_share(scaled[:, visits]),
+            "repeats": roles.count("repeat"),
+            "checks": roles.count("check"),
+        },
+    )
 
 
 def _in_ranges(q: Array) -> Array:
@@ -334,8 +342,8 @@ def _length(scaled: Array) -> float:
 
 
 def _missing_approaches(scaled: Array) -> float:
-    missing = LEAST_DIRECTION_SHARE + 0.05 - direction_shares(np.sign(np.diff(scaled, axis=1)))
-    return float(np.sum(np.maximum(missing, 0.0)) * scaled.shape[1])
+    shares = direction_shares(np.sign(np.diff(scaled, axis=1)))
+    return float(np.sum(np.maximum(LEAST_DIRECTION_SHARE + 0.05 - shares, 0.0)) * scaled.shape[1])
 
 
 def _cost(scaled: Array) -> float:
@@ -424,5 +432,4 @@ def _drift_share(scaled: Array) -> float:
         return 0.0
     time, design = np.arange(n) - (n - 1) / 2, np.vstack((np.ones(n), scaled)).T
     residual = time - design @ np.linalg.lstsq(design, time, rcond=None)[0]
-    share = float(residual @ residual / (time @ time))
-    return float(max(1.0 - share * (n - 1) / (n - 1 - joints), 0.0))
+    return float(max(1.0 - residual @ residual / (time @ time) * (n - 1) / (n - 1 - joints), 0.0))

@@ -143,15 +143,16 @@ def coefficients(model: Model, rows: Array) -> PlannedCoefficients:
     flat = rows[:: max(1, rows.shape[0] // 1500)].reshape(-1, rows.shape[2])
     identified = identify_terms(np.asarray(np.linalg.qr(flat, mode="r")), terms, flat.shape[0])
     columns = identified.columns
-    tolerance = {name: std for name, std in tolerance_priors(model.arm.robot).items() if std > 0}
+    tolerance = tolerance_priors(model.arm.robot)
     broad = broad_stds(model, terms, owners)
-    # Base and tool frames may be anywhere: 1 m or rad.
-    usual = [
-        # Prior standard deviation, over its usual size, of a coefficient without a tolerance, for the choice of poses.
-        10.0 * term.typical if is_constant or term.typical < 1e-3 else 1.0
-        for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
-    ]
-    prior = np.array([tolerance.get(term.name, std) for term, std in zip(terms, usual, strict=True)])
+    # Prior standard deviation for the choice of poses: without a tolerance ten times the usual size, and 1 m or rad of
+    # base and tool frames, which may be anywhere.
+    prior = np.array(
+        [
+            tolerance.get(term.name) or (10.0 * term.typical if is_constant or term.typical < 1e-3 else 1.0)
+            for term, is_constant in zip(terms, np.isfinite(broad), strict=True)
+        ]
+    )
     return PlannedCoefficients(terms, columns, identified.dropped, prior[columns], broad[columns])
 
 
@@ -182,9 +183,11 @@ def expected_coefficients(planned: PlannedCoefficients, covariance: Array | None
 
     It is None for a coefficient that is not identifiable, for the reason ``why``.
     """
-    unknown = {"std": None, "prior_std": None}
     why = {entry.name: entry.why for entry in planned.dropped}
-    result = [{"name": term.name, "unit": term.unit, **unknown, "why": why.get(term.name)} for term in planned.terms]
+    result: list[dict[str, Any]] = [
+        {"name": term.name, "unit": term.unit, "std": None, "prior_std": None, "why": why.get(term.name)}
+        for term in planned.terms
+    ]
     for i, column in enumerate(planned.columns.tolist()):
         result[column] |= {
             "std": None if covariance is None else float(np.sqrt(covariance[i, i])),
@@ -241,9 +244,13 @@ class Expectation:
             return None
         variance = region_variance(self.region, covariance)
         mean = float(np.mean(variance))
-        worst, total = float(variance.max()) ** 0.5, (mean + self.floor**2) ** 0.5
-        sizes = {"rms_m": mean**0.5, "worst_m": worst, "total_rms_m": total}
-        return {"n_poses": n, **sizes, "random_rms_m": random_rms}
+        return {
+            "n_poses": n,
+            "rms_m": mean**0.5,
+            "worst_m": float(variance.max()) ** 0.5,
+            "total_rms_m": (mean + self.floor**2) ** 0.5,
+            "random_rms_m": random_rms,
+        }
 
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
@@ -263,9 +270,8 @@ def expected_accuracy(
     _, n_rows, n_coefficients = problem.rows.shape
     first = BATCH // 2 if expectation.already.any() else -(-n_coefficients // n_rows) + 2
     # Numbers of poses, besides the planned number, that the curve has at most.
-    numbers = np.unique(np.round(np.geomspace(min(first, order.size), order.size, 8)).astype(int))
     points = {}
-    for n in {*numbers.tolist(), chosen.size}:
+    for n in {*np.round(np.geomspace(min(first, order.size), order.size, 8)).astype(int).tolist(), chosen.size}:
         design = chosen if n == chosen.size else exchanged(problem, order[:n], CURVE_EXCHANGED)
         points[n] = expectation.point(expectation.rows[design], n, expectation.random_rms(n, seed))
     curve, knee = [point for _, point in sorted(points.items()) if point is not None], None
@@ -286,10 +292,13 @@ def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> M
     points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
     names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
     known = [(point["total_rms_m"], name) for name, point in zip(names, points, strict=True) if point is not None]
-    verdict = f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model"
-    keys = ("new_poses_rms_m", "repeated_poses_rms_m", "readings_rms_m")
-    rms = {key: None if point is None else point["rms_m"] for key, point in zip(keys, points, strict=True)}
-    return {**rms, "verdict": verdict}
+    new, repeated, readings = (None if point is None else point["rms_m"] for point in points)
+    return {
+        "new_poses_rms_m": new,
+        "repeated_poses_rms_m": repeated,
+        "readings_rms_m": readings,
+        "verdict": f"{min(known)[1]} worth most" if known else "the planned poses are too few for this model",
+    }
 
 
 def sufficiency_of(
@@ -314,21 +323,20 @@ def sufficiency_of(
     else:
         gain = 1.0 - later["total_rms_m"] / now["total_rms_m"]
         enough, why = gain < ENOUGH_GAIN, f"{chosen.size} more poses reduce the predicted error by {100 * gain:.0f} %"
-    totals = {
-        key: None if point is None else point["total_rms_m"] for key, point in (("now_m", now), ("later_m", later))
+    return {
+        "n_already": n,
+        "enough": enough,
+        "why": why,
+        "now_m": None if now is None else now["total_rms_m"],
+        "later_m": None if later is None else later["total_rms_m"],
+        "of_model": of_model,
     }
-    return {"n_already": n, "enough": enough, "why": why, **totals, "of_model": of_model}
 
 
 # Detection limits and power of every effect at planned poses, and pairs of effects that are not distinguishable.
 #
 # The poses are in their planned order, so directions and speeds of approach and the time are known. The noise is known
 # too; the test is that of a trace (:func:`robacc.tracing.candidates.decisive_test`).
-
-_LARGEST = 300.0
-"""Largest limit, in multiples of the typical size."""
-_CERTAIN = 10.0
-"""Multiple of the noncentrality at probability 1/2 from which an effect is found for certain, to nine digits."""
 
 
 def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Mapping[str, Any]:
@@ -340,9 +348,8 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
     reason why an effect cannot be tested, by effect.
     """
     pool, missing = named_candidates(model.arm, data, model.free)
-    pool = [c for c in pool if len({term.unit for term in c.terms}) == 1]
-    names = [{term.name for term in candidate.terms} for candidate in pool]
-    pool = [c for c, terms in zip(pool, names, strict=True) if not any(other < terms for other in names)]
+    named = [(c, {term.name for term in c.terms}) for c in pool if len({term.unit for term in c.terms}) == 1]
+    pool = [c for c, names in named if not any(other < names for _, other in named)]
     catalogue = _catalogue(pool)
     number = {key: i for i, key in enumerate(catalogue)}
     rows = whitened_rows(model, data, noise, (term for term, _ in catalogue.values()))
@@ -364,22 +371,27 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
             test = decisive_test(values.size, dof, candidate.log_prior_of_size)
             needed = test.noncentrality_at_limit
             noncentrality = usual**2 * float(values[0])
-            power = 1.0 if noncentrality > _CERTAIN * needed else test.power(noncentrality)
+            # Beyond ten times the noncentrality at probability 1/2 an effect is found for certain, to nine digits.
+            power = 1.0 if noncentrality > 10.0 * needed else test.power(noncentrality)
             limit = math.sqrt(needed / float(values[0]))
-            if limit <= _LARGEST * first.typical:
+            if limit <= 300.0 * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)
-        entry = {
-            "effect": effect.name,
-            "joints": effect.joints,
-            "settings": effect.settings(),
-            "limit": size,
-            "unit": first.unit,
-            "usual_size": usual,
-            "power": power,
-            "rms_m": rms,
-        }
-        tested.append((place, entry))
+        tested.append(
+            (
+                place,
+                {
+                    "effect": effect.name,
+                    "joints": effect.joints,
+                    "settings": effect.settings(),
+                    "limit": size,
+                    "unit": first.unit,
+                    "usual_size": usual,
+                    "power": power,
+                    "rms_m": rms,
+                },
+            )
+        )
     return {"limits": [limit for _, limit in tested], "pairs": _pairs(tested, gram), "missing": missing}
 
 
@@ -392,8 +404,8 @@ def usual_size(effect: str) -> float:
 def _label(limit: Mapping[str, Any]) -> str:
     """Return ``backlash[j2]``, with settings."""
     settings = ", ".join(f"{key} {_text(value)}" for key, value in limit["settings"].items())
-    joints = f"[{','.join(limit['joints'])}]" if limit["joints"] else ""
-    return f"{limit['effect']}{joints}{f' ({settings})' if settings else ''}"
+    joints = ",".join(limit["joints"])
+    return f"{limit['effect']}{f'[{joints}]' * bool(joints)}{f' ({settings})' * bool(settings)}"
 
 
 def _text(value: object) -> str:
@@ -437,24 +449,28 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
         evidence = 0.5 * limit["usual_size"] ** 2 * max(float(np.linalg.eigvalsh(block - explained)[0]), 0.0)
         if evidence < ACCEPTED:
             whitener = np.linalg.pinv(block, rcond=1e-12, hermitian=True)
-            similarity = math.sqrt(min(max(float(np.linalg.eigvals(whitener @ explained).real.max()), 0.0), 1.0))
+            square = float(np.linalg.eigvals(whitener @ explained).real.max())
             pairs.append(
-                {"first": _label(limit), "second": _label(rival), "similarity": similarity, "evidence": evidence}
+                {
+                    "first": _label(limit),
+                    "second": _label(rival),
+                    "similarity": math.sqrt(min(max(square, 0.0), 1.0)),
+                    "evidence": evidence,
+                }
             )
     return sorted(pairs, key=lambda pair: (-round(pair["similarity"], 9), pair["evidence"]))
 
 
 # Choice of poses for a trace.
 
-_CANDIDATES = 800
-"""Candidates that the search looks at, drawn at random; more gain little."""
 _EXACT = 1e-6
 """Share of a column that must remain given a rival: no poses distinguish exact equals."""
 
 
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` different candidates, chosen among some drawn at random."""
-    pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(_CANDIDATES, count)]
+    # More than 800 candidates gain little.
+    pool = np.random.default_rng([seed, 5]).permutation(problem.rows.shape[0])[: max(800, count)]
     part = replace(problem, rows=problem.rows[pool])
     return pool[choose(part, part.best(count), seed, 100)]
 

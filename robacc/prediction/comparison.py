@@ -40,11 +40,15 @@ def _stated_noise(
 
     Weights are reciprocals of the file's uncertainty where it is used, else 1; a deviation of None is to be estimated.
     """
-    names, columns = ("sigma_x, sigma_y, sigma_z", "sigma_r"), (data.sigma_position, data.sigma_rotation)
+    columns = data.sigma_position, data.sigma_rotation
     used = [column if given is None else None for column, given in zip(columns, given_noise, strict=True)]
     message, fix = "the measuring uncertainty is 0, expected above 0", "remove the column, or give `noise`"
-    wrong = [name for name, column in zip(names, used, strict=True) if column is not None and not np.all(column > 0)]
-    refuse((wrong, [Problem(message, data.source, None, name, fix) for name in wrong]))
+    wrong = [
+        Problem(message, data.source, None, name, fix)
+        for name, column in zip(("sigma_x, sigma_y, sigma_z", "sigma_r"), used, strict=True)
+        if column is not None and not np.all(column > 0)
+    ]
+    refuse((wrong, wrong))
     return [
         (np.ones((3, data.n)), given, "estimated" if given is None else "given")
         if column is None
@@ -64,7 +68,9 @@ def _restricted_likelihood(
     """
     n, give = 3 * data.n, "give the noise with `noise` or sigma columns"
     few = Problem("too few poses to estimate the measurement noise", data.source, fix=f"measure more poses, or {give}")
-    exact = "the parameters explain every pose exactly, so the noise cannot be estimated"
+    exact = Problem(
+        "the parameters explain every pose exactly, so the noise cannot be estimated", data.source, fix=give
+    )
     rms = [float(np.linalg.norm(triangle[:, -1])) / math.sqrt(n) or 1.0 for triangle in triangles]
     sigma = np.array([start if given is None else given for given, start in zip(given_sigma, rms, strict=True)])
     for _ in range(200):
@@ -72,13 +78,12 @@ def _restricted_likelihood(
         stacked = np.concatenate([triangle / std for triangle, std in zip(triangles, sigma, strict=True)])
         column_norms = _norms(stacked[:, :-1])
         inverse = np.linalg.pinv(stacked[:, :-1] / column_norms, rcond=RANK_TOLERANCE)
-        solution = inverse @ stacked[:, -1]
         for k in (k for k, given in enumerate(given_sigma) if given is None):
             rows = triangles[k][:, :-1] / column_norms
             dof = n - float(np.sum(np.square((rows / sigma[k]) @ inverse)))
             refuse((dof < 1.0, few))
-            sigma[k] = np.linalg.norm(triangles[k][:, -1] - rows @ solution) / math.sqrt(dof)
-            refuse((sigma[k] < 1e-12 * rms[k] or sigma[k] == 0.0, Problem(exact, data.source, fix=give)))
+            sigma[k] = np.linalg.norm(triangles[k][:, -1] - rows @ (inverse @ stacked[:, -1])) / math.sqrt(dof)
+            refuse((sigma[k] < 1e-12 * rms[k] or sigma[k] == 0.0, exact))
         if np.all(np.abs(sigma / before - 1.0) < 1e-10):
             break
     return [float(std) for std in sigma]
@@ -123,8 +128,6 @@ class SufficientStatistics:
     """Sum of squares in all other directions, which contain noise only."""
     noise_dof: int
     n_poses: int
-    n_values: int
-    """Measured numbers: 3 or 6 a pose."""
     n_aligned: int
     """Combinations of base and tool coordinates that were fitted to the same poses."""
     noise: Mapping[str, Any]
@@ -154,7 +157,7 @@ def reduce_residuals(
     """
     weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
     triangles = _triangles(robot, data, parameters, weights, aligned)
-    n_values, n_fixed = 3 * data.n * len(triangles), triangles[0].shape[1] - len(parameters) - 1
+    n_fixed = triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
     stacked = np.concatenate([triangle / s for triangle, s in zip(triangles, sigma, strict=True)])
     # What base and tool explain is taken out.
@@ -166,20 +169,24 @@ def reduce_residuals(
     significant = strength > NEGLIGIBLE
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
-    in_file = [
-        mean if source == "file" else std for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
-    ]
-    noise_keys = ("position_m", "orientation_rad", "source_position", "source_orientation")
+    position, orientation = (
+        *(m if source == "file" else std for std, source, m in zip(sigma, sources, data.stated_noise, strict=False)),
+        None,
+    )[:2]
     return SufficientStatistics(
         directions.T @ scaled,
         strength,
         y,
         max(float(residual @ residual - y @ y), 0.0),
-        n_values - n_aligned - strength.size,
+        3 * data.n * len(triangles) - n_aligned - strength.size,
         data.n,
-        n_values,
         n_aligned,
-        dict(zip(noise_keys, (*(*in_file, None)[:2], *(*sources, None)[:2]), strict=True)),
+        {
+            "position_m": position,
+            "orientation_rad": orientation,
+            "source_position": sources[0],
+            "source_orientation": sources[1] if len(sources) > 1 else None,
+        },
     )
 
 
@@ -204,8 +211,8 @@ def _triangles(
         error = residuals(part, model.bind(part).poses(np.zeros(0)))
         columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
         for number, weight in enumerate(weights):
-            weighted = columns[3 * number : 3 * number + 3] * weight[:, None, block]
-            stacked = np.concatenate((*triangles[number], weighted.transpose(0, 2, 1).reshape(-1, columns.shape[1])))
+            weighted = (columns[3 * number : 3 * number + 3] * weight[:, None, block]).transpose(0, 2, 1)
+            stacked = np.concatenate((*triangles[number], weighted.reshape(-1, columns.shape[1])))
             triangles[number] = [np.asarray(np.linalg.qr(stacked, mode="r"))]
     return [triangle for (triangle,) in triangles]
 
@@ -278,9 +285,8 @@ def consistency(
     else:
         verdict = "the measured errors are consistent with the tolerances"
     if parameters is not None and noise is not None and noise["p_value"] < SIGNIFICANT:
-        noise_ratio = math.sqrt(noise["ratio"])
-        cause = ": effects other than these parameters, or more noise than stated" if noise_ratio > 1.0 else ""
-        verdict += f"; the part that no parameter explains is {noise_ratio:.2g} times the stated noise{cause}"
+        verdict += f"; the part that no parameter explains is {math.sqrt(noise['ratio']):.2g} times the stated noise"
+        verdict += ": effects other than these parameters, or more noise than stated" * (noise["ratio"] > 1.0)
     return {"total": total, "parameters": parameters, "noise": noise}, scale, verdict
 
 
@@ -297,11 +303,11 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> Mapping[str, float]
         the p-value from a chi-square distribution for comparison.
     """
     squared_factor, ratio = (float(value[0]) for value in _likelihood_ratios(y[None], variances))
-    n_below = int(np.searchsorted(_null_distribution(variances.tobytes(), seed), ratio - 1e-9, side="left"))
+    n_larger = int(np.count_nonzero(_null_distribution(variances.tobytes(), seed) >= ratio - 1e-9))
     return {
         "factor": math.sqrt(squared_factor),
         "statistic": ratio,
-        "p_value": (1.0 + DRAWS - n_below) / (1.0 + DRAWS),
+        "p_value": (1.0 + n_larger) / (1.0 + DRAWS),
         "p_value_asymptotic": chi2_sf(ratio, 1.0),
         "draws": DRAWS,
     }
@@ -309,10 +315,10 @@ def scale_test(y: Array, variances: Array, seed: int = 0) -> Mapping[str, float]
 
 @lru_cache(maxsize=16)
 def _null_distribution(variances: bytes, seed: int) -> Array:
-    """Return samples of the likelihood ratio under the prediction, ascending."""
-    variance_array = np.frombuffer(variances)
-    y = np.random.default_rng(seed).standard_normal((DRAWS, variance_array.size)) * np.sqrt(1.0 + variance_array)
-    return np.sort(_likelihood_ratios(y, variance_array)[1])
+    """Return samples of the likelihood ratio under the prediction."""
+    sizes = np.frombuffer(variances)
+    y = np.random.default_rng(seed).standard_normal((DRAWS, sizes.size)) * np.sqrt(1.0 + sizes)
+    return _likelihood_ratios(y, sizes)[1]
 
 
 def _likelihood_ratios(y: Array, variances: Array) -> tuple[Array, Array]:
@@ -359,7 +365,6 @@ GIVEN = frozenset({"base", "tool"})
 """Components that are not estimated: a frame has too few lengths and angles, too different to share a factor."""
 _LOG_FACTOR_MIN, _LOG_FACTOR_MAX = -16.0, 16.0
 """Range of log φ; a factor at its lower end counts as zero."""
-_STEP_LIMIT = 2.0
 _MIN_DOF = 1.0
 """Smallest number of degrees of freedom, with the other components free, of an estimated component."""
 
@@ -445,9 +450,11 @@ def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelih
         solved = np.linalg.solve(triangle, np.column_stack((effect, y)))
         products = solved[:, :-1].T @ solved
         gram, gradient_term = products[:, :-1], products[:, -1]
-        log_likelihood = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
-        score = 0.5 * phi * (member @ (np.square(gradient_term) - np.diag(gram)))
-        return log_likelihood, score, 0.5 * np.outer(phi, phi) * (member @ np.square(gram) @ member.T)
+        return (
+            -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1]),
+            0.5 * phi * (member @ (np.square(gradient_term) - np.diag(gram))),
+            0.5 * np.outer(phi, phi) * (member @ np.square(gram) @ member.T),
+        )
 
     return evaluate
 
@@ -468,7 +475,7 @@ def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | N
         block = information[np.ix_(active, active)]
         ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
         step = np.zeros_like(eta)
-        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -_STEP_LIMIT, _STEP_LIMIT)
+        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -2.0, 2.0)
         trials = (np.clip(eta + 0.5**halving * step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX) for halving in range(30))
         better = next(((trial, found) for trial in trials if (found := likelihood(trial))[0] > value), None)
         if better is None:
@@ -544,44 +551,52 @@ def compare_with_measured(
         UsageError: The noise is not positive, the confidence is out of range, or a frame cannot be fitted.
     """
     lacking = "has no joint columns: the comparison needs the joint values"
-    is_noise = [value is None or (math.isfinite(value) and value > 0.0) for value in noise]
     refuse(
         (data.n == 0, Problem("has no poses to compare with the prediction", data.source)),
         (data.q is None, Problem(lacking, data.source, fix="add q1, q2, …")),
-        (not all(is_noise), "`noise` is a standard deviation above 0"),
+        (not all(std is None or 0.0 < std < math.inf for std in noise), "`noise` is a standard deviation above 0"),
     )
     check_confidence(confidence)
     alignment = registration.align(robot, data, align) if align else None
     registered_robot = robot if alignment is None else alignment.robot
     # With fewer poses, base and tool absorb everything that was measured.
-    message = f"fitting frames to {data.n} poses leaves no errors to compare"
-    fix = "measure more poses, or leave out `align`"
-    refuse((alignment is not None and data.n < 3, Problem(message, data.source, fix=fix)))
+    refuse(
+        (
+            alignment is not None and data.n < 3,
+            Problem(
+                f"fitting frames to {data.n} poses leaves no errors to compare",
+                data.source,
+                fix="measure more poses, or leave out `align`",
+            ),
+        )
+    )
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)
+    hint = None
     # Errors larger than the prediction by this factor come from frames or units, not from tolerances.
-    is_far_larger = scale is not None and scale["factor"] >= 20.0
-    cause = (
-        'frames that do not agree; try `align="base_frame,tool_frame"`'
-        if alignment is None
-        else "units, joint signs or the order of the joints, not from tolerances"
-    )
-    registered = alignment and {
-        "what": alignment.effects,
-        "degrees_of_freedom": statistics.n_aligned,
-        "parameters": alignment.parameters,
-    }
+    if scale is not None and scale["factor"] >= 20.0:
+        cause = (
+            'frames that do not agree; try `align="base_frame,tool_frame"`'
+            if alignment is None
+            else "units, joint signs or the order of the joints, not from tolerances"
+        )
+        hint = f"errors this large come from {cause}"
     return {
         "n_poses": data.n,
         "measured": {
             "position_rms_m": rms_length(errors[:3]),
             "orientation_rms_rad": None if data.rotation is None else rms_length(errors[3:]),
         },
-        "alignment": registered,
+        "alignment": alignment
+        and {
+            "what": alignment.effects,
+            "degrees_of_freedom": statistics.n_aligned,
+            "parameters": alignment.parameters,
+        },
         "noise": statistics.noise,
         "verdict": verdict,
-        "hint": f"errors this large come from {cause}" if is_far_larger else None,
+        "hint": hint,
         "normalised_squared_error": tests,
         "likelihood_ratio": scale,
         "variance_components": variance_components(statistics, parameters, confidence),
@@ -594,13 +609,13 @@ def _one_draw(statistics: SufficientStatistics) -> str:
     text = (
         f"all {n} poses are of one robot and share the same parameter errors, so they are not {n} independent tests of "
         "the tolerances. The tests use the covariance of all poses, J V Jᵀ + noise. Of "
-        f"{statistics.n_values} measured numbers, {n_directions} depend on the parameters"
+        f"{n_directions + statistics.noise_dof + statistics.n_aligned} measured numbers, {n_directions} depend on the "
+        "parameters"
     )
     if n_directions:
         # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
         more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
-        relative_std = 100.0 / math.sqrt(2.0 * n_directions)
-        text += f": the size of the tolerances is known to about {relative_std:.0f} %; {more}"
+        text += f": the size of the tolerances is known to about {100 / math.sqrt(2 * n_directions):.0f} %; {more}"
     if statistics.n_aligned:
         text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
     return text

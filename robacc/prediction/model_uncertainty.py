@@ -14,9 +14,7 @@ measured poses their columns cancel errors of the arm's coefficients, so J has n
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections import defaultdict
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
@@ -42,8 +40,10 @@ from robacc.prediction.predicting import (
     Configurations,
     Prediction,
     in_tool_frame,
+    largest_first,
     outer_sums,
     predicted,
+    with_shares,
 )
 from robacc.robots.arm import BLOCK
 from robacc.robots.description import Robot
@@ -52,8 +52,6 @@ from robacc.statistics.lengths import length_quantiles, principal_variances
 
 if TYPE_CHECKING:
     from robacc.error_model.structure import Repeatability
-
-_FIX = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
 
 
 @dataclass(frozen=True)
@@ -135,7 +133,8 @@ def model_fit(robot: Robot) -> ModelFit | None:
         return _read(robot.fit)
     except (KeyError, TypeError, ValueError, RobaccError) as error:
         message = f"cannot be read: {error}" if not isinstance(error, KeyError) else f"the key {error} is missing"
-        raise InputError(Problem(message, robot.name, column="fit", fix=_FIX)) from None
+        fix = "`write_model` of a trace or a calibration writes it; do not change it, or remove this part completely"
+        raise InputError(Problem(message, robot.name, column="fit", fix=fix)) from None
 
 
 def _read(entry: Mapping[str, Any]) -> ModelFit:
@@ -179,8 +178,13 @@ def _symmetric(rows: Sequence[Any]) -> Array:
     result = np.zeros((len(rows), len(rows)))
     for i, row in enumerate(rows):
         values = [float(number) for number in str(row).split()]
-        expected = f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones"
-        refuse((len(values) != i + 1 or not np.all(np.isfinite(values)), expected), error=ValueError)
+        refuse(
+            (
+                len(values) != i + 1 or not np.all(np.isfinite(values)),
+                f"row {i + 1} of a covariance has {len(values)} numbers, expected {i + 1} finite ones",
+            ),
+            error=ValueError,
+        )
         result[i, : i + 1] = result[: i + 1, i] = values
     return result
 
@@ -216,8 +220,7 @@ def model_uncertainty(robot: Robot, fit: ModelFit, data: Measurements, *, measur
         for part, factor in enumerate(fit.bound_factor):
             *within, beyond = (columns[3 * part : 3 * part + 3] for columns in sources)
             # The factors were found within the ranges of the fit.
-            known = factor**2 * outer_sums(np.concatenate(within, axis=1))
-            covariances[part, ..., block] = known + outer_sums(beyond)
+            covariances[part, ..., block] = factor**2 * outer_sums(np.concatenate(within, axis=1)) + outer_sums(beyond)
             traces[:, part] += [np.sum(np.square(columns)) for columns in (*within, beyond)]
     return covariances, rotation, traces / max(data.n, 1)
 
@@ -276,8 +279,7 @@ def fitted_jacobian(model: Model, fit: ModelFit, data: Measurements) -> tuple[Po
 
 def _occurrences(names: Sequence[str]) -> list[tuple[str, int]]:
     """Return each name with the number of its earlier occurrences: two steps of the base share the names of theirs."""
-    numbers: dict[str, Iterator[int]] = defaultdict(itertools.count)
-    return [(name, next(numbers[name])) for name in names]
+    return [(name, names[:place].count(name)) for place, name in enumerate(names)]
 
 
 # Uncertainty of effects and profiles beyond the ranges that they were fitted on.
@@ -339,8 +341,8 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
     scalars: dict[int, Array] = {}
     for term in known.effect.terms(arm, inside):
         for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
-            added = known.values.get(term.name, 0.0) * part.factor
-            scalars[part.motion] = scalars.get(part.motion, np.zeros(inside.n)) + added
+            before = scalars.get(part.motion, np.zeros(inside.n))
+            scalars[part.motion] = before + known.values.get(term.name, 0.0) * part.factor
     sizes = np.sqrt(2.0 * np.mean(np.square([*scalars.values()]).reshape(len(scalars), inside.n), axis=1))
     columns = _motion_columns(model, data, tuple(scalars))[:, :, None] * (sizes[:, None, None] * growth * waves)
     return np.asarray(columns.reshape(6, -1, data.n))
@@ -348,9 +350,8 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
 
 def _motion_columns(model: Model, data: Measurements, motions: tuple[int, ...]) -> Array:
     """Return the derivative ``(6, len(motions), n)`` of the poses to the scalars of some motions."""
-    bound = replace(model, free=()).bind(data)
     terms = tuple(Term(f"motion{motion}", "", 1.0, (Part(motion),)) for motion in motions)
-    return replace(bound, terms=terms).linearise(np.zeros(len(terms)))[1]
+    return replace(replace(model, free=()).bind(data), terms=terms).linearise(np.zeros(len(terms)))[1]
 
 
 def _difference_waves(places: Array) -> Array:
@@ -363,9 +364,9 @@ def _difference_waves(places: Array) -> Array:
     for _ in range(50):
         ratio = (1.0 + ratio) ** (1.0 / (count + 1))
     # Pairs of waves that make up a process.
-    points = np.modf(0.5 + np.outer(np.arange(64), ratio ** -np.arange(1.0, count + 1)))[0]
-    frequencies = [[normal_quantile(float(value)) for value in row] for row in np.clip(points, 1e-6, 1.0 - 1e-6)]
-    phase = np.tensordot(np.array(frequencies), places / (0.5 * _SHARE), axes=1)
+    points = np.clip(np.modf(0.5 + np.outer(np.arange(64), ratio ** -np.arange(1.0, count + 1)))[0], 1e-6, 1.0 - 1e-6)
+    frequencies = np.array([[normal_quantile(value) for value in row] for row in points.tolist()])
+    phase = np.tensordot(frequencies, places / (0.5 * _SHARE), axes=1)
     waves = np.concatenate([wave(phase[:, 0]) - wave(phase[:, 1]) for wave in (np.cos, np.sin)])
     length = np.linalg.norm(waves, axis=0)
     return np.asarray(waves / np.where(length > 0.0, length, 1.0))
@@ -390,14 +391,15 @@ def _faded_column(known: Known, model: Model, data: Measurements, sample: Measur
     limits, periods = known.effect.limits(model.arm, known.validity, fading=True)
     if not limits or not is_outside(model.arm, sample, limits, periods).any():
         return np.zeros((6, 0, data.n))
-    terms = known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity)
     lost: dict[int, Array] = {}
-    for whole, rest in zip(*terms, strict=True):
+    for whole, rest in zip(
+        known.effect.terms(model.arm, data), faded(known.effect, model.arm, data, known.validity), strict=True
+    ):
         before, after = whole.parts[0], rest.parts[0]
         own = known.values.get(whole.name, 0.0) * (before.factor - after.factor)
         lost[before.motion] = lost.get(before.motion, np.zeros(data.n)) + own
-    columns = _motion_columns(model, data, tuple(lost))
-    return np.asarray(np.einsum("imn,mn->in", columns, np.array([*lost.values()])))[:, None]
+    columns = _motion_columns(model, data, tuple(lost)) * np.array([*lost.values()])
+    return np.asarray(columns.sum(axis=1, keepdims=True))
 
 
 # Uncertainty of a model at measured poses whose base or tool was fitted to other measured poses.
@@ -500,13 +502,7 @@ def calibrated_accuracy(
         poses = Measurements(position=np.zeros((3, configurations.n)), q=configurations.q, target=names)
     data = completed(fit, poses, seed)
     covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
-    totals = np.sum(traces, axis=0)
-    shares = (traces / np.where(totals > 0.0, totals, 1.0)).tolist()
-    budget = [
-        {**dict.fromkeys(("parameter", "joint", "kind", "sd", "unit")), "parameter": name, "kind": name}
-        | {"share_position": position, "share_orientation": orientation}
-        for name, (position, orientation) in zip(SOURCES, shares, strict=True)
-    ]
+    sources = [{"parameter": name, "joint": None, "kind": name, "sd": None, "unit": None} for name in SOURCES]
     notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
     outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
@@ -522,12 +518,11 @@ def calibrated_accuracy(
         [in_tool_frame(part, rotation) for part in covariances],
         scale,
         parameters=(),
-        budget=sorted(budget, key=lambda share: -share["share_position"]),
+        budget=sorted(with_shares(sources, traces.T), key=largest_first),
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
         notes=tuple(notes),
-        is_calibrated=True,
     )
 
 
@@ -541,8 +536,7 @@ def completed(fit: ModelFit, poses: Measurements, seed: int) -> Measurements:
         for name, column in _COLUMNS.items()
         if name in fit.ranges and getattr(poses, column) is None
     }
-    speed = direction if poses.speed is None else poses.speed
-    return replace(poses, direction=direction, speed=speed, **middle)
+    return replace(poses, direction=direction, speed=direction if poses.speed is None else poses.speed, **middle)
 
 
 # Coverage of a model's bounds: how many measured poses lie within the 95 % bound of their error.
@@ -581,9 +575,16 @@ def coverage(
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
     )
     half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
-    fix = "measure at more than one commanded pose, or leave out `align`"
-    message = f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose"
-    refuse((aligned and np.all(half == half[0]), Problem(message, data.source, fix=fix)))
+    refuse(
+        (
+            aligned and np.all(half == half[0]),
+            Problem(
+                f"{' and '.join(aligned)} cannot be fitted to one half of the poses: all are the same commanded pose",
+                data.source,
+                fix="measure at more than one commanded pose, or leave out `align`",
+            ),
+        )
+    )
     error, covariances = np.empty((3 if data.rotation is None else 6, data.n)), np.empty((2, 3, 3, data.n))
     for part in np.unique(half):
         rows = np.flatnonzero(half == part)
@@ -605,8 +606,12 @@ def coverage(
             source = "file" if noise[i] is None else "given"
         bound = length_quantiles(RADIUS_PROBABILITY, principal_variances(covariances[i]))
         inside = int(np.count_nonzero(np.linalg.norm(error[3 * i : 3 * i + 3], axis=0) <= bound))
-        counts = {"n_poses": measured.n, "n_inside": inside, "share": inside / measured.n, "noise_source": source}
-        result[("position", "orientation")[i]] = counts
+        result[("position", "orientation")[i]] = {
+            "n_poses": measured.n,
+            "n_inside": inside,
+            "share": inside / measured.n,
+            "noise_source": source,
+        }
     return result
 
 
@@ -614,8 +619,6 @@ def coverage(
 
 _GROSS = 11.34
 """Square of a residual over its covariance that 99 % of Gaussian residuals along three axes do not exceed."""
-_MOST_ROWS = 20_000
-"""Poses that the unexplained error and the factor are taken from: they know a 95 % bound to 0.3 %."""
 _FEWEST = 20
 """Smallest number of held-out poses from which a factor of the bounds is taken."""
 
@@ -645,7 +648,6 @@ def fit_record(
     columns |= {"payload_kg": data.payload, "temperature_c": data.temperature, "time_s": data.time}
     known = fit.identifiability.columns
     known = known[np.all(np.isfinite(fit.covariance[np.ix_(known, known)]), axis=1)]
-    stds = {} if repeatability is None else {name: std for name, std in repeatability.joints if std is not None}
     changed = {
         before.name: {
             name: float(before.parameters.get(name, 0.0))
@@ -659,7 +661,9 @@ def fit_record(
         coefficients=tuple(fit.names[i] for i in known),
         covariance=fit.covariance[np.ix_(known, known)],
         nominal={name: numbers for name, numbers in changed.items() if numbers},
-        repeatability=stds,
+        repeatability={}
+        if repeatability is None
+        else {name: std for name, std in repeatability.joints if std is not None},
         unexplained=np.zeros((fit.residual.shape[0],) * 2),
         noise=(fit.noise.position, fit.noise.orientation),
         noise_is_separate=False,
@@ -677,28 +681,31 @@ def fit_record(
         finite = np.all(np.isfinite(held_out[1]), axis=0) & (fit.inliers if held_out[0] is data else True)
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
-    inflation = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
-    compared = replace(record, covariance=inflation * record.covariance)
+    compared = record
+    if held_out is not None and held_out[0] is data:
+        compared = replace(record, covariance=_inflation(fit, data, n_folds) * record.covariance)
     # Variances of the measurement noise that is known apart from the arm's errors, m² and rad²: of the uncertainties in
     # the file, or of visits with several rows, which separate noise and scatter. Repeats alone hold both, so all of it
     # counts as the arm's.
-    is_separated = repeatability is not None and repeatability.source != "residual"
-    noise = (fit.misfit[0] ** 2, fit.misfit[1] ** 2) if is_separated else (0.0, 0.0)
+    noise = (0.0, 0.0)
+    if repeatability is not None and repeatability.source != "residual":
+        noise = fit.misfit[0] ** 2, fit.misfit[1] ** 2
     if poses.sigma_position is not None:
         turn = 0.0 if poses.sigma_rotation is None else float(np.mean(np.square(poses.sigma_rotation)))
         noise = float(np.mean(np.square(poses.sigma_position))), turn
-    judged = random_rows(poses, _MOST_ROWS)
+    # So many poses know a 95 % bound to 0.3 %.
+    judged = random_rows(poses, 20_000)
     residual, poses = residual[:, judged], poses.subset(judged)
     # A residual of the fit's own poses lacks the error of the coefficients, a held-out residual contains it.
     unexplained = _unexplained(residual, *model_uncertainty(robot, compared, poses, measured=True), sign, noise)
-    angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
-    separate = (math.sqrt(noise[0]), angle) if noise[0] > 0.0 else record.noise
-    record = replace(record, unexplained=unexplained, noise_is_separate=noise[0] > 0.0, noise=separate)
+    record = replace(record, unexplained=unexplained)
+    if noise[0] > 0.0:
+        angle = math.sqrt(noise[1]) if noise[1] > 0.0 else fit.noise.orientation
+        record = replace(record, noise_is_separate=True, noise=(math.sqrt(noise[0]), angle))
     if held_out is None or poses.n < _FEWEST:
         return record
-    compared = replace(compared, unexplained=unexplained)
-    factors = _bound_factors(residual, model_uncertainty(robot, compared, poses, measured=True)[0], noise)
-    return replace(record, bound_factor=factors)
+    covariances, *_ = model_uncertainty(robot, replace(compared, unexplained=unexplained), poses, measured=True)
+    return replace(record, bound_factor=_bound_factors(residual, covariances, noise))
 
 
 def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
@@ -710,10 +717,8 @@ def _inflation(fit: Fit, data: Measurements, n_folds: int) -> float:
     """
     if n_folds < 2:
         return 1.0
-    rows, visited = (
-        fit.residual.shape[0],
-        data.groups() if data.target is None else numbered(data.groups(), data.target),
-    )
+    rows = fit.residual.shape[0]
+    visited = data.groups() if data.target is None else numbered(data.groups(), data.target)
     coefficients = np.count_nonzero(fit.inliers) * rows - fit.degrees_of_freedom
     effective = float(coefficients) / (different(visited[fit.inliers]) * rows)
     # Least surplus of measured values over coefficients without a group, as a share of all values.
@@ -727,10 +732,13 @@ def nominal_robot(robot: Robot, record: ModelFit | None) -> Robot:
     """
     robot = absorb_constants(robot)
     before = {} if record is None else record.nominal
-    joints = tuple(
-        replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})}) for joint in robot.joints
+    return replace(
+        robot,
+        joints=tuple(
+            replace(joint, parameters={**joint.parameters, **before.get(joint.name, {})}) for joint in robot.joints
+        ),
+        effects=(),
     )
-    return replace(robot, joints=joints, effects=())
 
 
 def _largest_correction(robot: Robot, nominal: Robot, data: Measurements) -> tuple[float, float]:
@@ -758,8 +766,9 @@ def _unexplained(
     """
     rows, n = residual.shape
     remaining = _scatter(np.concatenate([rotate_back(rotation, residual[i : i + 3]) for i in range(0, rows, 3)]))
-    parts = zip(covariances[: rows // 3], noise, *traces[:2], strict=False)
-    for i, (part, variance, of_coefficients, of_scatter) in enumerate(parts):
+    for i, (part, variance, of_coefficients, of_scatter) in enumerate(
+        zip(covariances[: rows // 3], noise, *traces[:2], strict=False)
+    ):
         block, known = slice(3 * i, 3 * i + 3), of_coefficients + of_scatter
         scale = (of_scatter - sign * of_coefficients) / known if known > 0 else 0.0
         explained = variance * np.eye(3) + scale * np.mean(in_tool_frame(part, rotation), axis=2)
@@ -800,15 +809,14 @@ def _bound_factors(residual: Array, covariances: Array, noise: tuple[float, floa
         length = np.linalg.norm(residual[3 * i : 3 * i + 3], axis=0)
         # Updates of a factor: its bounds contain the noise, which it does not multiply.
         for _ in range(4):
-            total = factors[i] ** 2 * covariance + variance * np.eye(3)[:, :, None]
-            radius = length_quantiles(RADIUS_PROBABILITY, principal_variances(total))
+            variances = principal_variances(factors[i] ** 2 * covariance) + variance
+            radius = length_quantiles(RADIUS_PROBABILITY, variances)
             ratio = np.sort(length[radius > 0] / radius[radius > 0])
             n = ratio.size
             chance = math.sqrt(RADIUS_PROBABILITY * (1.0 - RADIUS_PROBABILITY) / max(n, 1))
             surplus = abs(np.count_nonzero(ratio > 1.0) / max(n, 1) - (1.0 - RADIUS_PROBABILITY))
-            # Standard deviations by which the number of poses outside their bound may differ from 5 % by chance (p =
-            # 0.01).
-            # Held-out poses from which the factor is always computed: the share that it puts inside is exact to 1.5 %.
+            # By chance (p = 0.01) the number of poses outside their bound differs from 5 % by 2.6 standard deviations.
+            # From 200 poses on, the share that a factor puts inside is exact to 1.5 %.
             if n < _FEWEST or (n < 200 and surplus <= 2.6 * chance):
                 break
             factors[i] *= float(ratio[min(math.ceil((n + 1) * RADIUS_PROBABILITY), n) - 1])

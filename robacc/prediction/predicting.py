@@ -80,18 +80,32 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
         for kind in (kind for kind in own_kinds if sds.get(kind, 0.0) > 0.0):
             # An angle of a frame turns it about its own axis, at any pitch.
             motion = arm.chain.index(owner, TURN_OF_ANGLE.get(kind, kind))
-            component, unit = frame if name is None else _COMPONENTS[kind], arm.chain.motions[motion].unit
             parameters.append(
-                ToleranceParameter(f"{name or frame}.{kind}", name, kind, component, motion, unit, sds[kind])
+                ToleranceParameter(
+                    f"{name or frame}.{kind}",
+                    name,
+                    kind,
+                    frame if name is None else _COMPONENTS[kind],
+                    motion,
+                    arm.chain.motions[motion].unit,
+                    sds[kind],
+                )
             )
     example = (
         "{x: 0.1, y: 0.1, z: 0.1, offset: 0.01})"
         if robot.convention == "urdf"
         else "{theta: 0.006, d: 0.1, a: 0.1, alpha: 0.006}), or add a tolerance to the joints of the robot file"
     )
-    fix = f"give a tolerance file with `tolerances` (for example units: {{length: mm, angle: deg}} and all: {example}"
-    message = f"no parameter of {robot.name} has a tolerance, so no error can be predicted"
-    refuse((not parameters, Problem(message, fix=fix)))
+    refuse(
+        (
+            not parameters,
+            Problem(
+                f"no parameter of {robot.name} has a tolerance, so no error can be predicted",
+                fix="give a tolerance file with `tolerances` (for example units: {length: mm, angle: deg} and all: "
+                + example,
+            ),
+        )
+    )
     return tuple(parameters)
 
 
@@ -106,8 +120,6 @@ def uncertain_parameters(robot: Robot) -> tuple[ToleranceParameter, ...]:
 # base: {x: 0.5, yaw: 0.05}
 # tool: {z: 0.1}
 
-_KEYS = ("units", "distribution", "coverage", "all", "joints", "base", "tool")
-
 
 def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     """Return ``robot`` with the tolerances of a file, which replace its own one by one, as standard deviations.
@@ -117,7 +129,7 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     Raises:
         InputError: The file has problems; all of them are listed with line and dotted key.
     """
-    top = top_section(text, file, _KEYS)
+    top = top_section(text, file, ("units", "distribution", "coverage", "all", "joints", "base", "tool"))
     source, units = top.source, read_units(top)
     distribution = top.text("distribution", ("normal", "uniform", "limits")) or "normal"
     coverage = top.number("coverage", lambda sds: 0 < sds <= 10, "standard deviations, above 0 and at most 10", 3.0)
@@ -125,18 +137,20 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
         top.report("coverage", "applies only to limits", "write distribution: limits")
     if units is None:
         source.raise_if_any()  # Nothing else can be checked without units.
-    limits = f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²"
     divisor, meaning = {
         "normal": (1.0, NORMAL),
         "uniform": (math.sqrt(3.0), "uniform: a tolerance t is the half width, variance t²/3"),
-        "limits": (coverage, limits),
+        "limits": (
+            coverage,
+            f"limits: a tolerance t is {coverage:g} standard deviations, variance (t/{coverage:g})²",
+        ),
     }[distribution]
     is_urdf, types = robot.convention == "urdf", {joint.type for joint in robot.joints if joint.type != "fixed"}
 
     def kind(joint_type: str) -> Kind:
         names = FRAME_PARAMETERS if joint_type == "fixed" else ORIGIN_PARAMETERS if is_urdf else DH_PARAMETERS
-        offset = {"offset"} if joint_type == "prismatic" else set()
-        return tolerances(names, LENGTH_PARAMETERS | offset, "a tolerance cannot be negative, found {found}")
+        lengths = LENGTH_PARAMETERS | ({"offset"} if joint_type == "prismatic" else set())
+        return tolerances(names, lengths, "a tolerance cannot be negative, found {found}")
 
     def by_joint(source: Source, node: yaml.Node, path: str) -> dict[str, dict[str, float]]:
         if not isinstance(node, yaml.MappingNode):
@@ -151,11 +165,15 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
                 source.report(key_node, f"{path}.{name}", "the robot has no such joint", fix)
         return values
 
-    of_any = {"all": kind("prismatic" if types == {"prismatic"} else "revolute"), "joints": by_joint}
-    given = read_fields(top, {**of_any, **dict.fromkeys(("base", "tool"), kind("fixed"))})
+    of_any, of_frame = kind("prismatic" if types == {"prismatic"} else "revolute"), kind("fixed")
+    given = read_fields(top, {"all": of_any, "joints": by_joint, "base": of_frame, "tool": of_frame})
     if "offset" in given.get("all", ()) and len(types) > 1:
-        message = "offset is an angle of revolute joints and a length of prismatic joints"
-        source.report(top.get("all"), "all.offset", message, "give it under joints, for each joint by name")
+        source.report(
+            top.get("all"),
+            "all.offset",
+            "offset is an angle of revolute joints and a length of prismatic joints",
+            "give it under joints, for each joint by name",
+        )
     if not any(given.values()) and not source.problems:
         source.report(None, "", "no tolerance is given", "add all, joints, base or tool")
     source.raise_if_any()
@@ -163,20 +181,22 @@ def parse_tolerances(text: str, file: str, robot: Robot) -> tuple[Robot, str]:
     def replaced(own: Mapping[str, float], *files: Mapping[str, float]) -> dict[str, float]:
         return {**own, **{name: value / divisor for file in files for name, value in file.items()}}
 
-    joints = tuple(
-        replace(
-            joint,
-            tolerance=replaced(
-                joint.tolerance,
-                given.get("all", {}) if joint.type != "fixed" else {},
-                given.get("joints", {}).get(joint.name, {}),
-            ),
-        )
-        for joint in robot.joints
-    )
-    base = replaced(robot.base_tolerance, given.get("base", {}))
-    tool = replaced(robot.tool_tolerance, given.get("tool", {}))
-    return replace(robot, joints=joints, base_tolerance=base, tool_tolerance=tool), meaning
+    return replace(
+        robot,
+        joints=tuple(
+            replace(
+                joint,
+                tolerance=replaced(
+                    joint.tolerance,
+                    given.get("all", {}) if joint.type != "fixed" else {},
+                    given.get("joints", {}).get(joint.name, {}),
+                ),
+            )
+            for joint in robot.joints
+        ),
+        base_tolerance=replaced(robot.base_tolerance, given.get("base", {})),
+        tool_tolerance=replaced(robot.tool_tolerance, given.get("tool", {})),
+    ), meaning
 
 
 # Configurations for the prediction: the poses of a file, or samples spread evenly over the joints' ranges.
@@ -210,9 +230,9 @@ def configurations_of(robot: Robot, data: Measurements) -> Configurations:
         UsageError: The joint variables do not fit the robot.
     """
     refuse((data.n == 0, Problem("has no poses to predict the accuracy at", data.source)))
-    message = "has no joint columns: the prediction needs the joint values"
+    no_joints = "has no joint columns: the prediction needs the joint values"
     return Configurations(
-        given(data.q, Problem(message, data.source, fix="add q1, q2, …")),
+        given(data.q, Problem(no_joints, data.source, fix="add q1, q2, …")),
         # Effects change a covariance in second order only.
         Model.of(replace(robot, effects=())).bind(data).nominal,
         tuple(data.place(i) for i in range(data.n)),
@@ -238,8 +258,7 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
     notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
     if endless:
-        plural = "s" * (len(endless) > 1)
-        notes.append(f"joint{plural} {', '.join(endless)} without limits: sampled over a full turn")
+        notes.append(f"joint{'s' * (len(endless) > 1)} {', '.join(endless)} without limits: sampled over a full turn")
     name = next(iter(robot.targets), None) if target is None else target
     if name is not None:
         known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
@@ -249,9 +268,13 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
                 f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
             )
         robot = replace(robot, tool=robot.targets[name], targets={})
-    source = f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})"
-    labels = tuple(f"sample {i}" for i in range(1, n + 1))
-    return Configurations(q, tuple(Arm.of(robot).chain.scalars(q)), labels, source, tuple(notes))
+    return Configurations(
+        q,
+        tuple(Arm.of(robot).chain.scalars(q)),
+        tuple(f"sample {i}" for i in range(1, n + 1)),
+        f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})",
+        tuple(notes),
+    )
 
 
 # Covariances V_d and V_delta of each pose, equations (7) and (8), and each parameter's share.
@@ -328,25 +351,11 @@ class PredictedErrors:
 
 
 @dataclass(frozen=True, slots=True)
-class PredictedGrade:
-    """Grade of the prediction on a scale."""
-
-    scale: Scale
-    grade: str
-    position: str
-    """Grade of position alone."""
-    orientation: str
-    """Grade of orientation alone."""
-    limited_by: tuple[str, ...]
-    meeting: tuple[tuple[str, float], ...]
-    """Each step's grade and the share of poses whose own statistic meets it, in position and orientation."""
-
-
-@dataclass(frozen=True, slots=True)
 class Prediction:
     """Result of :func:`predict_accuracy`."""
 
     parameters: tuple[ToleranceParameter, ...]
+    """None of one calibrated arm, whose prediction is from the fit of its model."""
     configurations: Configurations
     position: PredictedErrors
     orientation: PredictedErrors
@@ -355,12 +364,13 @@ class Prediction:
     shares sum to 1."""
     by_joint: Sequence[Mapping[str, Any]]
     by_kind: Sequence[Mapping[str, Any]]
-    grade: PredictedGrade
+    scale: Scale
+    grade: Mapping[str, Any]
+    """Grade on the scale, of both quantities and of each, and the share of poses that meet each step, with the keys of
+    the result."""
     meaning: str
     """Conversion of a tolerance into a variance, as text."""
     notes: tuple[str, ...]
-    is_calibrated: bool = False
-    """The prediction is that of one calibrated arm, from the fit of its model."""
 
 
 def predict_accuracy(
@@ -380,34 +390,37 @@ def predict_accuracy(
         meaning: Conversion of a tolerance into a variance, as text.
     """
     *covariances, power = pose_covariances(Arm.of(robot).chain, configurations.scalars, configurations.n, parameters)
-    totals = power.sum(axis=1, keepdims=True)
-    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
-    by_parameter: list[dict[str, Any]] = [
-        {
-            "parameter": parameter.name,
-            **{key: getattr(parameter, key) for key in ("joint", "kind", "sd", "unit")},
-            "share_position": position,
-            "share_orientation": orientation,
-        }
-        for parameter, (position, orientation) in zip(parameters, shares, strict=True)
-    ]
+    by_parameter = with_shares(
+        [{"parameter": p.name, "joint": p.joint, "kind": p.kind, "sd": p.sd, "unit": p.unit} for p in parameters], power
+    )
     notes = list(configurations.notes)
     if robot.effects:
         notes.append("the robot file's effects are not part of a prediction from tolerances")
     if meaning != NORMAL:
         notes.append("radii and percentiles assume that the sum of all errors is Gaussian; covariances do not")
-    by_joint = [share["joint"] or share["parameter"].split(".")[0] for share in by_parameter]
     return predicted(
         configurations,
         covariances,
         scale,
         parameters=tuple(parameters),
-        budget=sorted(by_parameter, key=_largest_first),
-        by_joint=_summed_shares(by_parameter, by_joint),
+        budget=sorted(by_parameter, key=largest_first),
+        by_joint=_summed_shares(
+            by_parameter, [share["joint"] or share["parameter"].split(".")[0] for share in by_parameter]
+        ),
         by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters]),
         meaning=meaning,
         notes=tuple(notes),
     )
+
+
+def with_shares(sources: Sequence[Mapping[str, Any]], power: Array) -> list[dict[str, Any]]:
+    """Return the sources of error, each with its share in the variances ``power`` ``(2, P)``."""
+    totals = power.sum(axis=1, keepdims=True)
+    shares = (power / np.where(totals > 0.0, totals, 1.0)).T.tolist()
+    return [
+        {**source, "share_position": position, "share_orientation": orientation}
+        for source, (position, orientation) in zip(sources, shares, strict=True)
+    ]
 
 
 def predicted(configurations: Configurations, covariances: Sequence[Array], scale: Scale, **facts: Any) -> Prediction:
@@ -415,21 +428,28 @@ def predicted(configurations: Configurations, covariances: Sequence[Array], scal
 
     ``facts`` are the other fields of the prediction.
     """
-    position = _predicted_errors("m", covariances[0], configurations, scale.statistic)
-    orientation = _predicted_errors("rad", covariances[1], configurations, scale.statistic)
-    sizes: dict[Quantity, PredictedErrors] = {"position": position, "orientation": orientation}
+    sizes: dict[Quantity, PredictedErrors] = {
+        "position": _predicted_errors("m", covariances[0], configurations, scale.statistic),
+        "orientation": _predicted_errors("rad", covariances[1], configurations, scale.statistic),
+    }
     ranks = {name: scale.rank_of(name, getattr(errors, scale.statistic)) for name, errors in sizes.items()}
-    rank = max(ranks.values())
     met = steps_met(scale, {name: errors.pose_statistic for name, errors in sizes.items()}).mean(axis=1)
-    grade = PredictedGrade(
-        scale,
-        scale.name_of(rank),
-        scale.name_of(ranks["position"]),
-        scale.name_of(ranks["orientation"]),
-        tuple(name for name, each in ranks.items() if each == rank > 0),
-        tuple((step.grade, float(share)) for step, share in zip(scale.steps, met, strict=False)),
+    return Prediction(
+        configurations=configurations,
+        position=sizes["position"],
+        orientation=sizes["orientation"],
+        scale=scale,
+        grade={
+            "grade": scale.name_of(max(ranks.values())),
+            "scale": scale.name,
+            "statistic": scale.statistic,
+            **{name: scale.name_of(rank) for name, rank in ranks.items()},
+            "limited_by": tuple(name for name, rank in ranks.items() if rank == max(ranks.values()) > 0),
+            "demonstrated": False,
+            "share_of_poses_meeting": dict(zip((step.grade for step in scale.steps), met.tolist(), strict=False)),
+        },
+        **facts,
     )
-    return Prediction(configurations=configurations, position=position, orientation=orientation, grade=grade, **facts)
 
 
 def _predicted_errors(
@@ -442,15 +462,6 @@ def _predicted_errors(
     # The first of equal poses: rounding makes a different one the largest on different machines.
     index = int(np.argmax(rms >= (1.0 - 1e-9) * np.max(rms)))
     values, vectors = np.linalg.eigh(covariance[:, :, index])
-    worst = {
-        "pose": index,
-        "label": configurations.labels[index],
-        "q": configurations.q[:, index].copy(),
-        f"rms_{unit}": float(rms[index]),
-        f"radius95_{unit}": float(radius[index]),
-        "direction": vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2],
-        f"sd_{unit}": math.sqrt(max(float(values[2]), 0.0)),
-    }
     return PredictedErrors(
         unit,
         covariance,
@@ -460,7 +471,15 @@ def _predicted_errors(
         mean_error=float(np.mean(means)),
         p95=mixture_quantile(RADIUS_PROBABILITY, variances),
         max=float(np.max(radius)),
-        worst=worst,
+        worst={
+            "pose": index,
+            "label": configurations.labels[index],
+            "q": configurations.q[:, index].copy(),
+            f"rms_{unit}": float(rms[index]),
+            f"radius95_{unit}": float(radius[index]),
+            "direction": vectors[:, 2] if vectors[np.argmax(np.abs(vectors[:, 2])), 2] >= 0 else -vectors[:, 2],
+            f"sd_{unit}": math.sqrt(max(float(values[2]), 0.0)),
+        },
         pose_statistic={"rms": rms, "mean_error": means}.get(statistic, radius),
     )
 
@@ -471,10 +490,10 @@ def _summed_shares(shares: Sequence[Mapping[str, Any]], keys: Sequence[str]) -> 
     for share, key in zip(shares, keys, strict=True):
         total = sums.setdefault(key, {"name": key, "share_position": 0.0, "share_orientation": 0.0})
         total |= {name: total[name] + share[name] for name in ("share_position", "share_orientation")}
-    return sorted(sums.values(), key=_largest_first)
+    return sorted(sums.values(), key=largest_first)
 
 
-def _largest_first(share: Mapping[str, Any]) -> tuple[float, float]:
+def largest_first(share: Mapping[str, Any]) -> tuple[float, float]:
     """Return a sort key, rounded so that equal shares stay in the chain's order on every machine."""
     return -round(share["share_position"], 9), -round(share["share_orientation"], 9)
 
@@ -521,7 +540,7 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
     Raises:
         UsageError: The scale has no such grade.
     """
-    scale = prediction.grade.scale
+    scale = prediction.scale
     limits = step_limits(scale, grade)
     budget = {part["parameter"]: (part["share_position"], part["share_orientation"]) for part in prediction.budget}
     shares = np.array([budget[parameter.name] for parameter in prediction.parameters]).T
@@ -540,39 +559,37 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
             multipliers = multipliers * change
             if np.all((np.abs(change - 1.0) < _SOLVED) | (multipliers < _SOLVED)):
                 break
-        factors = factors.tolist()
         tightened = [
             replace(parameter, sd=parameter.sd * factor)
-            for parameter, factor in zip(prediction.parameters, factors, strict=True)
+            for parameter, factor in zip(prediction.parameters, factors.tolist(), strict=True)
         ]
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
         # Relative distance below the square of a limit that the allocation aims at.
         target_variances = np.where(excess > 1.0, target_variances / np.square(excess) * (1.0 - 5e-4), target_variances)
-    tolerances = [
-        {
-            "parameter": given.name,
-            "joint": given.joint,
-            "given_sd": given.sd,
-            "needed_sd": needed.sd,
-            "factor": needed.sd / given.sd,
-            "unit": given.unit,
-        }
-        for given, needed in zip(prediction.parameters, verified.parameters, strict=True)
-    ]
     return {
         "grade": grade,
         "met": bool(np.max(excess) <= 1.0),
         "uniform_factor": uniform_factor,
-        "tolerances": tolerances,
+        "tolerances": [
+            {
+                "parameter": given.name,
+                "joint": given.joint,
+                "given_sd": given.sd,
+                "needed_sd": needed.sd,
+                "factor": needed.sd / given.sd,
+                "unit": given.unit,
+            }
+            for given, needed in zip(prediction.parameters, verified.parameters, strict=True)
+        ],
         "verified": verified,
     }
 
 
 def _relative_excess(prediction: Prediction, limits: tuple[float, float | None]) -> Array:
     """Return the statistics of position and orientation over their limits; zero if there is no limit."""
-    errors, statistic = (prediction.position, prediction.orientation), prediction.grade.scale.statistic
-    return np.array([getattr(part, statistic) / (limit or np.inf) for part, limit in zip(errors, limits, strict=True)])
+    sizes = (getattr(part, prediction.scale.statistic) for part in (prediction.position, prediction.orientation))
+    return np.array([size / (limit or np.inf) for size, limit in zip(sizes, limits, strict=True)])
 
 
 # Map of the workspace: where an arm holds its grade, by voxels of the predicted positions.
@@ -590,8 +607,7 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
         edge: Edge of a voxel, m; None for a round length that gives ten to 25 voxels along its longest side.
     """
     if edge is None:
-        # 1, 2 or 5 times a power of ten.
-        # Approximate number of voxels along the longest side of the workspace, where no edge is given.
+        # 1, 2 or 5 times a power of ten, near a tenth of the longest side of the workspace.
         wanted = max(float(np.max(np.ptp(position, axis=1), initial=0.0)) / 10, 1e-3)
         power = 10.0 ** math.floor(math.log10(wanted))
         edge = float(power * max(step for step in (1, 2, 5) if step * power <= wanted))
@@ -602,13 +618,12 @@ def warranty_map(prediction: Prediction, position: Array, edge: float | None = N
     bound = np.zeros(rms.shape)
     for largest, errors in zip(bound, parts, strict=True):
         np.maximum.at(largest, number, errors.pose_radius95)
-    scale = prediction.grade.scale
-    ranks = np.argmax(steps_met(scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
+    ranks = np.argmax(steps_met(prediction.scale, {"position": bound[0], "orientation": bound[1]}), axis=0)
     return {
         "voxel_m": edge,
         "centre_m": np.round((voxels + 0.5) * edge, 12).T,
         "configurations": count,
         "bound95_m": bound[0],
         "bound95_rad": bound[1],
-        "grade": [*map(scale.name_of, ranks.tolist())],
+        "grade": [*map(prediction.scale.name_of, ranks.tolist())],
     }, rms

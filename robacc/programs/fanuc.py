@@ -16,7 +16,6 @@ from robacc.programs.program import (
     NUMBER,
     POSE_UNITS,
     Draft,
-    MotionType,
     Program,
     ProgramFrame,
     ProgramSource,
@@ -35,9 +34,7 @@ _MOTION = re.compile(r"^[ \t]*\d*:[ \t]*([JLCAS])[ \t]+(?=P)([^;]*);", re.M)
 _POINT = re.compile(r"\b(PR?)\[\s*(\d+|[A-Z]+\[)[^\]]*\]")
 _OFFSET = re.compile(r"\b(Tool_Offset|TOOL_OFFSET|Offset|OFFSET|VOFFSET|VISION)\b")
 _INCREMENTAL = re.compile(r"\b(INC|INK)\b")
-_KINDS: dict[str, MotionType] = {"J": "joint", "L": "linear", "C": "circular", "A": "circular", "S": "other"}
 _CARTESIAN = ("X", "Y", "Z", "W", "P", "R")
-_UNKNOWN = "is not a position that robacc knows"
 _FIX = "write the program as ASCII again"
 
 
@@ -63,9 +60,8 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         opened = text.find("{", *gap)
         is_cut = gap[1] == end and opened >= 0 and text.find("}", opened, end) < 0
         refuse((is_cut, source.problem("is truncated: this position has no }", opened, _FIX)))
-        draft.note(gap, _UNKNOWN)
-    indices = {match[1]: _add_position(draft, match) for match in positions}
-    targets = {number: index for number, index in indices.items() if index is not None}
+        draft.note(gap, "is not a position that robacc knows")
+    targets = {match[1]: index for match in positions if (index := _add_position(draft, match)) is not None}
     if "MN" in sections:
         for match in _MOTION.finditer(text, sections["MN"].end(), first):
             instruction, place = match[2], (match.start(1), match.end())
@@ -80,7 +76,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                     draft.dropped[targets[point[2]]] = f"the motion in line {source.line(place[0])} is incremental"
                 else:
                     target = draft.targets[targets[point[2]]]
-                    draft.move(place, [targets[point[2]]], _KINDS[match[1]], target.tool, target.base)
+                    draft.move(place, [targets[point[2]]], target.tool, target.base)
     return draft.program()
 
 
@@ -106,8 +102,6 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     ):
         draft.note(match.span(), f"P[{match[1]}] is not taught, or lacks some of its numbers")
         return None
-    external = [" ".join(entry[0].split()) for key, entry in entries.items() if key.startswith("E")]
-    external += [f"GP{group[1]}" for group in groups if group.end() != place[0]]
     configuration = _CONFIGURATION.search(text, *place) if is_pose else None
     frames = _FRAMES.search(text, *place)
     comment = (match[2] or "").strip().strip('"')
@@ -117,7 +111,6 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
             FIXED_XYZ if is_pose else None,
             known,
             configuration[1] if configuration else "",
-            ", ".join(external),
         ),
         tool=ProgramFrame(frames[2], None) if frames else None,
         # User frame 0 is the world frame.

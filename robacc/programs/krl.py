@@ -24,7 +24,6 @@ from robacc.programs.program import (
     Draft,
     EventKind,
     FrameEvent,
-    MotionType,
     Place,
     Program,
     ProgramFrame,
@@ -80,7 +79,6 @@ _WITH = {
 _SPLINE_DATA = re.compile(r"S(?:TOOL2?|BASE)\s*\(\s*(\w+)(?:\s*\.\s*\w+)?\s*\)", _ANY)
 _TAIL = re.compile(r"\bWITH\b|\bC_(?:PTP|DIS|VEL|ORI|SPL)\b|,\s*CA\s", _ANY)
 _REFERENCE = re.compile(rf"{_NAME}\Z")
-_KINDS: dict[str, MotionType] = {"PTP": "joint", "LIN": "linear", "CIR": "circular", "SPL": "other", "ASY": "joint"}
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -112,16 +110,13 @@ def _written(text: str, place: Place) -> ProgramTarget | None:
         if entry:
             entries[key] = entry.span(2)
 
-    def as_written(prefix: Sequence[str]) -> str:
-        return ",".join(f"{key} {text[slice(*span)]}" for key, span in entries.items() if key in prefix)
-
-    external = as_written(("E1", "E2", "E3", "E4", "E5", "E6"))
     pose = numbers(text, [entries[key] for key in _FRAME_KEYS if key in entries], POSE_UNITS)
     if pose is not None:
-        return ProgramTarget(ZYX, pose, as_written(("S", "T")), external)
+        configuration = (f"{key} {text[slice(*span)]}" for key, span in entries.items() if key in ("S", "T"))
+        return ProgramTarget(ZYX, pose, ",".join(configuration))
     keys = [key for key in _AXIS_KEYS if key in entries]
     axes = numbers(text, [entries[key] for key in keys], AXIS_UNITS[: len(keys)])
-    return ProgramTarget(None, axes, "", external) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
+    return ProgramTarget(None, axes) if axes and keys == list(_AXIS_KEYS[: len(keys)]) else None
 
 
 class _Reader:
@@ -151,13 +146,16 @@ class _Reader:
         self.statements: list[tuple[str, re.Match[str]]] = []
         """Kind and match of each statement, whose match begins and ends with its line."""
         for line in re.finditer(r"[^\r\n]+", self.text):
-            tried = ((kind, pattern.match(self.text, *line.span())) for kind, pattern in _STATEMENTS.items())
-            kind, match = next(((kind, match) for kind, match in tried if match), ("", None))
-            if match is not None:
-                self.statements.append((kind, match))
-                self.read_variable(kind, match)
-        own = [(kind, match) for kind, match in self.statements if match.start() < self.end]
-        blocks = [(match[1], match.start(), kind == "block") for kind, match in own if kind in ("block", "end")]
+            for kind, pattern in _STATEMENTS.items():
+                if (match := pattern.match(self.text, *line.span())) is not None:
+                    self.statements.append((kind, match))
+                    self.read_variable(kind, match)
+                    break
+        blocks = [
+            (match[1], match.start(), kind == "block")
+            for kind, match in self.statements
+            if kind in ("block", "end") and match.start() < self.end
+        ]
         is_whole = any(opens for *_, opens in blocks) or any(map(self.own, self.values))
         word, place = next(iter(unclosed(blocks)), ("", 0))
         no_end, fix = "is truncated: the routine that begins here has no END", "copy it from the controller again"
@@ -220,8 +218,9 @@ class _Reader:
             if changes:
                 self.draft.dropped[index] = CHANGED.format(self.line_of(changes[0]))
             elif self.type_of(name) == "FRAME" and index not in moved:
-                reason = "is a frame" if name in bases else "is a FRAME that no motion of the files read goes to"
-                self.draft.dropped[index] = reason
+                self.draft.dropped[index] = (
+                    "is a frame" if name in bases else "is a FRAME that no motion of the files read goes to"
+                )
         return self.draft.program()
 
     def type_of(self, name: str) -> str:
@@ -265,9 +264,8 @@ class _Reader:
             elif _frame_of(kind, match) == frame:
                 yield FrameEvent(place, "set", None if match[2] else self.resolve(_rest(match)))
             elif kind == "assignment" and _key(match[1]) == "FDAT_ACT" and not match[2]:
-                name = _key(_rest(match))
-                is_known = name in self.data and name not in self.fixed
-                yield FrameEvent(place, "set", self.numbered(self.data[name][frame], frame) if is_known else None)
+                data = None if (name := _key(_rest(match))) in self.fixed else self.data.get(name)
+                yield FrameEvent(place, "set", None if data is None else self.numbered(data[frame], frame))
 
     def of_spline(self, text: str, kind: str) -> ProgramFrame | None:
         """Return the frame that a motion sets with ``WITH $TOOL = STOOL2(FP1), $BASE = SBASE(FP1.BASE_NO)``."""
@@ -291,22 +289,24 @@ class _Reader:
             stop = tail.start() if tail else match.endpos
             tool = self.of_spline(self.text[stop : match.endpos], "TOOL") or tools(line[0])
             base = self.of_spline(self.text[stop : match.endpos], "BASE") or bases(line[0])
-            word = match[1].upper()
-            motion = _KINDS[word if word == "SPL" else word.removeprefix("S")[:3]]
-            for place in arguments(self.text, match.end(), stop)[0][: 2 if motion == "circular" else 1]:
+            for place in arguments(self.text, match.end(), stop)[0][: 2 if match[1].upper().endswith("CIRC") else 1]:
                 name = _key(self.text[slice(*place)])
                 found: list[int | None] | str = [targets[name]] if name in targets else ""
                 if match[2]:
                     found = "a relative motion has no target of its own"
                 if found and (is_own or not match[2]):
-                    self.draft.move(line, found, motion, tool, base)
+                    self.draft.move(line, found, tool, base)
                 elif is_own and self.type_of(name) and name in self.values:
                     elsewhere.setdefault(name, place[0])
                 elif is_own:
-                    self.draft.move(line, self.inline(place), motion, tool, base)
+                    self.draft.move(line, self.inline(place), tool, base)
         if elsewhere:
-            places = (place[0] for name in elsewhere for *_, place in self.values[name])
-            files = {self.line_of(place).partition(" of ")[2] for place in places if place > self.end}
+            files = {
+                self.line_of(start).partition(" of ")[2]
+                for name in elsewhere
+                for *_, (start, _) in self.values[name]
+                if start > self.end
+            }
             first = min(elsewhere.values())
             self.draft.note(
                 (first, first + 1),
@@ -316,8 +316,7 @@ class _Reader:
     def inline(self, place: Place) -> list[int | None] | str:
         """Add the target of a motion whose numbers are in the instruction; return a reason where they are not."""
         if not items(self.text, place):
-            is_name = _REFERENCE.match(self.text, *place) and self.text[place[0]] != "$"
-            return ELSEWHERE if is_name else RUN_TIME
+            return ELSEWHERE if _REFERENCE.match(self.text, *place) and self.text[place[0]] != "$" else RUN_TIME
         written = _written(self.text, place)
         if written is None or len(written.numbers) < len(_AXIS_KEYS):
             return "the instruction leaves numbers of the target out or computes them"

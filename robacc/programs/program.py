@@ -44,9 +44,6 @@ PROGRAM_LIMIT = 64 * 2**20
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 """Pattern of a number in every dialect."""
 
-_EAST_ASIAN = ("gb2312", "euc_kr", "euc_jp")
-"""Code pages whose pairs of bytes can look like UTF-8, and in which no other text decodes."""
-
 
 @dataclass(frozen=True, slots=True)
 class ProgramSource:
@@ -94,16 +91,26 @@ def _decode(data: bytes, file: str) -> tuple[str, str]:
         )
         return data.decode(wide), wide
     before, nul, _ = data.partition(b"\0")
-    no_text, line = "is not a text file: it contains a NUL byte", before.count(b"\n") + 1
-    refuse((nul, Problem(no_text, file, line, fix="export it from the controller as text")))
+    refuse(
+        (
+            nul,
+            Problem(
+                "is not a text file: it contains a NUL byte",
+                file,
+                before.count(b"\n") + 1,
+                fix="export it from the controller as text",
+            ),
+        )
+    )
     wrong = _not_decoded(data, "utf-8")
     if wrong is None:
         return data.decode("utf-8"), "utf-8"
-    # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian one.
+    # A line beyond ASCII that is valid UTF-8 is rarely text of another encoding, except of an East Asian code page,
+    # whose pairs of bytes can look like UTF-8, and in which no other text decodes.
     has_utf8 = any(not line.isascii() and _not_decoded(line, "utf-8") is None for line in data.splitlines())
     refuse(
         (
-            has_utf8 and all(_not_decoded(data, encoding) is not None for encoding in _EAST_ASIAN),
+            has_utf8 and all(_not_decoded(data, name) is not None for name in ("gb2312", "euc_kr", "euc_jp")),
             Problem(
                 f"mixes UTF-8 with another encoding (byte 0x{data[wrong]:02x} is not UTF-8)",
                 file,
@@ -156,8 +163,8 @@ def _nearest_vector(quaternion: Array, near: Array) -> Array:
     # The axis of a zero rotation is free: a whole turn about the program's own axis.
     axis = np.where(np.any(vector != 0, axis=0), vector, near)
     length = np.sqrt(np.sum(np.square(axis), axis=0))
-    unit = axis / np.where(length > 0, length, 1.0)
-    candidates = np.stack([vector + 2 * np.pi * turns * unit for turns in (0, -1, 1)])
+    turn = 2 * np.pi * axis / np.where(length > 0, length, 1.0)
+    candidates = np.stack((vector, vector - turn, vector + turn))
     best = np.argmin(np.sum(np.square(candidates - near), axis=1), axis=0)
     return np.asarray(np.take_along_axis(candidates, best[None, None], axis=0)[0])
 
@@ -196,9 +203,6 @@ ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
 """x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
 
 
-MotionType = Literal["joint", "linear", "circular", "other"]
-
-
 @dataclass(frozen=True, slots=True)
 class ProgramFrame:
     """Tool or base frame that a program names."""
@@ -231,8 +235,6 @@ class ProgramTarget:
     """Numbers in the order of the program's components."""
     configuration: str = ""
     """Configuration of a Cartesian target, as written: ``S 2,T 10``, ``[0,-1,0,0]``, ``N U T, 0, 0, 0``."""
-    external: str = ""
-    """External axes, as written; they are left alone."""
     name: str = ""
     """Name in the program; ``line 12`` for a target without a name."""
     line: int = 0
@@ -244,8 +246,6 @@ class ProgramTarget:
     """Tool of its motions; None where none is named, or where its motions name several."""
     base: ProgramFrame | None = None
     """Base frame (work object, user frame) of its motions; None as for ``tool``."""
-    motion: MotionType | None = None
-    """Type of its motions; None without a motion in the files read, or with several types."""
 
     @property
     def place(self) -> tuple[int, int]:
@@ -436,9 +436,6 @@ def _frames(events: Sequence[FrameEvent], setting: set[int | str]) -> list[Progr
 
 # Program put together from what a dialect's reader found: values in SI units, and each target's motions.
 
-_LARGEST = 1e6
-"""Largest number of a target in the program's unit that is taken for one; above it, numbers stand for no value."""
-
 
 @dataclass(slots=True)
 class Draft:
@@ -447,8 +444,8 @@ class Draft:
     source: ProgramSource
     dialect: str
     targets: list[ProgramTarget] = field(default_factory=list)
-    moves: list[tuple[int, MotionType, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
-    """Index of the target, type, tool and base of each motion."""
+    moves: list[tuple[int, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
+    """Index of the target, tool and base of each motion."""
     notes: list[ProgramNote] = field(default_factory=list)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
@@ -471,7 +468,8 @@ class Draft:
 
         These give a note with the ``reason``, if there is one.
         """
-        if target is not None and all(abs(number.value) < _LARGEST for number in target.numbers):
+        # Larger numbers, in the program's unit, stand for no value.
+        if target is not None and all(abs(number.value) < 1e6 for number in target.numbers):
             line = self.source.line(target.place[0])
             self.targets.append(replace(target, name=name or f"line {line}", line=line, tool=tool, base=base))
             return len(self.targets) - 1
@@ -485,7 +483,6 @@ class Draft:
         self,
         place: Place,
         found: Iterable[int | None] | str,
-        motion: MotionType,
         tool: ProgramFrame | None = None,
         base: ProgramFrame | None = None,
     ) -> None:
@@ -493,15 +490,15 @@ class Draft:
         if isinstance(found, str):
             self.note(place, found)
         else:
-            self.moves += [(index, motion, tool, base) for index in found if index is not None]
+            self.moves += [(index, tool, base) for index in found if index is not None]
 
     def program(self) -> Program:
         """Return the program, its targets with their values and what all motions to each have in common."""
-        left = ((self.targets[index], reason) for index, reason in self.dropped.items())
-        self.notes += [ProgramNote(it.line, f"{it.name}: {self.source.excerpt(*it.place)}", why) for it, why in left]
+        for index, reason in self.dropped.items():
+            target = self.targets[index]
+            self.notes.append(ProgramNote(target.line, f"{target.name}: {self.source.excerpt(*target.place)}", reason))
         kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
         places = {index: place for place, index in enumerate(kept)}
-        moves = tuple(places[index] for index, *_ in self.moves if index in places)
         used: dict[int, list[tuple[object, ...]]] = {}
         for index, *circumstances in self.moves:
             used.setdefault(index, []).append(tuple(circumstances))
@@ -509,17 +506,23 @@ class Draft:
         for index in kept:
             target = self.targets[index]
             # What all motions to the target have in common.
-            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 3,)), strict=True)
-            motion, tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
-            targets.append(replace(target, motion=motion, tool=target.tool or tool, base=target.base or base))
+            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 2,)), strict=True)
+            tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
+            targets.append(replace(target, tool=target.tool or tool, base=target.base or base))
         for convention, rows in by_convention(dict(enumerate(targets))):
             values = native_of([targets[i] for i in rows])
             if convention is not None:
                 values = np.concatenate((values[:3], quaternion_from_rotation(convention.rotation(values[3:]))))
             for i, column in zip(rows, values.T.tolist(), strict=True):
                 targets[i] = replace(targets[i], values=tuple(column))
-        notes = tuple(sorted(self.notes, key=lambda note: note.line))
-        return Program(self.source.file, self.dialect, self.source, tuple(targets), moves, notes)
+        return Program(
+            self.source.file,
+            self.dialect,
+            self.source,
+            tuple(targets),
+            tuple(places[index] for index, *_ in self.moves if index in places),
+            tuple(sorted(self.notes, key=lambda note: note.line)),
+        )
 
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:
@@ -532,8 +535,7 @@ def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Conven
 
 def native_of(targets: Sequence[ProgramTarget]) -> Array:
     """Return the programs' numbers ``(components, N)`` of targets of one convention, m and rad."""
-    rows = [[number.value * number.unit for number in target.numbers] for target in targets]
-    return np.array(rows, dtype=float).T
+    return np.array([[n.value * n.unit for n in target.numbers] for target in targets], dtype=float).T
 
 
 # Reader of robot programs: recognises the dialect and reads the files that belong to a program.
@@ -658,8 +660,8 @@ def companions(name: str) -> list[str]:
     """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
     path = Path(name)
     wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
-    names = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
-    return [os.fspath(other) for other in names if other.is_file()][:1]
+    others = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
+    return [os.fspath(other) for other in others if other.is_file()][:1]
 
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.
@@ -687,5 +689,7 @@ def with_frames(program: Program, path: str) -> Program:
             return ProgramFrame(DEFAULT, names[DEFAULT]) if DEFAULT in names else None
         return ProgramFrame(frame.name, names.get(frame.name.lower())) if frame.frame is None else frame
 
-    targets = [replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets]
-    return replace(program, targets=tuple(targets))
+    return replace(
+        program,
+        targets=tuple(replace(t, tool=known(t.tool, tools), base=known(t.base, bases)) for t in program.targets),
+    )

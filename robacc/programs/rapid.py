@@ -19,7 +19,6 @@ from robacc.programs.program import (
     QUATERNION,
     RUN_TIME,
     Draft,
-    MotionType,
     Place,
     Program,
     ProgramFrame,
@@ -46,7 +45,6 @@ _INSTRUCTION = re.compile(
 _DISPLACEMENT = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet|CorrCon|SoftAct)\b[^;]*;", _ANY)
 _WORK_OBJECT = re.compile(r"\\WObj\s*:=\s*([^\\,;]+)", _ANY)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\{\s*([^}]*?)\s*\})?\Z")
-_KINDS: dict[str, MotionType] = {"L": "linear", "J": "joint", "C": "circular"}
 _GLOBAL = -1
 
 
@@ -70,9 +68,11 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
             elif opened.pop()[0] != word[3:]:
                 raise InputError(module.problem(f"{word} ends no {word[3:]}", at, copy))
         word, at = opened[-1]
-        no_module = module.problem("has no MODULE and no PROC, so it is not a RAPID module")
         refuse(
-            (not _BLOCK.search(blocks), no_module),
+            (
+                not _BLOCK.search(blocks),
+                module.problem("has no MODULE and no PROC, so it is not a RAPID module"),
+            ),
             (word, module.problem(f"is truncated: this {word} has no END{word}", at, copy)),
         )
     text, end = mask("\n".join(module.text for module in modules), _HIDDEN), len(source.text)
@@ -85,10 +85,13 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         return k if k % 2 == 0 else _GLOBAL
 
     changed = [(match.start(), match[1]) for match in _ASSIGNMENT.finditer(mask(text, _DECLARATION))]
-    for match in _INSTRUCTION.finditer(text):
-        if match[1].lower().startswith("search"):  # it stores a point in its second argument
-            point = [*_arguments(text, match), (0, 0), (0, 0)][1]
-            changed.append((match.start(), text[slice(*point)]))
+    # A search stores a point in its second argument.
+    changed += [
+        (match.start(), text[slice(*point)])
+        for match in _INSTRUCTION.finditer(text)
+        if match[1].lower().startswith("search")
+        for point in _arguments(text, match)[1:2]
+    ]
     changes: dict[str, list[int]] = {}
     """Places of assignments outside of declarations, by name in small letters."""
     for start, name in sorted(changed):
@@ -115,13 +118,12 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 reason = CHANGED.format(source.line(at))
                 draft.dropped.update({index: reason for index in indices if index is not None})
     for match in _INSTRUCTION.finditer(text, 0, end):
-        motion = _KINDS[match[2].upper()]
         places = _arguments(text, match)
         work = _WORK_OBJECT.search(match[3])
         names = text[slice(*places[-1])] if len(places) > 1 else "", work[1].strip() if work else "wobj0"
         tool, base = (frames.get(name.lower(), ProgramFrame(name, None)) for name in names)
         first = 2 if match[1].lower().startswith("search") else 0
-        for place in places[first : first + (2 if motion == "circular" else 1)]:
+        for place in places[first : first + (2 if match[2] in "Cc" else 1)]:
             variable = _NAME.match(text, *place)
             if variable is None:
                 kind = "jointtarget" if match[1].lower().startswith("moveabs") else "robtarget"
@@ -132,24 +134,24 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
                 found = targets.get((routine(match.start()), key)) or targets.get((_GLOBAL, key)) or ELSEWHERE
                 if variable[2] and variable[2].isdecimal() and found is not ELSEWHERE:
                     found = found[int(variable[2]) - 1 : int(variable[2])]
-            draft.move(match.span(), found, motion, tool, base)
+            draft.move(match.span(), found, tool, base)
     for match in _DISPLACEMENT.finditer(text, 0, end):
-        reason = f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
-        draft.note(match.span(), reason)
+        draft.note(
+            match.span(), f"{match[1]} moves targets at run time; the corrections are those of the undisplaced targets"
+        )
     return draft.program()
 
 
 def _written(text: str, place: Place, kind: str) -> ProgramTarget | None:
     """Return the robtarget or jointtarget of an aggregate; None where a number lacks."""
     parts = items(text, place)
-    words = [" ".join(text[slice(*part)].split()) for part in parts]
     if kind == "jointtarget":
         axes = numbers(text, items(text, parts[0]), AXIS_UNITS) if len(parts) == 2 else None
-        return None if axes is None else ProgramTarget(None, axes, "", words[1])
-    return _pose(text, parts[:2], words[2], words[3]) if len(parts) == 4 else None
+        return None if axes is None else ProgramTarget(None, axes)
+    return _pose(text, parts[:2], " ".join(text[slice(*parts[2])].split())) if len(parts) == 4 else None
 
 
-def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: str = "") -> ProgramTarget | None:
+def _pose(text: str, parts: Sequence[Place], configuration: str = "") -> ProgramTarget | None:
     """Return a pose of its place and its orientation; None where a number lacks."""
     if len(parts) != 2:
         return None
@@ -157,7 +159,7 @@ def _pose(text: str, parts: Sequence[Place], configuration: str = "", external: 
     # Difference of a quaternion's squared length from 1 above which its numbers are no orientation.
     if place is None or turn is None or abs(sum(number.value**2 for number in turn) - 1) > 0.02:
         return None
-    return ProgramTarget(QUATERNION, place + turn, configuration, external)
+    return ProgramTarget(QUATERNION, place + turn, configuration)
 
 
 def _frame(text: str, place: Place, kind: str) -> Frame | None:

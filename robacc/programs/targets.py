@@ -53,9 +53,9 @@ def flange_targets(program: Program) -> tuple[tuple[int, ...], Poses, tuple[tupl
     numbers = tuple(i for i, reason in reasons.items() if not reason)
     targets = [program.targets[i] for i in numbers]
     values = np.array([target.values for target in targets], dtype=float).reshape(-1, 7).T
-    poses = Poses(rotation_from_quaternion(values[3:]), values[:3])
-    base, tool = _poses(target.base for target in targets), _poses(target.tool for target in targets)
-    return numbers, base @ poses @ tool.inverse(), tuple((i, reason) for i, reason in reasons.items() if reason)
+    poses = Poses(rotation_from_quaternion(values[3:]), values[:3]) @ _poses(t.tool for t in targets).inverse()
+    unknown = tuple((i, reason) for i, reason in reasons.items() if reason)
+    return numbers, _poses(target.base for target in targets) @ poses, unknown
 
 
 def values_at(program: Program, numbers: Sequence[int], flange: Poses) -> list[tuple[float, ...]]:
@@ -80,8 +80,8 @@ def joint_targets(program: Program) -> tuple[tuple[int, ...], Array]:
     """
     numbers = tuple(i for i, target in enumerate(program.targets) if target.kind == "joint")
     rows = [program.targets[i].values for i in numbers]
-    is_mixed = len({len(row) for row in rows}) > 1
-    refuse((is_mixed, "the joint targets have different numbers of joints"), error=ValueError)
+    counts = {len(row) for row in rows}
+    refuse((len(counts) > 1, "the joint targets have different numbers of joints"), error=ValueError)
     return numbers, np.array(rows, dtype=float).T if rows else np.empty((0, 0))
 
 
@@ -94,9 +94,9 @@ def _unknown(frame: ProgramFrame | None, kind: str) -> str:
 
 def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
     """Return known frames as poses over N."""
-    known = [frame.frame for frame in frames if frame and frame.frame]
-    coordinates = np.array([(frame.xyz, frame.rpy) for frame in known], dtype=float).reshape(-1, 2, 3).T
-    return Poses(rotation_from_rpy(coordinates[:, 1]), coordinates[:, 0])
+    known = [(frame.frame.xyz, frame.frame.rpy) for frame in frames if frame and frame.frame]
+    place, angles = np.array(known, dtype=float).reshape(-1, 2, 3).transpose(1, 2, 0)
+    return Poses(rotation_from_rpy(angles), place)
 
 
 # Status ``S`` of a KRL target: the side of the wrist centre on which a solution of the inverse kinematics lies.
@@ -106,7 +106,6 @@ def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
 # System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
 # agree with the turn bits of axes 3 and 5 in recorded public programs.
 
-_STATUS = re.compile(r"\bS\s*'?(B[01]+|\d+)", re.IGNORECASE)
 _N_AXES = 6
 _SPHERICAL = 1e-4
 """m: distance from their common point up to which the wrist axes count as intersecting."""
@@ -122,20 +121,20 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
         configuration: ``S`` and ``T`` as the program writes them.
         q: Joints, rad.
     """
-    status = _bits(_STATUS, configuration)
+    status = _bits("S", configuration)
     if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
     if (sides := _sides(arm, q)) is not None:
         measures += [(0, -sides[0]), (1, sides[1])]
-    signed = [value if status >> bit & 1 else -value for bit, value in measures]
+    signed = np.array([value if status >> bit & 1 else -value for bit, value in measures])
     # m or rad: distance from a border within which both values of a bit count.
-    return np.asarray(np.all(np.array(signed) > -1e-4, axis=0))
+    return np.asarray(np.all(signed > -1e-4, axis=0))
 
 
-def _bits(pattern: re.Pattern[str], configuration: str) -> int | None:
-    """Return a number that is written in binary digits, ``'B010'``, or in decimal ones; None where it is not given."""
-    match = pattern.search(configuration)
+def _bits(letter: str, configuration: str) -> int | None:
+    """Return the number of ``S`` or ``T``, in binary digits, ``'B010'``, or in decimal ones; None where it lacks."""
+    match = re.search(rf"\b{letter}\s*'?(B[01]+|\d+)", configuration, re.IGNORECASE)
     if match is None:
         return None
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
@@ -147,13 +146,11 @@ def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
     None for a wrist whose axes do not intersect.
     """
     points, axes = _lines(arm, q)
-    across = np.eye(3)[:, :, None, None] - axes[:, None] * axes[None]
-    matrix = across[:, :, 3:].sum(axis=2)
-    right = np.einsum("abjn,bjn->an", across[:, :, 3:], points[:, 3:])
+    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
     # The axes of a wrist in its singular pose are still three lines, two of which coincide.
-    solved = np.linalg.pinv(np.moveaxis(matrix, 2, 0), rcond=1e-9, hermitian=True) @ right.T[:, :, None]
-    centre = solved[:, :, 0].T
-    misses = np.einsum("abjn,bjn->ajn", across[:, :, 3:], centre[:, None] - points[:, 3:])
+    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
+    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
+    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
     if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
         return None
     second = axes[:, 1]
@@ -175,8 +172,6 @@ def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
     return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
 
 
-_TURN = re.compile(r"\bT\s*'?(B[01]+|\d+)", re.IGNORECASE)
-_NUMBERS = re.compile(r"-?\d+")
 _READ_WHOLE = ("krl", "rapid")
 """Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
@@ -189,10 +184,10 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
     They are infinite where it says nothing; None where it is not given, or not read.
     """
     low, high = window = np.repeat([[-np.inf], [np.inf]], _N_AXES, axis=1)
-    numbers = [int(number) for number in _NUMBERS.findall(configuration)]
+    numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
     if n_joints != _N_AXES:
         return None
-    if dialect == "krl" and (turn := _bits(_TURN, configuration)) is not None:
+    if dialect == "krl" and (turn := _bits("T", configuration)) is not None:
         is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
         low[~is_negative] = high[is_negative] = 0.0
     elif dialect == "fanuc" and len(numbers) == 3:
@@ -202,7 +197,7 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
     elif dialect == "rapid" and len(numbers) >= 3:
         # Quarter turns of the axes 1, 4 and 6.
         window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
-    elif dialect != "krl" or _bits(_STATUS, configuration) is None:
+    elif dialect != "krl" or _bits("S", configuration) is None:
         return None
     return window
 
@@ -250,8 +245,8 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
         inside = (before > window[0]) & (before < window[1])
         if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
-    is_flipped = before.size == _N_AXES and before[4] * after[4] < 0
-    return bool(dialect not in _READ_WHOLE and configuration and is_flipped)
+    is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == _N_AXES
+    return bool(is_named and before[4] * after[4] < 0)
 
 
 def _turn_range(turn: int) -> tuple[float, float]:
@@ -299,10 +294,6 @@ def _shortened(number: str, bare_point: bool) -> str:
     return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
-_LENGTH_DIGITS = 1e-7
-"""Resolution of written lengths, m: a tenth of the micrometre that a correction converges to."""
-_ANGLE_DIGITS = 2e-7
-"""Resolution of written angles, rad."""
 _FANUC_DECIMALS = 3
 """Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
@@ -341,21 +332,18 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             is_new[3:] = rotation_distance(old[3:], unit) > 4 * _SAME
         for c, k in np.argwhere(is_new).tolist():
             number = targets[k].numbers[c]
-            resolution = _ANGLE_DIGITS if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else _LENGTH_DIGITS
-            decimals = (
-                8
-                if program.dialect == "rapid" and number.unit == 1.0
-                else max(0, round(-float(np.log10(resolution / number.unit))))
-            )
-            decimals = _FANUC_DECIMALS if program.dialect == "fanuc" else decimals
+            # Of lengths a tenth of the micrometre that a correction converges to, m, and of angles rad.
+            resolution = 2e-7 if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else 1e-7
+            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
+            if program.dialect == "fanuc":
+                decimals = _FANUC_DECIMALS
+            elif program.dialect == "rapid" and number.unit == 1.0:
+                decimals = 8
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)
 
 
 # New programs that go to given joints: one motion to each, slow, with a stop for the measurement.
-
-_JOINTS = 6
-_UNUSED = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
 
 
 _LAYOUT = {
@@ -366,7 +354,7 @@ _LAYOUT = {
     "comma": ",",
     "half": ",",
     "units": (1e3, 180 / np.pi),
-    "joints": range(1, _JOINTS + 1),
+    "joints": range(1, _N_AXES + 1),
     "padded": 0,
     "line_end": "\r\n",
 }
@@ -392,11 +380,11 @@ _LAYOUT = {
 _LAYOUTS: dict[str, dict[str, Any]] = {
     "krl": {
         **_LAYOUT,
-        "has": f"a krl program's targets have 1 to {_JOINTS}",
+        "has": f"a krl program's targets have 1 to {_N_AXES}",
         "suffix": ".src",
         "program": "&ACCESS RVP\nDEF {name}( )\n"
         "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
-        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_JOINTS))
+        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_N_AXES))
         + "$VEL.CP=0.100\n{moves}\nEND\n",
         "move": "; {comment}\nPTP {{{numbers}}}",
         "wait": "WAIT SEC 2",
@@ -404,19 +392,19 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
     },
     "rapid": {
         **_LAYOUT,
-        "has": f"a rapid program's targets have 1 to {_JOINTS}",
-        "padded": _JOINTS,
+        "has": f"a rapid program's targets have 1 to {_N_AXES}",
+        "padded": _N_AXES,
         "suffix": ".mod",
         "program": "MODULE {name}\n"
         "  ! written by robacc: check the speed, the tool and every motion before you run it\n"
         "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
-        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],{_UNUSED}]; ! {{comment}}",
+        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],[{','.join(['9E+09'] * _N_AXES)}]]; ! {{comment}}",
         "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
         "wait": "    WaitTime \\InPos,2;",
     },
     "fanuc": {
         **_LAYOUT,
-        "has": f"a fanuc program's targets have 1 to {_JOINTS}",
+        "has": f"a fanuc program's targets have 1 to {_N_AXES}",
         "suffix": ".ls",
         "program": '/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
         "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
@@ -431,8 +419,8 @@ _LAYOUTS: dict[str, dict[str, Any]] = {
     },
     "urscript": {
         **_LAYOUT,
-        "joints": [_JOINTS],
-        "has": f"a URScript target has {_JOINTS}",
+        "joints": [_N_AXES],
+        "has": f"a URScript target has {_N_AXES}",
         "suffix": ".script",
         "program": "def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
         "{moves}\nend\n",

@@ -15,7 +15,6 @@ from robacc.programs.program import (
     Draft,
     EventKind,
     FrameEvent,
-    MotionType,
     Place,
     Program,
     ProgramFrame,
@@ -56,14 +55,6 @@ _EVENTS: dict[str, EventKind] = {
 _ONE_LINE = re.compile(r"[^\r\n]*\bend[ \t]*(?=[\r\n]|\Z)")
 _KEYWORD = re.compile(r"(?:q|pose|pose_via|pose_to|x|b)\s*=(?!=)")
 _NAME = re.compile(r"[A-Za-z_]\w*\Z")
-_KINDS: dict[str, MotionType] = {
-    "movej": "joint",
-    "movel": "linear",
-    "movep": "linear",
-    "movec": "circular",
-    "servoj": "joint",
-    "servoc": "circular",
-}
 _BASE = ProgramFrame("base", Frame())
 
 
@@ -131,19 +122,16 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     for match in (match for match in calls if match[1] == "set_tcp"):
         # The TCP is unknown before the first of these calls.
         _, place = argument(arguments(text, match.end())[0][0])
-        written = _written(text, place)
-        is_known = written is not None and written.convention is not None
-        if is_known:
+        written, frame = _written(text, place), None
+        if written is not None and written.convention is not None:
             used.setdefault(place[0])
-        events.append(
-            FrameEvent(match.start(), "set", ProgramFrame("", written.frame) if written and is_known else None)
-        )
+            frame = ProgramFrame("", written.frame)
+        events.append(FrameEvent(match.start(), "set", frame))
     tools = timeline(sorted(events, key=lambda event: event.position))
     for match in (match for match in calls if match[1] != "set_tcp"):
         places, end = arguments(text, match.end())
-        motion = _KINDS[match[1]]
-        for place in places[: 2 if motion == "circular" else 1]:
-            draft.move((match.start(), end + 1), target(place), motion, tools(match.start()), _BASE)
+        for place in places[: 2 if match[1] in ("movec", "servoc") else 1]:
+            draft.move((match.start(), end + 1), target(place), tools(match.start()), _BASE)
     for place in literals.values():
         if place[0] not in used and text[place[0]] == "p":
             draft.note(place, "is a pose that no motion goes to directly")

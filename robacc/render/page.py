@@ -164,12 +164,11 @@ def identity_rows(
 
 # The section about reproducing a result: command line, version, and hashes of the inputs.
 
-_SEEDED = {"estimate", "predict", "calibrate", "trace", "iso9283", "plan"}
-
 
 def command_line(document: Document) -> str:
     """Return the command line from the options and inputs of the result; files by name without folders."""
     command, inputs = document["command"], document["inputs"]
+    seeded = ("estimate", "predict", "calibrate", "trace", "iso9283", "plan")
     leading = ({"predict": "robot", "plan": "robot"}.get(command, "poses"), "result")
     files = {record["kind"]: record["name"] for record in reversed(inputs)}
     # The options that were stated on the names of the poses' file.
@@ -178,7 +177,7 @@ def command_line(document: Document) -> str:
         *((kind, name) for kind, name in files.items() if kind not in leading),
         *((name, value) for name, value in document["options"].items() if name not in files),
         *((n, "columns.yaml" if n == "columns" else value) for n, value in reading.items() if n != "commanded_sha256"),
-        ("seed", document["seed"] if command in _SEEDED else None),
+        ("seed", document["seed"] if command in seeded else None),
     ]
     arguments = [
         "robacc",
@@ -216,8 +215,8 @@ def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadl
         for kind in ("poses", "robot", "holdout")
         if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
     ]
-    is_mixed = len({document["robacc"] for document in documents}) > 1
-    warnings += ["the results were made by different versions of robacc"] * is_mixed
+    if len({document["robacc"] for document in documents}) > 1:
+        warnings.append("the results were made by different versions of robacc")
     table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
     return next(shown([Section("Side by side", [table, Listing(warnings, "warning")])]))
 
@@ -246,9 +245,12 @@ def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity
     from jinja2 import Environment, PackageLoader, StrictUndefined
 
     documents, headlines = ([result[key] for result in results] for key in ("document", "headline"))
-    loader = PackageLoader("robacc.render")
     environment = Environment(
-        loader=loader, autoescape=True, undefined=StrictUndefined, trim_blocks=True, lstrip_blocks=True
+        loader=PackageLoader("robacc.render"),
+        autoescape=True,
+        undefined=StrictUndefined,
+        trim_blocks=True,
+        lstrip_blocks=True,
     )
     environment.filters |= {"options": as_options, "minus": _with_minus_signs}
     scripts: list[str] = []
@@ -295,24 +297,15 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
     number, (_, view) = f"r{place}", _VIEWS.get(document["command"], _VIEWS["check"])
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
-        others = f" and {len(lines) - 20} more" if len(lines) > 20 else ""
+        others = f" and {len(lines) - 20} more" * (len(lines) > 20)
         warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
-    leading = [gate_section(document["gate"])] if document.get("gate") else []
-    leading.append(
+    leading = [
+        *([gate_section(document["gate"])] if document.get("gate") else []),
         Section(
             "Warnings and notes",
             [Listing(warnings, "warning"), Listing([*document.get("notes", ()), *document.get("input_notes", ())])],
-        )
-    )
-    origin = (
-        f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call on the same "
-        "files gives the same bytes."
-    )
-    table = Grid(
-        ("input", "file", "SHA-256"),
-        [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]],
-        is_text=True,
-    )
+        ),
+    ]
     return {
         "id": number,
         "document": document,
@@ -330,7 +323,19 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
         "sections": [*shown(view(document))],
         "leading": [*shown(leading)],
         "how": Section(
-            "How to reproduce this result", [Text(origin), Text(command_line(document), is_command=True), table]
+            "How to reproduce this result",
+            [
+                Text(
+                    f"Made by robacc {document['robacc']} (schema {document['schema']}). On one machine the same call "
+                    "on the same files gives the same bytes."
+                ),
+                Text(command_line(document), is_command=True),
+                Grid(
+                    ("input", "file", "SHA-256"),
+                    [(record["kind"], record["name"], record["sha256"]) for record in document["inputs"]],
+                    is_text=True,
+                ),
+            ],
         ),
     }
 

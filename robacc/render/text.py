@@ -58,8 +58,6 @@ def _option(match: re.Match[str]) -> str:
 Style = Literal["", "bold", "dim", "green", "red", "yellow", "bold red", "bold yellow"]
 _CODES = {"bold": "1", "dim": "2", "green": "32", "red": "31", "yellow": "33"}
 """Select Graphic Rendition of ECMA-48, 8.3.117."""
-_SPACES = frozenset("\u00a0\u2002\u2003\u2007\u2009\u202f\u3000")
-"""Spaces that Python counts as unprintable, and that do no more than a space."""
 is_quiet = False
 """Whether notes are left out; the command line sets it."""
 PLAIN_WIDTH = 80
@@ -111,10 +109,10 @@ def write_lines(lines: Iterable[tuple[str, Style]], stream: TextIO) -> None:
     Names and texts from files reach messages and tables; an escape sequence in them could clear or rewrite the screen.
     """
     is_styled = stream.isatty() and not os.environ.get("NO_COLOR") and os.environ.get("TERM") != "dumb"
+    # Spaces that Python counts as unprintable, and that do no more than a space.
+    spaces = "\u00a0\u2002\u2003\u2007\u2009\u202f\u3000"
     for line, style in lines:
-        text = as_options(
-            "".join(sign if sign.isprintable() or sign in _SPACES else ascii(sign)[1:-1] for sign in line)
-        )
+        text = as_options("".join(s if s.isprintable() or s in spaces else ascii(s)[1:-1] for s in line))
         codes = ";".join(_CODES[word] for word in style.split()) if is_styled else ""
         stream.write(f"\033[{codes}m{text}\033[0m\n" if codes else f"{text}\n")
 

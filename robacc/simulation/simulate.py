@@ -20,14 +20,8 @@ from robacc.robots.arm import BLOCK, Arm, joint_ranges, low_discrepancy
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
-_DECIMALS = 6
-"""Decimals of commanded joint variables: a microradian or micrometre, about the resolution of a controller."""
 _MAX_ROWS = 2_000_000
 """Rows of a simulation: some GB of arrays and text; a larger number is likely a typing error."""
-_ROWS = 16 * BLOCK
-"""Rows that are predicted at a time."""
-_FIRST_LINE = 2
-"""Line of the first pose in a file with a header."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,33 +83,35 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     if plan.noise_position > 0:
         position += _stream(plan, "position").normal(scale=plan.noise_position, size=position.shape)
     if plan.noise_orientation > 0:
-        noise = _stream(plan, "orientation").normal(scale=plan.noise_orientation, size=position.shape)
-        rotation = compose(exp_so3(noise), rotation)
+        turns = _stream(plan, "orientation").normal(scale=plan.noise_orientation, size=position.shape)
+        rotation = compose(exp_so3(turns), rotation)
     refuse((plan.outliers > data.n, f"{plan.outliers} outliers are more than the {data.n} rows"))
     rng = _stream(plan, "outliers")
     outliers = np.sort(rng.choice(data.n, size=plan.outliers, replace=False)).astype(np.int64)
     direction = rng.normal(size=(3, plan.outliers))
     position[:, outliers] += plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
-    turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
     nominal = _predicted(replace(robot, effects=()), data) if plan.commanded else _planned_poses(planned, plan, data.n)
-    measured = replace(
-        data,
-        position=position,
-        rotation=rotation if plan.orientation else None,
-        commanded_position=None if nominal is None else nominal.translation,
-        commanded_rotation=nominal.rotation if nominal is not None and plan.orientation and turned else None,
-        sigma_position=np.full(position.shape, plan.noise_position) if plan.sigma else None,
-        sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
-        direction=data.direction if plan.motion else None,
-        speed=data.speed if plan.motion else None,
+    turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
+    return Simulation(
+        replace(
+            data,
+            position=position,
+            rotation=rotation if plan.orientation else None,
+            commanded_position=None if nominal is None else nominal.translation,
+            commanded_rotation=nominal.rotation if nominal is not None and plan.orientation and turned else None,
+            sigma_position=np.full(position.shape, plan.noise_position) if plan.sigma else None,
+            sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
+            direction=data.direction if plan.motion else None,
+            speed=data.speed if plan.motion else None,
+        ),
+        outliers,
     )
-    return Simulation(measured, outliers)
 
 
 def _predicted(robot: Robot, data: Measurements) -> Poses:
     """Return the predicted poses, a part of the rows at a time: an elastic equilibrium takes some kB a row."""
-    starts = range(0, max(data.n, 1), _ROWS)
-    parts = [predict(robot, data.subset(slice(start, start + _ROWS))) for start in starts]
+    rows = 16 * BLOCK
+    parts = [predict(robot, data.subset(slice(start, start + rows))) for start in range(0, max(data.n, 1), rows)]
     return Poses(
         np.concatenate([part.rotation for part in parts], axis=2),
         np.concatenate([part.translation for part in parts], axis=1),
@@ -174,7 +170,8 @@ def joint_samples(robot: Robot, plan: Plan) -> Array:
             # The sequence runs evenly through each joint's range, so in its order a drift over time would look like a
             # periodic error of a joint.
             q = q[:, _stream(plan, "order").permutation(plan.poses)]
-    return np.clip(np.round(q, _DECIMALS), low, high)
+    # A microradian or micrometre, about the resolution of a controller.
+    return np.clip(np.round(q, 6), low, high)
 
 
 def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Measurements:
@@ -198,9 +195,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         groups = planned.groups()
         payload = _stream(plan, "payload").choice(np.array(plan.payloads), size=int(groups.max()) + 1)[groups]
     if plan.temperature is not None:
-        # A first-order rise, evenly spaced in time.
+        # A first-order rise, evenly spaced in time, over three time constants: it reaches 95 %.
         start, end = plan.temperature
-        # Duration of a warm-up in time constants: it reaches 95 % of the rise.
         temperature = end + (start - end) * np.exp(-3.0 * visit / max(visits - 1, 1))
     pose = pose_of_visit[visit]
     return Measurements(
@@ -217,7 +213,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         speed=speed[:, visit],
         branches=None if planned.branches is None else planned.branches[:, pose],
         branch_names=planned.branch_names,
-        rows=np.arange(_FIRST_LINE, _FIRST_LINE + visit.size),
+        # Lines of a file with a header.
+        rows=np.arange(2, 2 + visit.size),
         warnings=planned.warnings,
     )
 
@@ -321,27 +318,30 @@ _COMMENTS = (
 def _joint(i: int, row: tuple[float, ...]) -> str:
     """Return the lines of a joint; the first joint has a comment at every field."""
     text = _JOINT.format(i + 1, *row[:4], limit=row[4])
-    lines = zip(text.splitlines(), _COMMENTS, strict=True)
-    return text if i else "".join(f"{line:<38}# {comment}\n" for line, comment in lines)
+    if i:
+        return text
+    return "".join(f"{line:<38}# {comment}\n" for line, comment in zip(text.splitlines(), _COMMENTS, strict=True))
 
 
 def urdf_template(robot: Robot, urdf: str, file: str, poses: str) -> str:
     """Return the robot file of an arm that was read from ``urdf``, with comments on its fields at the top."""
-    comments = (
-        f"Robot file of robacc, converted from {urdf}. Then: robacc show {file}",
-        f"robacc estimate {poses} --robot {file} --align base_frame,tool_frame",
-        "",
-        "units     of all numbers: m or mm, rad or deg; masses are in kg, gravity in m/s^2 in the measuring frame",
-        "base      arm's base in the measuring frame; rpy about fixed axes x, y, z",
-        "tool      measured target in the last link's frame: enter yours; a rough value is enough",
-        "          (--align base_frame,tool_frame fits both to the poses)",
-        "joints    from the base outwards: origin from the previous joint, axis in the joint's frame; offset is",
-        "          added to its variable q1, q2, …; limits are optional; mass and com are those of the moved link",
-        "Optional keys of a joint: sign: -1 (opposite direction), gear_ratio (motor turns per turn),",
-        "tolerance: {x: 1e-4, …, yaw: 1e-4, offset: 1e-4} (standard deviations, for robacc predict).",
-        "Optional keys of the robot: payload, targets (instead of tool), effects (see robacc show effects).",
+    return robot_to_yaml(
+        robot,
+        (
+            f"Robot file of robacc, converted from {urdf}. Then: robacc show {file}",
+            f"robacc estimate {poses} --robot {file} --align base_frame,tool_frame",
+            "",
+            "units     of all numbers: m or mm, rad or deg; masses are in kg, gravity in m/s^2 in the measuring frame",
+            "base      arm's base in the measuring frame; rpy about fixed axes x, y, z",
+            "tool      measured target in the last link's frame: enter yours; a rough value is enough",
+            "          (--align base_frame,tool_frame fits both to the poses)",
+            "joints    from the base outwards: origin from the previous joint, axis in the joint's frame; offset is",
+            "          added to its variable q1, q2, …; limits are optional; mass and com are those of the moved link",
+            "Optional keys of a joint: sign: -1 (opposite direction), gear_ratio (motor turns per turn),",
+            "tolerance: {x: 1e-4, …, yaw: 1e-4, offset: 1e-4} (standard deviations, for robacc predict).",
+            "Optional keys of the robot: payload, targets (instead of tool), effects (see robacc show effects).",
+        ),
     )
-    return robot_to_yaml(robot, comments)
 
 
 def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
@@ -350,8 +350,10 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
     The rows are simulated, so that every command runs at once; there are none where a prismatic joint has no limits.
     """
     names = [f"q{i + 1}_{'deg' if joint.type == 'revolute' else 'mm'}" for i, joint in enumerate(robot.variables)]
-    header, rows = ["pose", *names, "x_mm", "y_mm", "z_mm"], _example_rows(robot)
-    legend = "; ".join(f"q{i + 1} is {joint.name}" for i, joint in enumerate(robot.variables))
+    legend, rows = (
+        "; ".join(f"q{i + 1} is {joint.name}" for i, joint in enumerate(robot.variables)),
+        _example_rows(robot),
+    )
     lines = [
         f"# Measured poses of the arm in {file}: one row for each pose. Lines that begin with # are comments.",
         f"# Commanded joint variables: {legend}.",
@@ -367,7 +369,7 @@ def poses_template(robot: Robot, file: str, name: str) -> tuple[str, int]:
             f"# The {len(rows)} rows below are simulated, so that commands run at once: replace them with yours.",
             f"# Then: robacc estimate {name} --robot {file} --align base_frame,tool_frame",
         ]
-    return "\n".join([*lines, ",".join(header), *rows]) + "\n", len(rows)
+    return "\n".join([*lines, ",".join(("pose", *names, "x_mm", "y_mm", "z_mm")), *rows]) + "\n", len(rows)
 
 
 def _example_rows(robot: Robot) -> list[str]:
@@ -378,6 +380,6 @@ def _example_rows(robot: Robot) -> list[str]:
         return []
     if data.q is None or data.target is not None:
         return []
-    revolute = np.array([joint.type == "revolute" for joint in robot.variables])
-    columns = np.vstack((data.q * np.where(revolute, 180.0 / np.pi, 1e3)[:, None], data.position * 1e3)).T
+    factors = np.array([180.0 / np.pi if joint.type == "revolute" else 1e3 for joint in robot.variables])
+    columns = np.vstack((data.q * factors[:, None], data.position * 1e3)).T
     return [",".join([f"P{i + 1}", *(f"{value:.4f}" for value in row)]) for i, row in enumerate(columns)]

@@ -30,8 +30,21 @@ Distribution = Callable[[Array], tuple[Array, Array]]
 
 
 def principal_variances(covariance: Array) -> Array:
-    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero."""
-    return np.asarray(np.maximum(np.linalg.eigvalsh(np.moveaxis(covariance, -1, 0)).T, 0.0))
+    """Return eigenvalues ``(3, N)`` of covariances ``(3, 3, N)``, ascending, clipped at zero.
+
+    The closed form (O. K. Smith, Communications of the ACM 4 (1961) 168) takes a tenth of LAPACK's time, but loses
+    digits where two eigenvalues nearly agree; LAPACK finds these.
+    """
+    mean = np.trace(covariance) / 3.0
+    (x, a, b), (_, y, c), (_, _, z) = covariance - mean * np.eye(3)[:, :, None]
+    size = np.sqrt((x * x + y * y + z * z) / 6.0 + (a * a + b * b + c * c) / 3.0)
+    half = 0.5 * (x * (y * z - c * c) - a * (a * z - b * c) + b * (a * c - b * y))
+    cosine = half / np.where(size > 0.0, size, 1.0) ** 3
+    turn = np.array([[2.0], [-2.0], [0.0]]) * math.pi / 3.0
+    values = mean + 2.0 * size * np.cos(np.arccos(np.clip(cosine, -1.0, 1.0)) / 3.0 + turn)
+    is_close = np.abs(cosine) > 1.0 - 1e-4
+    values[:, is_close] = np.linalg.eigvalsh(np.moveaxis(covariance[:, :, is_close], -1, 0)).T
+    return np.asarray(np.maximum(values, 0.0))
 
 
 def _solved(

@@ -484,7 +484,7 @@ def test_predict_gives_the_accuracy_of_the_calibrated_arm(tmp_path: Path) -> Non
     assert names == {"coefficients", "repeatability", "unexplained", "extrapolation"}
     assert sum(share["share_position"] for share in prediction.budget) == pytest.approx(1.0)
     assert prediction.position.rms < 1e-4
-    assert prediction.grade.grade in "AB"
+    assert prediction.grade["grade"] in "AB"
     rows = prediction.map_csv("250mm").splitlines()
     assert rows[0].startswith("x_m,y_m,z_m,configurations,rms_m,bound95_m")
     assert sum(int(row.split(",")[3]) for row in rows[1:]) == 200

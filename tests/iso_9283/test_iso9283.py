@@ -574,8 +574,8 @@ def test_change_of_two_estimates_is_theirs_in_quadrature() -> None:
         tuple(stats.norm.interval(0.95, loc=4.0, scale=5.0)), rel=1e-6
     )
     assert estimate.upper_bound == pytest.approx(4.0 + 5.0 * stats.norm.ppf(0.95), rel=1e-6)
-    missing = estimates.change(after, estimates.without_interval(1.0, "because")).interval_at(0.95)
-    assert (missing.upper, missing.why) == (None, "because")
+    missing = estimates.change(after, estimates.student(1.0, 0.0, 0)).interval_at(0.95)
+    assert (missing.upper, missing.why) == (None, ONCE)
 
 
 def test_largest_has_the_greatest_upper_limit_and_a_corrected_lower_one() -> None:

@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 import dataclasses
+from functools import partial
 
 import numpy as np
 import pytest
 from arms import arm
 from test_expected import target_poses
 
+import robacc
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -18,11 +20,10 @@ from robacc.planning.candidates import (
     filtered,
     given_candidates,
     joint_condition,
+    lengths,
     moving_points,
     parse_box,
-    parse_distance,
     parse_half_space,
-    parse_vector,
     sampled_candidates,
     task_joints,
 )
@@ -149,15 +150,19 @@ def test_a_prismatic_joint_without_limits_is_an_error() -> None:
         (parse_half_space, "0.5q>=1"),
         (parse_half_space, "z>=fast"),
         (parse_half_space, "0z>=1"),
-        (parse_vector, "1,2"),
-        (parse_vector, "1,2,3deg"),
-        (parse_distance, "5"),
-        (parse_distance, "5:2"),
+        (partial(lengths, expected="three numbers such as 2.5,0,1.2"), "1,2"),
+        (partial(lengths, expected="three numbers such as 2.5,0,1.2"), "1,2,3deg"),
+        (partial(lengths, expected="nearest and farthest such as 0.5:15"), "5"),
     ],
 )
 def test_texts_that_mean_nothing_are_refused(call: object, text: str) -> None:
     with pytest.raises(UsageError, match="`option`"):
         call(text, "option")  # type: ignore[operator]
+
+
+def test_a_farthest_distance_before_the_nearest_is_refused() -> None:
+    with pytest.raises(UsageError, match="`distance`: the farthest distance must be beyond the nearest, found '5:2'"):
+        robacc.plan(arm("irb1600").robot, instrument="2,0,1", distance="5:2")
 
 
 def test_texts_of_places() -> None:

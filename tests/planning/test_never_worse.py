@@ -55,6 +55,7 @@ def test_calibration(name: str, criterion: Criterion) -> None:
         error = np.einsum("itp,pq,itq->t", region, covariance, region)
         return float(error.max() if criterion == "G" else error.mean())
 
+    assert np.unique(plan.chosen).size == POSES
     assert value(plan.chosen) < min(value(at) for at in draws(q.shape[1]))
 
 
@@ -66,6 +67,7 @@ def test_trace(name: str) -> None:
     problem, criterion = power_problem(model, poses, plan.noise, None)
     best_random = max(-2.0 * criterion.cost(problem.information_with(at)) for at in draws(plan.candidates.n))
     assert plan.power["found"] + plan.power["separated"] > best_random
+    assert plan.power["found"] > plan.power["random_found"]
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -613,7 +613,7 @@ def test_targets_are_points_and_joints_whose_numbers_are_written() -> None:
     names = [target.name for target in program.targets]
     assert names == ["jStart[0]", "jStart[1]", "pPick[0]", "pPick[1]", "pPick[2]"]
     np.testing.assert_allclose(program.targets[0].values, np.radians([0, 10.5, 90, 0, 80, -200]))
-    assert [target.motion for target in program.targets] == ["joint", None, "linear", "circular", "circular"]
+    assert program.moves == (0, 2, 3, 4)
     assert named(program, "pPick[0]").configuration == "lefty epositive wpositive"
 
 

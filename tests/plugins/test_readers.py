@@ -110,7 +110,7 @@ def parse(source, others=()):
     for match in re.finditer(r"^GOTO ", source.text, re.M):
         places, _ = arguments(source.text, match.end(), source.text.index("\\n", match.end()))
         target = ProgramTarget(None, numbers(source.text, places, AXIS_UNITS))
-        draft.move(match.span(), [draft.add("", target)], "joint")
+        draft.move(match.span(), [draft.add("", target)])
     return draft.program()
 """
 

@@ -239,7 +239,7 @@ def test_verdict_names_an_unexpected_pattern() -> None:
     """What the parameters move much is of the right size, what they hardly move is not."""
     variances = np.repeat([1e4, 0.05], 10)
     y = np.repeat([100.0, 2.5], 10)
-    statistics = SufficientStatistics(np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 120, 0, NOISE_OF_FILE)
+    statistics = SufficientStatistics(np.eye(20)[:, :1], np.sqrt(variances), y, 100.0, 100, 40, 0, NOISE_OF_FILE)
     _, _, verdict = consistency(statistics)
     assert verdict.startswith("the measured errors have the predicted size but not the predicted pat")
 
@@ -275,7 +275,7 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
     """Return statistics in which each of ``y.size`` parameters of one kind is separate, 1000 times above the noise."""
     n = y.size
     parameters = [ToleranceParameter(f"j{i}.d", f"j{i}", "d", "d", i, "m", unit) for i in range(n)]
-    return SufficientStatistics(1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, n, 0, NOISE_OF_FILE), parameters
+    return SufficientStatistics(1e3 * np.eye(n), np.full(n, 1e3), 1e3 * y, 0.0, 0, n, 0, NOISE_OF_FILE), parameters
 
 
 def test_directly_measured_kind_has_the_textbook_interval() -> None:
@@ -310,7 +310,7 @@ def test_kinds_that_are_not_distinguishable_are_noted() -> None:
     ]
     y = effect @ rng.standard_normal(10)
     result = variance_components(
-        SufficientStatistics(effect, np.full(5, 141.0), y, 0.0, 0, 5, 15, 0, NOISE_OF_FILE), parameters
+        SufficientStatistics(effect, np.full(5, 141.0), y, 0.0, 0, 5, 0, NOISE_OF_FILE), parameters
     )
     assert [component["why"] for component in result["components"]] == [
         "d is not distinguishable from a on these poses",

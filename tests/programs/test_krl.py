@@ -26,14 +26,13 @@ def line_of(name: str, start: str) -> int:
 def test_inline_forms_give_tool_and_base_by_number() -> None:
     program = read_program(SAMPLES / "weld.dat", [SAMPLES / "config.dat"])
     assert [t.name for t in program.targets] == ["XP1", "XP2", "XP3", "XP4"]
-    assert [t.motion for t in program.targets] == ["joint", "linear", "circular", "circular"]
+    assert program.moves == (0, 1, 2, 3)
     assert all(t.tool is not None and t.tool.name == "3" for t in program.targets)
     first = program.targets[0]
     np.testing.assert_allclose(first.tool.frame.xyz, (0.0875, 0, 0.41225))
     np.testing.assert_allclose(first.tool.frame.rpy, np.radians([0, -45, 0]), atol=1e-15)
     np.testing.assert_allclose(first.base.frame.rpy, np.radians([0, 0, 90]), atol=1e-15)
     assert first.configuration == "S 18,T 2"
-    assert program.targets[2].external.startswith("E1 -1200.5")
 
 
 def test_abc_is_rz_ry_rx() -> None:
@@ -59,8 +58,7 @@ def test_literals_of_motions_and_of_single_assignments_are_targets() -> None:
     joint = by_line[line_of("expert.src", "PTP {A1 10.0")]
     np.testing.assert_allclose(joint.values, np.radians([10, -95.5, 100.25, 0, 85.25, -10]))
     np.testing.assert_allclose(joint.tool.frame.xyz, (0.0125, 0, 0.21075))
-    assert by_line[line_of("expert.src", "ptp {E6AXIS")].external == "E1 500.0"
-    assert by_line[line_of("expert.src", "target =")].motion == "linear"
+    assert {line_of("expert.src", start) for start in ("ptp {E6AXIS", "target =")} <= {*by_line}
 
 
 def test_a_tool_set_in_a_branch_is_unknown_after_it() -> None:

@@ -27,7 +27,6 @@ def test_targets_have_tool_and_work_object() -> None:
     np.testing.assert_allclose(targets["jHome"].values, np.radians([0, -20.5, 30, 0, 80.25, -10]))
     p20 = targets["p20"]
     np.testing.assert_allclose(p20.values, (0.506291651, -0.150257853, 0.679799999, 0.5, 0, 0.866025404, 0), atol=1e-9)
-    assert p20.motion == "linear"
     np.testing.assert_allclose(p20.tool.frame.xyz, (0.031792631019, 0, 0.229638935148))
     # The object frame lies in the user frame, which is turned by 90 degrees about z.
     np.testing.assert_allclose(p20.base.frame.xyz, (0.98, -0.03, 0.83), atol=1e-9)
@@ -63,14 +62,14 @@ def test_names_are_local_to_their_routine() -> None:
     assert [target.name for target in program.targets].count("pLocal") == 1
     local = by_name(program)["pLocal"]
     np.testing.assert_allclose(local.values[:3], (0.007, 0.008, 0.009))
-    assert local.motion == "joint"
     assert "the program assigns it at run time in line 12" in reasons(program)
 
 
 def test_literals_of_instructions_are_targets() -> None:
     program = read_program(SAMPLES / "literal.mod")
-    kinds = [(target.kind, target.motion) for target in program.targets if target.name != "pLocal"]
-    assert kinds == [("joint", "joint"), *[("cartesian", "linear")] * 2, *[("cartesian", "circular")] * 2]
+    kinds = [target.kind for target in program.targets if target.name != "pLocal"]
+    assert kinds == ["joint", *["cartesian"] * 4]
+    assert program.moves == (0, 1, 2, 3, 4, 5)
     assert "the target is computed at run time" in reasons(program)
 
 

@@ -76,8 +76,7 @@ def test_new_values_are_read_back(path: Path, tmp_path: Path) -> None:
     assert len(again.targets) == len(program.targets)
     for before, after, values in zip(program.targets, again.targets, wanted, strict=True):
         assert (after.name, after.line, after.kind) == (before.name, before.line, before.kind)
-        assert (after.tool, after.base, after.motion) == (before.tool, before.base, before.motion)
-        assert (after.configuration, after.external) == (before.configuration, before.external)
+        assert (after.tool, after.base, after.configuration) == (before.tool, before.base, before.configuration)
         new = np.array(values)
         if before.kind == "cartesian" and np.dot(new[3:], after.values[3:]) < 0:
             new[3:] *= -1

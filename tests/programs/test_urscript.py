@@ -26,7 +26,6 @@ def test_variables_literals_and_inverse_kinematics_are_targets() -> None:
     vector = (-0.032924896149, 3.141372266899, -0.000292544836)
     x, y, z, w = Rotation.from_rotvec(vector).as_quat()
     np.testing.assert_allclose(np.abs(np.dot((w, x, y, z), above.values[3:])), 1, atol=1e-15)
-    assert above.motion == "joint"
     np.testing.assert_allclose(above.tool.frame.xyz, (0, 0, 0.0777))
 
 

@@ -38,8 +38,8 @@ def need(*libraries: str) -> None:
         UsageError: a library is not installed; the message says how to install the extra.
     """
     missing = [name for name in libraries if find_spec(name) is None]
-    start = f"charts and reports need {' and '.join(missing)}, which is not installed"
-    refuse((missing, f"{start}; run {install_advice('report')}"))
+    needed = f"charts and reports need {' and '.join(missing)}, which is not installed"
+    refuse((missing, f"{needed}; run {install_advice('report')}"))
 
 
 # Names from files, shortened for charts.
@@ -196,8 +196,14 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
     for series in panel.series:
         colour, label = LIGHT[series.role], series.label or "_"
         if series.kind == "bars":
-            fill = {"facecolor": "none" if series.hollow else colour, "edgecolor": colour if series.hollow else "none"}
-            bars = axes.barh(series.at[1], series.at[0], height=series.size, label=label, **fill)
+            bars = axes.barh(
+                series.at[1],
+                series.at[0],
+                height=series.size,
+                label=label,
+                facecolor="none" if series.hollow else colour,
+                edgecolor=colour if series.hollow else "none",
+            )
             axes.bar_label(bars, series.texts or [""] * len(bars), padding=3, fontsize=8)
         elif series.kind == "band":
             axes.fill_between(*series.at, color=colour, alpha=series.alpha, linewidth=0, label=label)
@@ -263,7 +269,7 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
     if axis.is_log:
         getattr(axes, f"set_{name}scale")("log")
         # In a wider range, labels at 2 and 5 would overlap.
-        is_long = bool(axis.low and axis.high and axis.high / axis.low > 1000.0)
+        is_long = axis.low and axis.high and axis.high / axis.low > 1000.0
         line.set_major_locator(LogLocator(subs=(1.0,) if is_long else (1.0, 2.0, 5.0)))
         # The style does not parse formulas, so labels are plain numbers.
         line.set_major_formatter("{x:g}")
@@ -302,32 +308,31 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
             )
 
 
-_SYMBOLS = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "diamond-open", "+": "cross"}
-"""Marks of matplotlib that plotly has in space."""
-
-
 def scene(series: Sequence[Series], note: str, unit: str = "m") -> dict[str, Any]:
     """Return the view of series in space for plotly, whose coordinates have four digits or 0.1 mm."""
-    traces = [
-        {
-            "type": "scatter3d",
-            "name": one.label or "route",
-            **{
-                name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
-                for name, column in zip("xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True)
-            },
-            "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
-            "line": {"color": f"role:{one.role}", "width": 3 * one.width},
-            "marker": {"size": one.size, "color": f"role:{one.role}", "symbol": _SYMBOLS.get(one.marker, "circle")},
-            **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
-        }
-        for one in series
-        for points in [np.array(one.at, dtype=np.float64)]
-        # plotly interprets some tags and entities.
-        for texts in [[escape(text, quote=False).replace("\n", "<br>") for text in one.texts]]
-    ]
+    # Marks of matplotlib that plotly has in space.
+    symbols = {"o": "circle", "s": "square", "D": "diamond", "^": "cross", "*": "diamond-open", "+": "cross"}
     return {
-        "traces": traces,
+        "traces": [
+            {
+                "type": "scatter3d",
+                "name": one.label or "route",
+                **{
+                    name: [None if math.isnan(value) else float(f"{value:.6g}") for value in column]
+                    for name, column in zip(
+                        "xyz", (np.round(points, 4) if unit == "m" else points).tolist(), strict=True
+                    )
+                },
+                "mode": "+".join([mode for mode, has in (("lines", one.line), ("markers", one.marker)) if has]),
+                "line": {"color": f"role:{one.role}", "width": 3 * one.width},
+                "marker": {"size": one.size, "color": f"role:{one.role}", "symbol": symbols.get(one.marker, "circle")},
+                **({"text": texts, "hovertemplate": "%{text}<extra></extra>"} if texts else {"hoverinfo": "skip"}),
+            }
+            for one in series
+            for points in [np.array(one.at, dtype=np.float64)]
+            # plotly interprets some tags and entities.
+            for texts in [[escape(text, quote=False).replace("\n", "<br>") for text in one.texts]]
+        ],
         "axes": [f"{name}, {unit}" for name in "xyz"],
         "note": f"Drag to rotate, scroll to zoom{note}.",
     }
@@ -346,8 +351,9 @@ def thinned(most: int, *columns: Array) -> Rows:
     if n <= most:
         return np.arange(n)
     each = max(1, most // (8 * len(columns)))
-    filled = (np.where(np.isfinite(column), column, np.nanmedian(column)) for column in columns)
-    orders = np.array([np.argsort(column, kind="stable") for column in filled])
+    orders = np.array(
+        [np.argsort(np.where(np.isfinite(own), own, np.nanmedian(own)), kind="stable") for own in columns]
+    )
     extreme = np.unique((orders[:, :each], orders[:, -each:]))
     remaining = np.setdiff1d(np.arange(n), extreme)
     evenly = remaining[np.linspace(0, remaining.size - 1, most - extreme.size).round().astype(np.int64)]

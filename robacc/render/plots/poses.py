@@ -141,20 +141,26 @@ def _ellipsoids_chart(frame: str, part: Document, errors: Array, mean: Array, ke
     )
 
 
+CIRCLE = np.array([wave(np.linspace(0.0, 2 * np.pi, 97)) for wave in (np.cos, np.sin)])
+"""``(2, P)`` points of the unit circle."""
+
+
 def _cloud(errors: Array, mean: Array, covariance: Array, plane: Sequence[int] = (0, 1, 2)) -> list[Series]:
     """Return the points, the ellipses of a plane or the ellipsoids in space, and the mean."""
     own = [*plane]
     # The projection of an ellipsoid is the ellipse of the covariance of the two coordinates.
     values, vectors_ = np.linalg.eigh(covariance[np.ix_(own, own)])
-    root = vectors_ * np.sqrt(np.maximum(values, 0.0)) @ vectors_.T
-    around = np.linspace(0.0, 2 * np.pi, 97)
-    sphere = _wires() if len(own) == 3 else np.stack((np.cos(around), np.sin(around)), axis=1)
-    points = [Series(errors.T[own], "nominal", "one pose", marker="o", size=2.4, alpha=0.75)] if len(errors) else []
-    ellipses = [
-        Series((mean[own] + radius * sphere @ root).T, role, f"contains {100 * share:.0f} %", line=_DASHES[role])
-        for (share, radius), role in zip(SHARES, ("after", "before"), strict=True)
+    unit_ellipse = (_wires() if len(own) == 3 else CIRCLE.T) @ (
+        vectors_ * np.sqrt(np.maximum(values, 0.0)) @ vectors_.T
+    )
+    return [
+        *([Series(errors.T[own], "nominal", "one pose", marker="o", size=2.4, alpha=0.75)] if len(errors) else []),
+        *(
+            Series((mean[own] + radius * unit_ellipse).T, role, f"contains {100 * share:.0f} %", line=_DASHES[role])
+            for (share, radius), role in zip(SHARES, ("after", "before"), strict=True)
+        ),
+        Series(mean[own, None], "ink", "mean", marker="+", size=7.0),
     ]
-    return [*points, *ellipses, Series(mean[own, None], "ink", "mean", marker="+", size=7.0)]
 
 
 def _wires() -> Array:
@@ -169,71 +175,73 @@ def _wires() -> Array:
 
 # Cumulative distributions of the errors by stage, with the limits.
 
-STAGE_MEANINGS = {
-    "trace": "Baseline: declared effects fitted; extended model: findings added. ",
-    "calibrate": "Baseline: base and tool fitted; calibrated: all named effects fitted. ",
-}
-
 
 def distribution_charts(document: Document) -> Iterator[Chart]:
     """Return the distribution of position errors, and of orientation errors if measured."""
-    for name, unit, *_ in QUANTITIES:
-        stages = stages_of(document, unit)
+    for name, si_unit, *_ in QUANTITIES:
+        stages = stages_of(document, si_unit)
         curves = [] if stages is None else stages.sizes(stages.used)
         if document["command"] == "predict":
             curves = [
-                (role, f"{label} by pose", numbers(document[name][f"{key}_{unit}"]))
+                (role, f"{label} by pose", numbers(document[name][f"{key}_{si_unit}"]))
                 for role, label, key in (
                     ("after", "predicted rms", "pose_rms"),
                     ("before", "predicted 95 % radius", "pose_radius95"),
                 )
-                if f"{key}_{unit}" in document[name]
+                if f"{key}_{si_unit}" in document[name]
             ]
-        if curves:
-            yield _distribution_chart(document, name, unit, curves)
-
-
-def _distribution_chart(document: Document, name: str, si_unit: str, curves: Sequence[Curve]) -> Chart:
-    unit = unit_of(si_unit, max(float(sizes.max()) for _, _, sizes in curves))
-    limits = limits_of(document, si_unit)
-    errors, is_position = stages_of(document, "m"), name == "position"
-    title = f"Distribution of the {'predicted ' * (document['command'] == 'predict')}{name} error"
-    medians = [(label, unit.text(float(np.median(sizes)))) for _, label, sizes in curves]
-    lines = ", ".join(f"{label} {unit.text(size)}" for label, _, size in limits)
-    # The corners of the steps, from no pose up.
-    series = [
-        Series(
-            (np.repeat(ordered[pick], 2), 100 * np.repeat(np.append(0.0, (pick + 1) / sizes.size), 2)[1:-1]),
-            role,
-            label,
-            line=_DASHES[role],
-            width=1.6,
-        )
-        for role, label, sizes in curves
-        for ordered in [np.sort(sizes) * unit.factor]
-        for pick in [thinned(400, ordered)]
-    ]
-    x_axis = error_axis(f"{name} error, {unit.name}", [sizes * unit.factor for _, _, sizes in curves])
-    rules = [(size * unit.factor, short_label) for _, short_label, size in limits]
-    return Chart(
-        "distribution" if is_position else "distribution-orientation",
-        title,
-        f"Share of {'held-out poses' if errors is not None and errors.held_out else 'all poses'} with "
-        f"{'a' if is_position else 'an'} {name} error up to the given size. Curves further left are better. "
-        f"{STAGE_MEANINGS.get(document['command'], '')}Half of the poses are within "
-        f"{', '.join(f'{median} ({label})' for label, median in medians)}."
-        f"{f' Vertical lines are limits: {lines}.' if limits else ''}",
-        f"{title}: share of poses, 0 to 100 %, over the size of the error in {unit.name}. "
-        + "; ".join(f"{label}: median {median}" for label, median in medians),
-        [Panel((replace(x_axis, rules=rules), Axis("share of poses, %", 0, 101)), series)],
-        Grid(
-            ("share of poses", *(label for _, label, _ in curves)),
+        if not curves:
+            continue
+        unit, limits = unit_of(si_unit, max(float(sizes.max()) for _, _, sizes in curves)), limits_of(document, si_unit)
+        title = f"Distribution of the {'predicted ' * (document['command'] == 'predict')}{name} error"
+        medians = [(label, unit.text(float(np.median(sizes)))) for _, label, sizes in curves]
+        meaning = {
+            "trace": "Baseline: declared effects fitted; extended model: findings added. ",
+            "calibrate": "Baseline: base and tool fitted; calibrated: all named effects fitted. ",
+        }.get(document["command"], "")
+        x_axis = error_axis(f"{name} error, {unit.name}", [sizes * unit.factor for _, _, sizes in curves])
+        yield Chart(
+            "distribution" + "-orientation" * (name == "orientation"),
+            title,
+            f"Share of {'held-out poses' if stages is not None and stages.held_out else 'all poses'} with "
+            f"a{'n' * (name == 'orientation')} {name} error up to the given size. Curves further left are better. "
+            f"{meaning}Half of the poses are within {', '.join(f'{median} ({label})' for label, median in medians)}."
+            + " Vertical lines are limits: {}.".format(", ".join(f"{label} {unit.text(s)}" for label, _, s in limits))
+            * bool(limits),
+            f"{title}: share of poses, 0 to 100 %, over the size of the error in {unit.name}. "
+            + "; ".join(f"{label}: median {median}" for label, median in medians),
             [
-                [f"{100 * share:.0f} %", *(unit.text(float(np.quantile(sizes, share))) for _, _, sizes in curves)]
-                for share in (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
+                Panel(
+                    (
+                        replace(x_axis, rules=[(size * unit.factor, short_label) for _, short_label, size in limits]),
+                        Axis("share of poses, %", 0, 101),
+                    ),
+                    # The corners of the steps, from no pose up.
+                    [
+                        Series(
+                            (
+                                np.repeat(ordered[pick], 2),
+                                100 * np.repeat(np.append(0.0, (pick + 1) / sizes.size), 2)[1:-1],
+                            ),
+                            role,
+                            label,
+                            line=_DASHES[role],
+                            width=1.6,
+                        )
+                        for role, label, sizes in curves
+                        for ordered in [np.sort(sizes) * unit.factor]
+                        for pick in [thinned(400, ordered)]
+                    ],
+                )
             ],
-        ),
-    )
+            Grid(
+                ("share of poses", *(label for _, label, _ in curves)),
+                [
+                    [f"{100 * share:.0f} %", *(unit.text(float(np.quantile(sizes, share))) for _, _, sizes in curves)]
+                    for share in (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1.0)
+                ],
+            ),
+        )
 
 
 def error_axis(title: str, curves: Sequence[Array]) -> Axis:
@@ -258,12 +266,11 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     x = numbers(errors.poses["time_s" if timed else "line"])
     # The errors of the nominal model are much larger.
     stages = [stage for stage in errors.sizes() if stage[0] != "nominal"]
-    labels, sizes = [label for _, label, _ in stages], [own for _, _, own in stages]
+    _, labels, sizes = zip(*stages, strict=True)
     last, used = sizes[-1], errors.used
     rows, listed = thinned(700, x, *sizes), thinned(_LISTED, x, last)
     unit = unit_of("m", float(np.max(sizes)))
     over = "time, s" if timed else "line of the file"
-    order = "" if timed else " The order of the lines is the order of time only if the file was written so."
     worst = int(np.argmax(last))
     largest, at = unit.text(float(last[worst])), place(errors.poses, worst)
     # All inliers are in the chart; outliers off scale stand at its upper edge.
@@ -283,7 +290,9 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
         "time",
         f"Position error over {'time' if timed else 'the lines of the file'}",
         f"Each pose's error ({' and '.join(labels)}) over {over}. The largest is at {at}, "
-        f"{largest}.{order}{thinning_note(rows.size, x.size)}",
+        f"{largest}."
+        + " The order of the lines is the order of time only if the file was written so." * (not timed)
+        + thinning_note(rows.size, x.size),
         f"Scatter of position error in {unit.name} over {over}; largest {largest} at {at}",
         [Panel((Axis(over), Axis(f"position error, {unit.name}", 0, top)), series)],
         Grid(
@@ -314,20 +323,9 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         return
     unit, quantity = unit_of("m", float(values.max())), label.rstrip(",")
     worst, (x, y, z), radius = int(np.argmax(values)), at.T, np.hypot(at[:, 0], at[:, 1])
-    views = (("from the side", "distance from axis, m", "height z, m", radius, z), ("from above", "x, m", "y, m", x, y))
-    cells = values * unit.factor
     # The table has the errors by steps of distance and height.
     edges = [np.linspace(coordinate.min(), coordinate.max(), 5) for coordinate in (radius, z)]
     places = [np.digitize(c, e[1:-1]) for c, e in zip((radius, z), edges, strict=True)]
-    rows = [
-        [
-            *(f"{edge[i]:.2f} to {edge[i + 1]:.2f} m" for edge, i in zip(edges, cell, strict=True)),
-            str(inside.size),
-            *map(unit.text, (root_mean_square(inside), inside.max())),
-        ]
-        for cell in np.ndindex(4, 4)
-        if (inside := values[(places[0] == cell[0]) & (places[1] == cell[1])]).size
-    ]
     yield Chart(
         "workspace",
         f"{label} over the workspace",
@@ -338,10 +336,29 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         f"Two maps of {quantity.lower()} in {unit.name} over the workspace in m; "
         f"from {unit.text(float(values.min()))} to {unit.text(float(values.max()))} over {values.size} poses",
         [
-            Panel((Axis(x_title), Axis(y_title)), [Series((a, b, cells), "ink", kind="cells")], title, equal=True)
-            for title, x_title, y_title, a, b in views
+            Panel(
+                (Axis(x_title), Axis(y_title)),
+                [Series((a, b, values * unit.factor), "ink", kind="cells")],
+                title,
+                equal=True,
+            )
+            for title, x_title, y_title, a, b in (
+                ("from the side", "distance from axis, m", "height z, m", radius, z),
+                ("from above", "x, m", "y, m", x, y),
+            )
         ],
-        Grid(("distance from axis", "height", "poses", "rms", "largest"), rows),
+        Grid(
+            ("distance from axis", "height", "poses", "rms", "largest"),
+            [
+                [
+                    *(f"{edge[i]:.2f} to {edge[i + 1]:.2f} m" for edge, i in zip(edges, cell, strict=True)),
+                    str(inside.size),
+                    *map(unit.text, (root_mean_square(inside), inside.max())),
+                ]
+                for cell in np.ndindex(4, 4)
+                if (inside := values[(places[0] == cell[0]) & (places[1] == cell[1])]).size
+            ],
+        ),
         columns=2,
         scale=f"{quantity}, {unit.name}",
     )
@@ -358,8 +375,15 @@ def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
     if "position_by_frame" in document:
         stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
-    start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
-    yield _errors_in_space(document, by_stage.poses, "commanded_m", stages, "poses", "Pose errors in space", start)
+    yield _errors_in_space(
+        document,
+        by_stage.poses,
+        "commanded_m",
+        stages,
+        "poses",
+        "Pose errors in space",
+        f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})",
+    )
 
 
 def correction_charts(document: Document) -> Iterator[Chart]:
@@ -367,15 +391,19 @@ def correction_charts(document: Document) -> Iterator[Chart]:
     if document["command"] != "correct" or not document["targets"]["line"]:
         return
     targets: Document = document["targets"]
-    stages = [
-        (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
-        for role, name in (("before", "nominal"), ("after", "corrected"))
-    ]
-    start = (
+    yield _errors_in_space(
+        document,
+        targets,
+        "wanted_m",
+        [
+            (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
+            for role, name in (("before", "nominal"), ("after", "corrected"))
+        ],
+        "corrections",
+        "Corrections in space",
         f"Wanted positions and the error that the model predicts there; {sum(targets['corrected'])} of "
-        f"{len(targets['corrected'])} targets are corrected, the others keep their error"
+        f"{len(targets['corrected'])} targets are corrected, the others keep their error",
     )
-    yield _errors_in_space(document, targets, "wanted_m", stages, "corrections", "Corrections in space", start)
 
 
 def _errors_in_space(
@@ -411,17 +439,20 @@ def _errors_in_space(
 
     def series(rows: Rows, texts: Sequence[str]) -> list[Series]:
         gaps = np.full((rows.size, 3), np.nan)
-        vectors_of_stages = [
-            Series(
-                np.stack((at[rows], at[rows] + scale * errors[rows], gaps), axis=1).reshape(-1, 3).T,
-                role,
-                label,
-                line="-",
-                width=1.0,
-            )
-            for role, label, errors in stages
+        return [
+            *arm,
+            Series(at[rows].T, "ink", "commanded", marker="o", size=2.0, texts=texts),
+            *(
+                Series(
+                    np.stack((at[rows], at[rows] + scale * errors[rows], gaps), axis=1).reshape(-1, 3).T,
+                    role,
+                    label,
+                    line="-",
+                    width=1.0,
+                )
+                for role, label, errors in stages
+            ),
         ]
-        return [*arm, Series(at[rows].T, "ink", "commanded", marker="o", size=2.0, texts=texts), *vectors_of_stages]
 
     return Chart(
         kind,
@@ -469,8 +500,18 @@ def _arm(document: Document) -> list[Series]:
     """Return the line of the arm at a typical pose, if the result has it."""
     if (outline := (document.get("robot") or {}).get("outline")) is None:
         return []
-    line = vectors(outline["line_m"]).T
-    return [Series(line, "nominal", "arm, at one pose", marker="o", line="-", size=3.4, width=2.2, alpha=0.8)]
+    return [
+        Series(
+            vectors(outline["line_m"]).T,
+            "nominal",
+            "arm, at one pose",
+            marker="o",
+            line="-",
+            size=3.4,
+            width=2.2,
+            alpha=0.8,
+        )
+    ]
 
 
 # Map of the grade that a calibrated arm holds in each part of its workspace, in space.
@@ -590,9 +631,19 @@ def _groups(document: Document, at: Array) -> Iterator[Series]:
     groups = [(label, colour, marker, at[rows], texts[rows]) for label, colour, marker, rows in chosen]
     validation = vectors((document["validation"] or {"target_in_base_m": ()})["target_in_base_m"])
     labels = [f"validation pose {i + 1}" for i in range(len(validation))]
-    groups.append(("validation poses", "nominal", "^", validation, labels))
-    groups.append(("instrument", "ink", "*", vectors([] if instrument is None else [instrument]), ["instrument"]))
+    groups += [
+        ("validation poses", "nominal", "^", validation, labels),
+        ("instrument", "ink", "*", vectors([] if instrument is None else [instrument]), ["instrument"]),
+    ]
     for label, colour, marker, points, own in groups:
         if len(points):
-            size, is_hollow = 8.0 if marker == "*" else 4.5, marker != "o"
-            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=own, width=1.0)
+            yield Series(
+                points.T,
+                colour,
+                label,
+                marker=marker,
+                size=8.0 if marker == "*" else 4.5,
+                hollow=marker != "o",
+                texts=own,
+                width=1.0,
+            )

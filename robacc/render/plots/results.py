@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
@@ -24,6 +24,7 @@ from robacc.render.plots.canvas import (
     vectors,
 )
 from robacc.render.plots.poses import (
+    CIRCLE,
     correction_charts,
     distribution_charts,
     ellipsoid_charts,
@@ -79,16 +80,15 @@ def _residual_chart(document: Document, name: str, curve: Document) -> Chart:
         x_unit = unit
     quantity = f"error of {curve['joint']}" if curve["joint"] else "error along the effect"
     driver = _DRIVER_LABELS.get(curve["driver"], str(curve["driver"])).replace("{joint}", str(curve["joint"]))
-    fitted = "the line is the fitted effect" if curve["curve"] is not None else "crosses are the fitted effect"
-    omitted = x.size - usable.size
-    omitted_note = f" {omitted} poses that determine this error too weakly are omitted." * (omitted > 0)
+    mark, omitted = "crosses are" if curve["curve"] is None else "the line is", x.size - usable.size
     rms = [unit.text(root_mean_square(residual[usable]) if usable.size else None) for residual in (before, after)]
     return Chart(
         "effect",
         f"{name}: residual without and with the effect",
         f"Residual of each pose as {quantity} over {driver}, without the effect (circles, all other effects fitted) "
-        f"and with it (dots); {fitted}. Dots around zero show that the effect explains the residual."
-        f"{omitted_note}{thinning_note(rows.size, usable.size)}",
+        f"and with it (dots); {mark} the fitted effect. Dots around zero show that the effect explains the residual."
+        + f" {omitted} poses that determine this error too weakly are omitted." * (omitted > 0)
+        + thinning_note(rows.size, usable.size),
         f"Scatter of {quantity} in {unit.name} over {driver}{f' in {x_unit.name}' if x_unit.name else ''}; root mean "
         f"square {rms[0]} without the effect, {rms[1]} with it",
         [_residual_panel(curve, rows, unit, x_unit, short(quantity, 30), short(driver, 44))],
@@ -128,9 +128,11 @@ def _residual_panel(curve: Document, rows: Rows, unit: Unit, x_unit: Unit, quant
     # 99.5 % of the points, with a margin.
     low, high = np.quantile(y, (0.0025, 0.9975)) if y.size else (-1.0, 1.0)
     room = 0.08 * (high - low or 1.0)
-    x_axis = Axis(f"{driver}, {x_unit.name}" if x_unit.name else driver)
-    if is_direction:
-        x_axis = Axis(driver, names=("falling (−)", "none", "rising (+)"), first=-1)
+    x_axis = (
+        Axis(driver, names=("falling (−)", "none", "rising (+)"), first=-1)
+        if is_direction
+        else Axis(f"{driver}, {x_unit.name}" if x_unit.name else driver)
+    )
     return Panel((x_axis, Axis(f"{quantity}, {unit.name}", low - room, high + room, rules=[(0, "")])), series)
 
 
@@ -171,9 +173,6 @@ def _spectrum_chart(effect: str, curve: Document) -> Chart:
 
 # The candidates at each step of a trace, with their evidence.
 
-_BARS = 8
-_CANDIDATE_ROWS = 40
-
 
 def candidate_charts(document: Document) -> Iterator[Chart]:
     """Return one chart per step, the best candidate of each effect and joint by evidence.
@@ -183,12 +182,53 @@ def candidate_charts(document: Document) -> Iterator[Chart]:
     steps: Sequence[Document] = document.get("candidates", ())
     shown = [step for step in steps if step["action"] == "add"] + [s for s in steps if s["action"] == "stop"][-1:]
     for number, step in enumerate(shown, 1):
-        best: dict[str, Document] = {}
+        ranked: dict[str, Document] = {}
         # The ranking combines evidence and prior; bars show and follow the evidence alone.
         for candidate in sorted(step["ranking"], key=lambda candidate: -candidate["evidence"]):
-            best.setdefault(_name(candidate), candidate)
-        if best:
-            yield _candidates_chart(number, best, _name(step["ranking"][0]) if step["action"] == "add" else None)
+            ranked.setdefault(_name(candidate), candidate)
+        if not ranked:
+            continue
+        names, evidence = [*ranked], [candidate["evidence"] for candidate in ranked.values()]
+        bars, most, outcome = min(len(names), 8), 40, "No effect was added."
+        chosen = _name(step["ranking"][0]) if step["action"] == "add" else None
+        if chosen is not None:
+            subject = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
+            outcome = f"{subject} was added to the model."
+        runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
+        yield Chart(
+            "candidates",
+            f"Step {number}: candidates" if chosen is not None else "Last step: remaining candidates",
+            f"Evidence (log Bayes factor) for each candidate effect; the highest is {names[0]} with "
+            f"{evidence[0]:.1f}, {p_value(ranked[names[0]]['p_value'])}{runner_up}. {outcome}",
+            "Bars of evidence (log Bayes factor): "
+            + "; ".join(f"{name} {value:.1f}" for name, value in zip(names[:bars], evidence, strict=False)),
+            [
+                Panel(
+                    (
+                        Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
+                        Axis("", names=[short(name, 34) for name in names[:bars]]),
+                    ),
+                    [
+                        Series(
+                            ([max(evidence[i], 0.0) for i in own], own),
+                            role,
+                            label,
+                            kind="bars",
+                            size=0.62,
+                            texts=[fixed(evidence[i], 1) for i in own],
+                        )
+                        for role, label in (("after", "added" * (chosen in names[:bars])), ("nominal", ""))
+                        for own in [[i for i in range(bars) if (names[i] == chosen) == (role == "after")]]
+                    ],
+                )
+            ],
+            Grid(
+                ("effect", "evidence", "significance"),
+                [[name, f"{c['evidence']:.1f}", p_value(c["p_value"])] for name, c in ranked.items()][:most],
+                note=f"The best {most} of {len(ranked)}." * (len(ranked) > most),
+            ),
+            (4.9, 0.9 + 0.27 * bars + 0.25 * bool(chosen)),
+        )
 
 
 def _name(candidate: Document) -> str:
@@ -196,48 +236,6 @@ def _name(candidate: Document) -> str:
     settings = candidate.get("settings") or {}
     return effect_label(
         candidate["effect"], candidate["joints"], {key: settings[key] for key in ("part", "target") if key in settings}
-    )
-
-
-def _candidates_chart(number: int, ranked: Mapping[str, Document], chosen: str | None) -> Chart:
-    names, evidence = [*ranked], [candidate["evidence"] for candidate in ranked.values()]
-    count = min(len(names), _BARS)
-    runner_up = f"; next is {names[1]} with {evidence[1]:.1f}" if len(ranked) > 1 else ""
-    added = "It" if chosen == names[0] else f"{chosen}, which has a higher prior,"
-    outcome = "No effect was added." if chosen is None else f"{added} was added to the model."
-    return Chart(
-        "candidates",
-        f"Step {number}: candidates" if chosen is not None else "Last step: remaining candidates",
-        f"Evidence (log Bayes factor) for each candidate effect; the highest is {names[0]} with "
-        f"{evidence[0]:.1f}, {p_value(ranked[names[0]]['p_value'])}{runner_up}. {outcome}",
-        "Bars of evidence (log Bayes factor): "
-        + "; ".join(f"{name} {value:.1f}" for name, value in zip(names[:_BARS], evidence, strict=False)),
-        [
-            Panel(
-                (
-                    Axis("evidence (log Bayes factor)", 0, 1.16 * max(*evidence, 1e-9)),
-                    Axis("", names=[short(name, 34) for name in names[:count]]),
-                ),
-                [
-                    Series(
-                        ([max(evidence[i], 0.0) for i in own], own),
-                        role,
-                        label,
-                        kind="bars",
-                        size=0.62,
-                        texts=[fixed(evidence[i], 1) for i in own],
-                    )
-                    for role, label in (("after", "added" * (chosen in names[:count])), ("nominal", ""))
-                    for own in [[i for i in range(count) if (names[i] == chosen) == (role == "after")]]
-                ],
-            )
-        ],
-        Grid(
-            ("effect", "evidence", "significance"),
-            [[name, f"{c['evidence']:.1f}", p_value(c["p_value"])] for name, c in ranked.items()][:_CANDIDATE_ROWS],
-            note=f"The best {_CANDIDATE_ROWS} of {len(ranked)}." * (len(ranked) > _CANDIDATE_ROWS),
-        ),
-        (4.9, 0.9 + 0.27 * count + 0.25 * bool(chosen)),
     )
 
 
@@ -254,15 +252,15 @@ def budget_charts(document: Document) -> Iterator[Chart]:
 
 def _budget_chart(kind: str, shares: Sequence[Document], name: str, label: str) -> Chart:
     first, toleranced, top = shares[0], label == "parameter", shares[:10]
-    omitted = f" The table has the {len(shares) - len(top)} smaller shares." if len(shares) > len(top) else ""
     rows = np.arange(len(top))
     position, turn = (100 * numbers(share[f"share_{key}"] for share in top) for key in ("position", "orientation"))
-    texts = [f"{value:.1f}" for value in position]
     return Chart(
         kind,
         f"Error budget by {label}",
         f"Share of the predicted variance of position (bars) and orientation (outlines) by {label}; all shares sum to "
-        f"100 %. The largest share of position is {first[name]} with {100 * first['share_position']:.1f} %.{omitted}",
+        f"100 %. The largest share of position is {first[name]} with {100 * first['share_position']:.1f} %."
+        + f" The table has the {len(shares) - len(top)} smaller shares."
+        * (len(shares) > len(top)),
         "Bars of shares of variance, position: "
         + "; ".join(f"{share[name]} {100 * share['share_position']:.1f} %" for share in top),
         [
@@ -272,7 +270,14 @@ def _budget_chart(kind: str, shares: Sequence[Document], name: str, label: str) 
                     Axis("", names=[short(str(share[name])) for share in top]),
                 ),
                 [
-                    Series((position, rows - 0.17), "after", "position", kind="bars", size=0.34, texts=texts),
+                    Series(
+                        (position, rows - 0.17),
+                        "after",
+                        "position",
+                        kind="bars",
+                        size=0.34,
+                        texts=[f"{value:.1f}" for value in position],
+                    ),
                     Series((turn, rows + 0.19), "before", "orientation", kind="bars", size=0.26, hollow=True),
                 ],
             )
@@ -299,18 +304,58 @@ def comparison_charts(document: Document) -> Iterator[Chart]:
     """Return a chart for each statistic with intervals, except those of stages; the ranking statistic comes first."""
     if document["command"] != "compare":
         return
-    by = (document.get("ranking") or {}).get("by")
+    by, baseline = (document.get("ranking") or {}).get("by"), document["baseline"]
     for statistic in sorted(document["statistics"], key=lambda statistic: statistic["key"] != by):
         key = statistic["key"]
         values = [value for value in statistic["values"] if value["value"] is not None][:30]
         is_shown = statistic["unit"] in ("m", "rad") and (key == by or key.count(".") == 1)
-        if is_shown and len(values) > 1 and any(value["lower"] is not None for value in values):
-            yield _comparison_chart(statistic, values, document["baseline"], key == by)
+        if not is_shown or len(values) < 2 or all(value["lower"] is None for value in values):
+            continue
+        signed = any((value[name] or 0.0) < 0.0 for value in values for name in ("value", "lower", "upper"))
+        unit = unit_of(statistic["unit"], *(value["value"] for value in values))
+        best = min(values, key=lambda value: abs(float(value["value"])))
+        confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
+        figures = [unit.factor * numbers(value[name] for value in values) for name in ("value", "lower", "upper")]
+        is_baseline = np.array([value["name"] == baseline for value in values])
+        yield Chart(
+            "comparison",
+            f"{key} of each result",
+            "The ranking uses this statistic. "
+            * (key == by)
+            + f"Each result's {key} with its {100 * confidence:g} % interval; the smallest"
+            f"{' in magnitude' * signed} is {best['name']}, {unit.text(best['value'])}."
+            + f" The hollow mark is the baseline, {baseline}." * (baseline is not None)
+            + " The tables test the differences: results with overlapping intervals can still differ significantly.",
+            f"Points with intervals in {unit.name}: "
+            + "; ".join(f"{value['name']} {unit.text(value['value'])}" for value in values),
+            [
+                Panel(
+                    (
+                        Axis(f"{key}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
+                        Axis("", names=[short(str(value["name"])) for value in values]),
+                    ),
+                    [
+                        one
+                        for role, mask in (("after", ~is_baseline), ("before", is_baseline))
+                        for one in _intervals(
+                            [column[mask] for column in figures],
+                            np.flatnonzero(mask),
+                            role,
+                            vertical=False,
+                            hollow=role == "before",
+                        )
+                    ],
+                )
+            ],
+            Grid(
+                ("result", "value", "from", "to"),
+                [[v["name"], unit.text(v["value"]), unit.text(v["lower"]), unit.text(v["upper"])] for v in values],
+            ),
+            (4.9, 1.1 + 0.34 * len(values)),
+        )
 
 
-def _intervals(
-    figures: Sequence[Array], at: Array | Rows, role: str, vertical: bool, label: str = "", **looks: Any
-) -> list[Series]:
+def _intervals(figures: Sequence[Array], at: Array | Rows, role: str, vertical: bool, **looks: Any) -> list[Series]:
     """Return marks at values with lower and upper ends, NaN if unknown, along one axis and ``at`` along the other."""
     values, *bounds = figures
     low, high = (np.where(np.isnan(end), values, end) for end in bounds)
@@ -322,54 +367,8 @@ def _intervals(
     marks, bars = ((at, values), (across, along)) if vertical else ((values, at), (along, across))
     return [
         Series(bars, role, line="-", marker="_" if vertical else "|", size=7, width=1.3),
-        Series(marks, role, label, **{"marker": "o", "size": 6, **looks}),
+        Series(marks, role, **{"marker": "o", "size": 6, **looks}),
     ]
-
-
-def _comparison_chart(statistic: Document, values: Sequence[Document], baseline: str | None, ranks: bool) -> Chart:
-    key = statistic["key"]
-    signed = any((value[name] or 0.0) < 0.0 for value in values for name in ("value", "lower", "upper"))
-    unit = unit_of(statistic["unit"], *(value["value"] for value in values))
-    best = min(values, key=lambda value: abs(float(value["value"])))
-    confidence = next((value["confidence"] for value in values if value["confidence"] is not None), 0.95)
-    first = "The ranking uses this statistic. " if ranks else ""
-    baseline_note = f" The hollow mark is the baseline, {baseline}." if baseline is not None else ""
-    figures = [unit.factor * numbers(value[name] for value in values) for name in ("value", "lower", "upper")]
-    is_baseline = np.array([value["name"] == baseline for value in values])
-    return Chart(
-        "comparison",
-        f"{key} of each result",
-        f"{first}Each result's {key} with its {100 * confidence:g} % interval; the smallest"
-        f"{' in magnitude' * signed} is {best['name']}, {unit.text(best['value'])}.{baseline_note} "
-        "The tables test the differences: results with "
-        "overlapping intervals can still differ significantly.",
-        f"Points with intervals in {unit.name}: "
-        + "; ".join(f"{value['name']} {unit.text(value['value'])}" for value in values),
-        [
-            Panel(
-                (
-                    Axis(f"{key}, {unit.name}", None if signed else 0, rules=[(0, "")] * signed),
-                    Axis("", names=[short(str(value["name"])) for value in values]),
-                ),
-                [
-                    one
-                    for role, mask in (("after", ~is_baseline), ("before", is_baseline))
-                    for one in _intervals(
-                        [column[mask] for column in figures],
-                        np.flatnonzero(mask),
-                        role,
-                        vertical=False,
-                        hollow=role == "before",
-                    )
-                ],
-            )
-        ],
-        Grid(
-            ("result", "value", "from", "to"),
-            [[v["name"], unit.text(v["value"]), unit.text(v["lower"]), unit.text(v["upper"])] for v in values],
-        ),
-        (4.9, 1.1 + 0.34 * len(values)),
-    )
 
 
 # Operating curves of a gate: the probability to pass over the true value.
@@ -377,66 +376,67 @@ def _comparison_chart(statistic: Document, values: Sequence[Document], baseline:
 
 def operating_curve_charts(document: Document) -> Iterator[Chart]:
     """Return the operating curve of each criterion that has one."""
-    criteria = (document.get("gate") or {}).get("criteria", ())
-    return (_gate_chart(criterion) for criterion in criteria if len(criterion["operating_curve"]) > 1)
-
-
-def _gate_chart(criterion: Document) -> Chart:
-    limit, value = float(criterion["limit"]), float(criterion["value"])
-    unit = unit_of(criterion["unit"], limit, value)
-    curve = np.array(criterion["operating_curve"], dtype=np.float64)
-    pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), 25)).round().astype(int))
-    count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
-    by_share = criterion["operating_curve_over"] == "share_within_limit"
-    if by_share:
-        abscissa, header, at_least, line = Unit(100.0, "%"), "share of all poses within the limit", True, "required"
-        place_, over = (
-            float(criterion["share"]),
-            f"the share of all poses that are within the limit, {unit.text(limit)}",
-        )
-        text = (
-            f"The vertical line is the required share, {abscissa.text(place_)}. "
-            "Passing with a smaller share is a false acceptance."
-        )
-        axis = f"share of all poses with {short(criterion['key'].rpartition('.')[0], 24)} within {unit.text(limit)}, %"
-    else:
-        abscissa, header, at_least, line = unit, "true value", bool(criterion["at_least"]), "limit"
-        place_, over = limit, "the true value"
-        text = (
-            f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, {unit.text(value)}. "
-            f"Passing with a true value {'below' if at_least else 'above'} the limit is a false acceptance."
-        )
-        axis = f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}"
-    x, y = curve[:, 0] * abscissa.factor, 100 * curve[:, 1]
-    wrong = np.where(curve[:, 0] <= place_ if at_least else curve[:, 0] >= place_, y, np.nan)
-    series = [
-        Series((x, y), "after", "probability to pass", line="-", width=1.6),
-        Series((x, wrong), "before", "false acceptance", kind="band", alpha=0.25),
-    ]
-    if not by_share:
-        series.append(Series(([value * unit.factor], [0]), "ink", "measured", marker="o", size=6))
-    return Chart(
-        "operating-curve",
-        f"Gate {criterion['name']}: operating curve",
-        f"Probability that this criterion passes{count}, as a function of {over}. {criterion['rule_text']}. {text}",
-        f"Probability to pass, 0 to 100 %, over the {header}; limit {unit.text(limit)}, measured {unit.text(value)}",
-        [
-            Panel(
-                (Axis(axis, rules=[(place_ * abscissa.factor, line)]), Axis("probability to pass, %", -2, 102)),
-                series,
+    for criterion in (document.get("gate") or {}).get("criteria", ()):
+        if len(criterion["operating_curve"]) < 2:
+            continue
+        limit, value = float(criterion["limit"]), float(criterion["value"])
+        unit = unit_of(criterion["unit"], limit, value)
+        curve = np.array(criterion["operating_curve"], dtype=np.float64)
+        pick = np.unique(np.linspace(0, len(curve) - 1, min(len(curve), 25)).round().astype(int))
+        count = "" if criterion["n_poses"] is None else f" with {criterion['n_poses']:,} poses"
+        by_share = criterion["operating_curve_over"] == "share_within_limit"
+        if by_share:
+            abscissa, header, at_least, line = Unit(100.0, "%"), "share of all poses within the limit", True, "required"
+            place_, over = (
+                float(criterion["share"]),
+                f"the share of all poses that are within the limit, {unit.text(limit)}",
             )
-        ],
-        Grid(
-            (header, "probability to pass"),
-            [[abscissa.text(float(true)), f"{100 * share:.1f} %"] for true, share in curve[pick]],
-        ),
-        (4.9, 2.8),
-    )
+            text = (
+                f"The vertical line is the required share, {abscissa.text(place_)}. "
+                "Passing with a smaller share is a false acceptance."
+            )
+            axis = (
+                f"share of all poses with {short(criterion['key'].rpartition('.')[0], 24)} within {unit.text(limit)}, %"
+            )
+        else:
+            abscissa, header, at_least, line = unit, "true value", bool(criterion["at_least"]), "limit"
+            place_, over = limit, "the true value"
+            text = (
+                f"The vertical line is the limit, {unit.text(limit)}; the dot is the measured value, "
+                f"{unit.text(value)}. Passing with a true value {'below' if at_least else 'above'} the limit is a "
+                "false acceptance."
+            )
+            axis = f"true value of {short(criterion['key'], 40)}{f', {unit.name}' if unit.name else ''}"
+        x, y = curve[:, 0] * abscissa.factor, 100 * curve[:, 1]
+        wrong = np.where(curve[:, 0] <= place_ if at_least else curve[:, 0] >= place_, y, np.nan)
+        series = [
+            Series((x, y), "after", "probability to pass", line="-", width=1.6),
+            Series((x, wrong), "before", "false acceptance", kind="band", alpha=0.25),
+        ]
+        if not by_share:
+            series.append(Series(([value * unit.factor], [0]), "ink", "measured", marker="o", size=6))
+        yield Chart(
+            "operating-curve",
+            f"Gate {criterion['name']}: operating curve",
+            f"Probability that this criterion passes{count}, as a function of {over}. {criterion['rule_text']}. {text}",
+            f"Probability to pass, 0 to 100 %, over the {header}; limit {unit.text(limit)}, measured "
+            f"{unit.text(value)}",
+            [
+                Panel(
+                    (Axis(axis, rules=[(place_ * abscissa.factor, line)]), Axis("probability to pass, %", -2, 102)),
+                    series,
+                )
+            ],
+            Grid(
+                (header, "probability to pass"),
+                [[abscissa.text(float(true)), f"{100 * share:.1f} %"] for true, share in curve[pick]],
+            ),
+            (4.9, 2.8),
+        )
 
 
 # An ISO 9283 evaluation: accuracy and repeatability by pose, and the visits of each pose.
 
-_LISTED_VISITS = 60
 _CRITERIA = {
     "AP": ("AP, pose accuracy", "before", "o"),
     "RP": ("RP, pose repeatability (not accuracy)", "after", "s"),
@@ -512,12 +512,11 @@ def _cloud(document: Document, visits: Document) -> Chart:
         (each["position_m"] for each in places if all(each[key] == visits[key] for key in ("pose", "file"))), None
     )
     reach = max(float(np.abs(offsets).max()), float(np.abs(centre).max()) + (radius or 0.0))
-    unit = unit_of("m", reach)
+    unit, listed = unit_of("m", reach), 60
     rows, limit = thinned(200, *offsets.T), 1.08 * reach * unit.factor or 1.0
     zero = "the commanded pose" if is_known else "the barycentre because the commanded pose is unknown"
     circle = f"; the circle is RP, {unit.text(radius)}, about the barycentre" if radius is not None else ""
-    around, shown = np.linspace(0.0, 2 * np.pi, 97), offsets[rows] * unit.factor
-    ring = (radius or 0.0) * unit.factor * np.array([np.cos(around), np.sin(around)])
+    shown, ring = offsets[rows] * unit.factor, (radius or 0.0) * unit.factor * CIRCLE
     panels = [
         Panel(
             [Axis(f"{'xyz'[k]}, {unit.name}", -limit, limit) for k in plane],
@@ -544,10 +543,9 @@ def _cloud(document: Document, visits: Document) -> Chart:
             ("visit", "x", "y", "z"),
             [
                 [f"{i + 1}" if cycles is None else f"cycle {cycles[i]}", *map(unit.text, offsets[i])]
-                for i in map(int, rows[:_LISTED_VISITS])
+                for i in map(int, rows[:listed])
             ],
-            note=f"{_LISTED_VISITS} of {len(offsets)} visits; the JSON result has all of them."
-            * (len(offsets) > _LISTED_VISITS),
+            note=f"{listed} of {len(offsets)} visits; the JSON result has all of them." * (len(offsets) > listed),
         ),
         (4.9, 2.9),
         columns=2,
@@ -569,9 +567,18 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         if knee is not None
         else "Ten more poses still reduce it by more than 10 %."
     )
-    n = numbers(point["n_poses"] for point in points)
     series = [
-        Series((n, unit.factor * numbers(own[key] for own in points)), role, label, marker=marker, line=line, size=3.4)
+        Series(
+            (
+                numbers(point["n_poses"] for point in points),
+                unit.factor * numbers(point[key] for point in points),
+            ),
+            role,
+            label,
+            marker=marker,
+            line=line,
+            size=3.4,
+        )
         for key, label, role, line, marker in (
             ("total_rms_m", "with repeatability", "nominal", "-", "s"),
             ("random_rms_m", "random poses", "before", "--", "^"),
@@ -583,14 +590,21 @@ def expected_accuracy_charts(document: Document) -> Iterator[Chart]:
         at_plan = f" The plan of {planned['n_poses']} poses has {unit.text(planned['rms_m'])}."
         here = ([planned["n_poses"]], [planned["rms_m"] * unit.factor])
         series.append(Series(here, "ink", "this plan", marker="o", size=8, hollow=True))
-    rules = [] if knee is None else [(knee, f"knee, {knee} poses")]
     yield Chart(
         "expected-accuracy",
         "Predicted error over the number of poses",
         f"Predicted rms position error of the calibrated model over the task, for planned and random poses.{at_plan}"
         f" The upper line adds what no fit removes: repeatability and unexplained error. {ending}",
         f"Predicted error in {unit.name} over the number of poses, planned below random; knee at {knee or 'none'}",
-        [Panel((Axis("number of poses", rules=rules), Axis(f"predicted error, {unit.name}", 0)), series)],
+        [
+            Panel(
+                (
+                    Axis("number of poses", rules=[] if knee is None else [(knee, f"knee, {knee} poses")]),
+                    Axis(f"predicted error, {unit.name}", 0),
+                ),
+                series,
+            )
+        ],
         Grid(
             ("poses", "rms", "random poses, rms", "worst", "with repeatability, rms"),
             [
@@ -607,31 +621,14 @@ def detection_limit_charts(document: Document) -> Iterator[Chart]:
     """Return the chart of the effects that a trace of planned poses can find, the likeliest first."""
     families = sorted(effect_families(document), key=lambda family: -family.power)
     detectable = [family for family in families if family.known]
-    sure = sum(family.power >= 0.5 for family in families)
-    rows = [
-        (
-            family.name,
-            *(f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)),
-            family.entries[0]["unit"],
-            f"{family.entries[0]['usual_size']:.1e}",
-            f"{100 * family.power:.0f} %",
-        )
-        for family in families
-    ]
-    looks: dict[str, Any] = {"marker": "o", "line": "-", "size": 4, "width": 1.6}
-    series = [
-        Series((ends / family.entries[0]["usual_size"], [place] * 2), role, hollow=role == "before", **looks)
-        for place, family in enumerate(detectable)
-        for ends in [numbers(family.known[end]["limit"] for end in (0, -1))]
-        for role in ["after" if family.power >= 0.5 else "before"]
-    ]
     if families:
         yield Chart(
             "detection-limits",
             "Detection limits",
             "Size of each effect that a trace of these poses finds with probability 1/2, over its usual size; a line "
             "joins the most and the least visible joint. Left of 1, the usual size is found. "
-            f"{sure} of {len(families)} effects are found at their usual size with a mean probability of at least 1/2.",
+            f"{sum(family.power >= 0.5 for family in families)} of {len(families)} effects are found at their usual "
+            "size with a mean probability of at least 1/2.",
             f"Ranges of detection limits over usual sizes for {len(detectable)} effects, logarithmic",
             [
                 Panel(
@@ -639,10 +636,34 @@ def detection_limit_charts(document: Document) -> Iterator[Chart]:
                         Axis("detection limit over the usual size", is_log=True, rules=[(1.0, "usual size")]),
                         Axis("", names=[family.name for family in detectable]),
                     ),
-                    series,
+                    [
+                        Series(
+                            (ends / family.entries[0]["usual_size"], [place] * 2),
+                            "after" if family.power >= 0.5 else "before",
+                            marker="o",
+                            line="-",
+                            size=4,
+                            width=1.6,
+                            hollow=family.power < 0.5,
+                        )
+                        for place, family in enumerate(detectable)
+                        for ends in [numbers(family.known[end]["limit"] for end in (0, -1))]
+                    ],
                 )
             ],
-            Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+            Grid(
+                ("effect", "lowest limit", "highest", "unit", "usual size", "mean power"),
+                [
+                    (
+                        family.name,
+                        *(f"{family.known[end]['limit']:.1e}" if family.known else "–" for end in (0, -1)),
+                        family.entries[0]["unit"],
+                        f"{family.entries[0]['usual_size']:.1e}",
+                        f"{100 * family.power:.0f} %",
+                    )
+                    for family in families
+                ],
+            ),
             (4.9, 1.0 + 0.24 * max(len(detectable), 3)),
         )
 

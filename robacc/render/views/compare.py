@@ -66,8 +66,6 @@ _ROUNDING = 1e-12
 _ISO9283 = "iso9283."
 _LISTED = ("rms", "mean_error", "p95")
 """Statistics whose differences a text lists for more than two results; the page and the JSON result have all."""
-_MAX_NAME = 24
-"""Largest number of columns for a result's name."""
 
 
 def comparison_headline(document: Document) -> ReportHeadline:
@@ -107,28 +105,34 @@ def comparison_view(document: Document, form: Form = "page") -> list[Section]:
         for name, *_ in QUANTITIES
     }
     methods = ((_label(row["key"]), each["why"] or each["method"]) for row in rows for each in row["differences"])
-    title = f"{len(results)} results compared; baseline: {_short(document['baseline'])}"
-    made = [
-        *(
-            (key, *(str(result["made"].get(key, "–")) for result in results))
-            for key in dict.fromkeys(key for result in results for key in result["made"])
-        ),
-        ("SHA-256", *(result["sha256"] for result in results)),
-    ]
-    table = Grid(("", *(result["name"] for result in results)), made, is_text=True)
+    made = Grid(
+        ("", *(result["name"] for result in results)),
+        [
+            *(
+                (key, *(str(result["made"].get(key, "–")) for result in results))
+                for key in dict.fromkeys(key for result in results for key in result["made"])
+            ),
+            ("SHA-256", *(result["sha256"] for result in results)),
+        ],
+        is_text=True,
+    )
     return [
-        *([] if complete else [Section(title, [_results(document)])]),
+        Section(
+            f"{len(results)} results compared; baseline: {_short(document['baseline'])}",
+            [] if complete else [_results(document)],
+        ),
         _ranking(document["ranking"]),
         *([] if document["grade"] is None else [_grade(document["grade"])]),
         *(_block(document, heading, group, complete) for heading, group in groups.items() if group),
         Section("Differences", [Listing(named_by_text(methods))]),
         Section("Limitations", [Listing(() if complete else document["notes"])]),
-        Section("Compared results", [_results(document), table] if complete else []),
+        Section("Compared results", [_results(document), made] if complete else []),
     ]
 
 
 def _short(name: str) -> str:
-    return name if len(name) <= _MAX_NAME else f"{name[: _MAX_NAME - 1]}…"
+    """Return a result's name in at most 24 columns."""
+    return name if len(name) <= 24 else f"{name[:23]}…"
 
 
 def _results(document: Document) -> Grid:
@@ -146,9 +150,8 @@ def _results(document: Document) -> Grid:
 
 
 def _ranking(ranking: Document) -> Section:
-    key, unit, order = ranking["by"], ranking["unit"], ranking["order"]
-    is_iso, stage = key.startswith(_ISO9283), _stage(key)
-    of_quantity = "" if is_iso else f" of the {key.split('.')[-2]} error"
+    key, unit, order, stage = ranking["by"], ranking["unit"], ranking["order"], _stage(ranking["by"])
+    of_quantity = "" if key.startswith(_ISO9283) else f" of the {key.split('.')[-2]} error"
     pairs = {
         (pair["better"], pair["worse"]): (_difference(pair["difference"], unit)[0], p_value(pair["p_corrected"]))
         for pair in ranking["pairs"]
@@ -162,12 +165,12 @@ def _ranking(ranking: Document) -> Section:
         )
         for entry, following in zip(order, [*order[1:], {"name": ""}], strict=True)
     ]
-    is_grouped = any(entry["letters"] for entry in order)
+    group = "group" * any(entry["letters"] for entry in order)
     of_stage = "" if stage is None else f" ({stage})"
     return Section(
         f"Ranking by {_label(key)}{of_quantity}{of_stage}, {unit_of(unit).name}",
         [
-            Grid(("", "", "group" if is_grouped else "", "difference to the next", "p, corrected for pairs"), rows),
+            Grid(("", "", group, "difference to the next", "p, corrected for pairs"), rows),
             Listing(ranking["text"]),
         ],
     )
@@ -175,40 +178,45 @@ def _ranking(ranking: Document) -> Section:
 
 def _grade(grade: Document) -> Section:
     results = grade["results"]
-    rows = [
-        (
-            _short(each["name"]),
-            _VERDICTS[each["verdict"]],
-            each["grade"],
-            "–" if each["probability"] is None else chance(each["probability"]),
-            *(
-                f"{_amount(each[f'{name}_{unit}'], unit)}{'' if bound is None else f' ({_amount(bound, unit)})'}"
-                for name, unit, *_ in QUANTITIES
-                for bound in [each[f"{name}_upper_bound_{unit}"]]
-            ),
-        )
-        for each in results
-    ]
-    reasons = [f"{each['name']}: {each['why']}" for each in results if each["why"]]
-    later = [
-        f"{each['name']}: if the estimate does not change, {each['poses_to_demonstrate']} poses in total would "
-        "probably confirm it"
-        for each in results
-        if each["poses_to_demonstrate"] is not None
-    ]
     return Section(
         f"Grade {grade['wanted']} (scale: {grade['scale']})",
         [
-            Grid(("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °"), rows),
-            Listing(reasons + later),
+            Grid(
+                ("", "", "grade", "probability", "position (bound), mm", "orientation (bound), °"),
+                [
+                    (
+                        _short(each["name"]),
+                        _VERDICTS[each["verdict"]],
+                        each["grade"],
+                        "–" if each["probability"] is None else chance(each["probability"]),
+                        *(
+                            f"{_amount(each[f'{name}_{unit}'], unit)}"
+                            f"{'' if bound is None else f' ({_amount(bound, unit)})'}"
+                            for name, unit, *_ in QUANTITIES
+                            for bound in [each[f"{name}_upper_bound_{unit}"]]
+                        ),
+                    )
+                    for each in results
+                ],
+            ),
+            Listing(
+                [
+                    *(f"{each['name']}: {each['why']}" for each in results if each["why"]),
+                    *(
+                        f"{each['name']}: if the estimate does not change, {each['poses_to_demonstrate']} poses in "
+                        "total would probably confirm it"
+                        for each in results
+                        if each["poses_to_demonstrate"] is not None
+                    ),
+                ]
+            ),
         ],
     )
 
 
 def _block(document: Document, title: str, rows: Sequence[Document], complete: bool) -> Section:
     """Return the tables of related statistics; few results stand in columns, many in rows."""
-    unit = rows[0]["unit"]
-    names = [_short(result["name"]) for result in document["results"]]
+    unit, names = rows[0]["unit"], [_short(result["name"]) for result in document["results"]]
     title, interval_head = f"{title}, {unit_of(unit).name}", percent(document["confidence"])
     labels = [_stage(row["key"]) or _label(row["key"]) for row in rows]
     figures = [[_amount(figure["value"], unit) for figure in row["values"]] for row in rows]
@@ -361,8 +369,8 @@ _HEADER = ("criterion", "key", "value", "limit", "bounds", "margin", "conforms")
 def title(gate: Document) -> str:
     """Return the gate's name and outcome, and the number of criteria with each outcome."""
     outcomes = [criterion["outcome"] for criterion in gate["criteria"]]
-    counts = [f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes]
-    return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({', '.join(counts)})"
+    counts = ", ".join(f"{outcomes.count(kind)} {look.label}" for kind, look in LOOKS.items() if kind in outcomes)
+    return f"Gate {gate['name']}: {LOOKS[gate['outcome']].label.upper()} ({counts})"
 
 
 def words_of(criterion: Document) -> dict[str, str]:
@@ -386,32 +394,38 @@ def words_of(criterion: Document) -> dict[str, str]:
             limit = f"no {'less' if is_least else 'more'} than in {file}"
         elif baseline:
             # A limit on a difference has a sign and a direction.
-            extent = "most" if (given > 0.0) != is_least else "least"
-            limit = f"at {extent} {size} {'more' if given > 0.0 else 'less'} than in {file}"
+            limit = (
+                f"at {'most' if (given > 0.0) != is_least else 'least'} {size} "
+                f"{'more' if given > 0.0 else 'less'} than in {file}"
+            )
     shown = unit.text(value) if isinstance(value, int | float) else value or "missing"
     if isinstance(value, int | float) and before is not None:
         relation = "same as" if value == 0.0 else f"{unit.text(abs(value))} {'more' if value > 0.0 else 'less'} than"
         shown = f"{unit.text(value + before)}, {relation} the {unit.text(before)} in {file}"
     bounds, ends = "", (criterion["lower_bound"], criterion["upper_bound"])
     if criterion["rule"] != "simple" and criterion["share"] is None and ends != (None, None):
-        of = "" if before is None else " for the difference"
         bounds = (
-            f"{' to '.join(map(unit.text, ends))}{of}, each bound at {100 * criterion['confidence']:g} % confidence"
+            f"{' to '.join(map(unit.text, ends))}{' for the difference' * (before is not None)}, each bound at "
+            f"{100 * criterion['confidence']:g} % confidence"
         )
     chance, probability = "", criterion["conformity_probability"]
     if probability is not None:
-        percent = 100.0 * probability
-        chance = "> 99.9 %" if percent > 99.9 else "< 0.1 %" if percent < 0.1 else f"{percent:.1f} %"
+        chance = (
+            "> 99.9 %" if probability > 0.999 else "< 0.1 %" if probability < 0.001 else f"{100 * probability:.1f} %"
+        )
     decided, needed, if_true = "", criterion["poses_to_decide"], criterion["poses_to_decide_if_value_is_true"]
     if criterion["outcome"] == "inconclusive" and needed is not None:
         # ISO 9283 results count visits of a few commanded poses.
-        counted = "visits" if criterion["key"].startswith("iso9283.") else "poses"
-        decided = f"{needed} {counted} in total would decide it with a probability of {100 * ASSURANCE:.0f} %"
+        decided = (
+            f"{needed} {'visits' if criterion['key'].startswith('iso9283.') else 'poses'} in total would decide it "
+            f"with a probability of {100 * ASSURANCE:.0f} %"
+        )
         decided += f", {if_true} if the measured value is the true one" * (if_true not in (None, needed))
     elif criterion["outcome"] == "inconclusive" and if_true is None and criterion["why"] is None:
         # The distance to the limit is unknown without bounds or without a number of poses.
-        is_known = criterion["n_poses"] is not None
-        decided = "the value is too close to the limit for any number of poses to decide" * is_known
+        decided = "the value is too close to the limit for any number of poses to decide" * (
+            criterion["n_poses"] is not None
+        )
     label, reasons = LOOKS[criterion["outcome"]].label, [as_options(criterion["why"] or ""), decided]
     parts = (
         f"{criterion['key']} {shown}{f' ({bounds})' * bool(bounds)}, expected {limit}",
@@ -420,25 +434,18 @@ def words_of(criterion: Document) -> dict[str, str]:
         *reasons,
     )
     sentence = "; ".join(filter(None, parts))
-    cells = (
-        criterion["name"],
-        criterion["key"],
-        shown,
-        limit,
-        bounds or "–",
-        unit.text(criterion["margin"]),
-        chance or "–",
-    )
     return {
-        **dict(zip(_HEADER, cells, strict=True)),
+        "criterion": criterion["name"],
+        "key": criterion["key"],
+        "value": shown,
+        "limit": limit,
+        "bounds": bounds or "–",
+        "margin": unit.text(criterion["margin"]),
+        "conforms": chance or "–",
         "sentence": sentence,
         "said": f"{label}: {sentence}",
         "explained": f"{'; '.join(filter(None, (label, *reasons)))}. Reason: {criterion['reason']}",
     }
-
-
-_INDENT = 15
-"""Columns: the longest outcome and two spaces."""
 
 
 def say_gate(gate: Document) -> None:
@@ -452,12 +459,13 @@ def say_gate(gate: Document) -> None:
 
 def gate_view(gate: Document) -> list[Section]:
     """Return the outcome of the gate and of each criterion as text."""
-    indent = " " * _INDENT
+    # The longest outcome and two spaces.
+    indent = " " * 15
     return [
         Section(title(gate), style=LOOKS[gate["outcome"]].style),
         *(
             Section(
-                f"{look.label:<{_INDENT}}{own['name']}",
+                f"{look.label:<{len(indent)}}{own['name']}",
                 [Text(indent + words_of(own)["sentence"]), Text(f"{indent}Reason: {own['reason']}", is_note=True)],
                 look.style,
             )
@@ -469,10 +477,10 @@ def gate_view(gate: Document) -> list[Section]:
 
 def check_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``check``."""
-    gate, command = document["gate"], document["result"]["command"]
+    gate = document["gate"]
     return ReportHeadline(
         f"Check against {gate['name']}",
-        f"The result of robacc {command} passes {passed(gate)} of the gate {gate['name']}.",
+        f"The result of robacc {document['result']['command']} passes {passed(gate)} of the gate {gate['name']}.",
         (),
     )
 
@@ -485,10 +493,16 @@ def passed(gate: Document) -> str:
 def gate_section(gate: Document) -> Section:
     """Return each criterion with outcome, value, limit and bounds, and the reasons."""
     criteria = [(own["name"], LOOKS[own["outcome"]].label, words_of(own)) for own in gate["criteria"]]
-    rows = [(name, label, *(words[head] for head in _HEADER[1:])) for name, label, words in criteria]
-    reasons = Listing([f"{name}: {words['explained']}" for name, _, words in criteria])
     return Section(
-        title(gate), [Grid((_HEADER[0], "outcome", *_HEADER[1:]), rows), reasons, Listing(gate["warnings"], "warning")]
+        title(gate),
+        [
+            Grid(
+                (_HEADER[0], "outcome", *_HEADER[1:]),
+                [(name, label, *(words[head] for head in _HEADER[1:])) for name, label, words in criteria],
+            ),
+            Listing([f"{name}: {words['explained']}" for name, _, words in criteria]),
+            Listing(gate["warnings"], "warning"),
+        ],
     )
 
 
@@ -587,13 +601,6 @@ def annotation_lines(entries: Iterable[tuple[str, str, str]]) -> str:
 # Several files in one table: one line per file, in the order given.
 
 
-_FIT_HEADS = {
-    "calibrate": ("nominal, registered", "calibrated", None),
-    "trace": ("nominal, registered", "after", "findings"),
-}
-"""Columns of the table of several files, by command."""
-
-
 def many_view(
     command: str, outcomes: Sequence[FileOutcome], robot: str | None, aligned: Sequence[str] | None
 ) -> list[Section]:
@@ -602,10 +609,9 @@ def many_view(
     alignment = "registered where the frames do not agree" if aligned is None else alignment
     turn = "rms, °" if any((own.summary or {}).get("rms_rad") is not None for own in outcomes) else None
     gate = "gate" if any(own.gate is not None for own in outcomes) else None
-    is_fit = command != "estimate"
 
     def cells(done: Mapping[str, Any]) -> tuple[str, ...]:
-        if is_fit:
+        if command != "estimate":
             return (*(three_digits(done[key] * IN_MM) for key in ("before_m", "after_m")), done["findings"])
         return (
             *(three_digits(done[key] * IN_MM) for key in ("rms_m", "p95_m", "max_m")),
@@ -632,8 +638,11 @@ def many_view(
         if criterion["outcome"] != "pass"
     ]
     failed = [f"{outcome.name}, {_reason(outcome)}" for outcome in outcomes if outcome.failed]
-    of_figures = ("rms", "95th pct.", "max", turn, "grade", "confirmed")
-    heads = ("position error, mm", "poses", *(_FIT_HEADS[command] if is_fit else of_figures), gate)
+    heads = {
+        "estimate": ("rms", "95th pct.", "max", turn, "grade", "confirmed"),
+        "calibrate": ("nominal, registered", "calibrated", None),
+        "trace": ("nominal, registered", "after", "findings"),
+    }[command]
     made = {
         "estimate": f"Pose errors in {len(outcomes)} files, {alignment}",
         "calibrate": f"Calibration of {len(outcomes)} files, rms of held-out poses",
@@ -644,7 +653,7 @@ def many_view(
             made[command],
             [Text(f"against {'their cmd_ columns' if robot is None else f'the model {robot}'}", wraps=False)],
         ),
-        Section("", [grid(heads, rows)]),
+        Section("", [grid(("position error, mm", "poses", *heads, gate), rows)]),
         Section(
             "",
             [Listing([*notes, *failed, f"{len(failed)} of {len(outcomes)} files have no result" * bool(failed)])],
@@ -657,8 +666,8 @@ def _reason(outcome: FileOutcome) -> str:
     first = outcome.problems[0]
     counted = next((f"{name} {number}" for name, number in (("line", first.line), ("row", first.row)) if number), "")
     place = ", ".join(part for part in (counted, first.column) if part)
-    others = f" (and {outcome.n_problems - 1} more)" if outcome.n_problems > 1 else ""
-    return f"failed: {f'{place}: ' if place else ''}{as_options(first.message)}{others}"
+    others = f" (and {outcome.n_problems - 1} more)" * (outcome.n_problems > 1)
+    return f"failed: {f'{place}: ' * bool(place)}{as_options(first.message)}{others}"
 
 
 def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
@@ -670,17 +679,22 @@ def many_annotations(command: str, outcomes: Sequence[FileOutcome]) -> str:
         if done is None:
             entries.append(("error", head, _reason(outcome)))
             continue
-        sizes = ("rms_m", "p95_m", "max_m", "before_m", "after_m")
-        names = ("rms", "95th pct.", "max", "rms before", "rms after")
-        figures = [f"{name} {with_unit(done[key])}" for name, key in zip(names, sizes, strict=True) if key in done]
+        figures = [
+            f"{name} {with_unit(done[f'{key}_m'])}"
+            for name, key in (
+                ("rms", "rms"),
+                ("95th pct.", "p95"),
+                ("max", "max"),
+                ("rms before", "before"),
+                ("rms after", "after"),
+            )
+            if f"{key}_m" in done
+        ]
         if command == "estimate":
             figures.append(f"grade {done['grade']}, {'confirmed' if done['demonstrated'] else 'not confirmed'}")
-        parts = (
-            f"{done['n_poses']} poses",
-            *figures,
-            *([] if outcome.gate is None else [title(outcome.gate)]),
-        )
-        entries.append(({4: "error", 5: "warning"}.get(outcome.exit_status, "notice"), head, "; ".join(parts)))
+        figures += [] if outcome.gate is None else [title(outcome.gate)]
+        level = {4: "error", 5: "warning"}.get(outcome.exit_status, "notice")
+        entries.append((level, head, "; ".join((f"{done['n_poses']} poses", *figures))))
     return annotation_lines(entries)
 
 

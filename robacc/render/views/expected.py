@@ -59,18 +59,17 @@ _NOISE_SOURCES = {
 
 def predict_headline(document: Document) -> ReportHeadline:
     """Return the headline of a result of ``predict``."""
-    position, grade, worst = document["position"], document["grade"], document["position"]["worst"]
-    rms, p95, coverage = amount(position["rms_m"]), amount(position["p95_m"]), document["coverage"] or {}
-    shares = [f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)]
-    largest = [
+    position, grade, coverage = document["position"], document["grade"], document["coverage"] or {}
+    rms, p95, worst = amount(position["rms_m"]), amount(position["p95_m"]), position["worst"]
+    largest = "".join(
         f" The largest share of the variance, {100 * first['share_position']:.0f} %, is from {first['parameter']}."
         for first in document["budget"][:1]
-    ]
+    )
     return ReportHeadline(
         f"Predicted accuracy{of_robot(document)}",
         f"{'The tolerances give' if document['tolerances']['parameters'] else 'The fit of the model gives'} an "
         f"expected position error of {rms} rms over robots and poses, 95 % of the errors within {p95}: grade "
-        f"{grade['grade']}.{''.join(largest)}",
+        f"{grade['grade']}.{largest}",
         [
             Tile("position, rms", rms, "over robots and poses"),
             Tile("position, 95th percentile", p95, "over robots and poses"),
@@ -81,7 +80,12 @@ def predict_headline(document: Document) -> ReportHeadline:
             ("Configurations", document["configurations"]),
             ("Grade", f"{grade['grade']}, expected, on the scale {grade['scale']}"),
             ("Compared with measured poses", (document["against"] or {}).get("verdict", "").replace("_", " ")),
-            ("Measured poses within their 95 % bound", ", ".join(shares)),
+            (
+                "Measured poses within their 95 % bound",
+                ", ".join(
+                    f"{name} {_percent(coverage[name]['share'])}" for name, *_ in QUANTITIES if coverage.get(name)
+                ),
+            ),
         ],
     )
 
@@ -93,14 +97,14 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
     """
     parameters, grade, is_page = document["tolerances"]["parameters"], document["grade"], form == "page"
     origin = f"{len(parameters)} tolerances" if parameters else "the fit of its model"
-    opening = [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])]
-    limited = f"; limited by {' and '.join(grade['limited_by'])}" if grade["limited_by"] else ""
+    limited = f"; limited by {' and '.join(grade['limited_by'])}" * bool(grade["limited_by"])
     shares = ", ".join(f"{name} {_percent(share)}" for name, share in grade["share_of_poses_meeting"].items())
-    graded = [
-        f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
-        f"share of poses that meet each grade individually: {shares}",
-    ]
-    allocation, against, coverage = (document[key] for key in ("allocation", "against", "coverage"))
+    graded = Listing(
+        [
+            f"criterion: {_CRITERIA[grade['statistic']]}, over robots and poses{limited}",
+            f"share of poses that meet each grade individually: {shares}",
+        ]
+    )
     names = [f"share_{name}" for name, *_ in QUANTITIES]
     # Scatter that the fit did not separate and poses within its ranges have no share of their own.
     budget = sorted(
@@ -122,14 +126,19 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
         *(Section("", [_budget(label, "name", document[f"budget_by_{label}"])]) for label in ("joint", "kind")),
     ]
     return [
-        *([] if is_page else [Section(f"Expected accuracy{of_robot(document)}, from {origin}", opening)]),
-        Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [Listing(graded)]),
+        Section(
+            f"Expected accuracy{of_robot(document)}, from {origin}",
+            []
+            if is_page
+            else [Text(f"at {document['configurations']}", wraps=False), Text(document["tolerances"]["meaning"])],
+        ),
+        Section(f"Grade {grade['grade']} predicted (scale: {grade['scale']})", [graded]),
         Section("Predicted error", _errors(document)),
         Section("Worst pose", [Listing([_worst(document, name, unit) for name, unit, *_ in QUANTITIES])]),
         *([] if is_page else budgets),
-        *([] if allocation is None else [_allocation(allocation, grade["statistic"])]),
-        *([] if against is None else _against(against, source)),
-        *([] if coverage is None else [_coverage(coverage)]),
+        *([] if document["allocation"] is None else [_allocation(document["allocation"], grade["statistic"])]),
+        *([] if document["against"] is None else _against(document["against"], source)),
+        *([] if document["coverage"] is None else [_coverage(document["coverage"])]),
         Section("Limitations", [Listing(() if is_page else document["notes"])]),
     ]
 
@@ -214,17 +223,16 @@ def _allocation(allocation: Document, statistic: str) -> Section:
     ]
     verified = ((allocation["verified"][name].get(f"{statistic}_{unit}"), unit) for name, unit, *_ in QUANTITIES)
     sizes = ", ".join(str(with_unit(value, unit)) for value, unit in verified if value is not None)
-    text = (
-        f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
-        f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
-        f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
-    )
     return Section(
         title,
         [
             Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows),
             Text(f"the other {len(tolerances) - len(rows)} tolerances need no change"),
-            Text(text),
+            Text(
+                f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
+                f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "
+                f"1/tolerance. With one factor for all tolerances, this factor is {allocation['uniform_factor']:.3f}."
+            ),
         ],
     )
 
@@ -254,13 +262,6 @@ def _against(comparison: Document, source: str) -> list[Section]:
         )
         if (test := comparison["normalised_squared_error"][key]) is not None
     ]
-    scaled = [
-        "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances times "
-        f"{three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, {p_value(scaled['p_value'])}, from "
-        f"{scaled['draws']} simulated data sets."
-        for scaled in [comparison["likelihood_ratio"]]
-        if scaled is not None
-    ]
     rows = [
         (
             part["name"],
@@ -278,7 +279,6 @@ def _against(comparison: Document, source: str) -> list[Section]:
         ]
     ]
     heads = ("kind", "", "predicted", "estimated", percent(components["confidence"]), "ratio", "dof")
-    dof = "dof: effective number of independent parameter errors in the estimate"
     return [
         Section(
             f"Compared with {comparison['n_poses']} measured poses{' of ' * bool(source)}{source}",
@@ -287,12 +287,28 @@ def _against(comparison: Document, source: str) -> list[Section]:
                 Text(f"measured, {registered}"),
                 Grid(("", "rms error", "noise per axis (sd)", ""), sizes),
                 Grid(("normalised squared error", "measured", "expected, 95 %", ""), tests),
-                *map(Text, scaled),
+                *(
+                    Text(
+                        "Likelihood ratio of the predicted covariance against the best scaled one (all tolerances "
+                        f"times {three_digits(scaled['factor'])}): {three_digits(scaled['statistic'])}, "
+                        f"{p_value(scaled['p_value'])}, from {scaled['draws']} simulated data sets."
+                    )
+                    for scaled in [comparison["likelihood_ratio"]]
+                    if scaled is not None
+                ),
             ],
         ),
         Section(
             "Variance components (one standard deviation)",
-            [Grid(heads, rows), Listing([dof * bool(rows), *components["notes"]])],
+            [
+                Grid(heads, rows),
+                Listing(
+                    [
+                        "dof: effective number of independent parameter errors in the estimate" * bool(rows),
+                        *components["notes"],
+                    ]
+                ),
+            ],
         ),
         Section("Limits of data from one robot", [Text(comparison["one_draw"])]),
     ]
@@ -302,7 +318,6 @@ def _coverage(coverage: Document) -> Section:
     """Return the measured poses within the bounds of a model."""
     parts = {name: coverage[name] for name, *_ in QUANTITIES if coverage.get(name) is not None}
     sources = " and ".join(dict.fromkeys(_NOISE_SOURCES[part["noise_source"]] for part in parts.values()))
-    halves = f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the other"
     return Section(
         f"Measured poses within the {100 * coverage['probability']:g} % bound of their error",
         [
@@ -310,7 +325,13 @@ def _coverage(coverage: Document) -> Section:
                 ("", "poses", "share"),
                 [(name, f"{p['n_inside']} of {p['n_poses']}", _percent(p["share"])) for name, p in parts.items()],
             ),
-            Listing([f"the bound contains the measurement noise, {sources}", halves * bool(coverage["registered"])]),
+            Listing(
+                [
+                    f"the bound contains the measurement noise, {sources}",
+                    f"{' and '.join(coverage['registered'])} fitted to one half of the poses for the errors of the "
+                    "other" * bool(coverage["registered"]),
+                ]
+            ),
         ],
     )
 
@@ -323,13 +344,6 @@ _PURPOSES = {
     "acceptance": "acceptance",
     "health": "health check",
 }
-_COMMANDS = {
-    "calibrate": ("calibrate", "--fit"),
-    "trace": ("trace", "--declared"),
-    "acceptance": ("estimate", "--gate"),
-    "health": ("health", "--db"),
-}
-"""What evaluates the measured poses, by purpose, and its option for what was planned for."""
 _VISITS = 200
 """Visits that the page lists."""
 
@@ -395,19 +409,54 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
     ``robot`` is the name of the robot's file, ``output`` that of the CSV if it was written.
     """
     purpose, options, is_short = document["purpose"], document.get("options", {}), form == "short"
-    count = f"{document['n_poses']} poses, {document['n_visits']} visits"
-    title = f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {count}"
+    title = (
+        f"Plan for the {_PURPOSES[purpose]} of {document['robot']['name']}: {document['n_poses']} poses, "
+        f"{document['n_visits']} visits"
+    )
     enough, needed, accuracy = (document[key] for key in ("sufficiency", "needed_poses", "accuracy"))
-    excluded = [
-        (each["reason"], str(each["count"]), str(each["alone"]))
-        for each in (() if is_short else document["candidates"]["excluded"])
-    ]
+    excluded = () if is_short else document["candidates"]["excluded"]
     region = "the task" if options.get("task") or options.get("region") else "all poses of the arm"
     sections = [
         Section("Order of the visits" if form == "page" else title, [Listing(_route_facts(document, not is_short))]),
         *([] if enough is None else [_sufficiency(enough, document["n_poses"])]),
-        Section("Feasible poses", [Grid(("candidates excluded by", "count", "by this alone"), excluded)]),
-        *([_needed(needed)] if needed else []),
+        Section(
+            "Feasible poses",
+            [
+                Grid(
+                    ("candidates excluded by", "count", "by this alone"),
+                    [(each["reason"], str(each["count"]), str(each["alone"])) for each in excluded],
+                )
+            ],
+        ),
+        Section(
+            "Poses to decide with a probability of 90 %, by true value in % of the limit",
+            [
+                Grid(
+                    ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in needed[0]["by_ratio"])),
+                    [
+                        (
+                            f"{entry['name']} ({entry['statistic']})",
+                            number(entry["limit_m"], IN_MM),
+                            *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
+                        )
+                        for entry in needed
+                    ],
+                ),
+                Listing(
+                    [
+                        *(
+                            f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
+                            f"{100 * entry['true_over_limit']:.2g} % of the limit"
+                            for entry in needed
+                        ),
+                        "the nearer the true value to the limit, the more poses; `expected` states the value that you "
+                        "expect",
+                    ]
+                ),
+            ]
+            if needed
+            else [],
+        ),
         Section(
             f"Predicted error after the fit, over {region}, mm",
             [] if accuracy is None else _accuracy(document, not is_short),
@@ -417,8 +466,8 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         more = (
             "`full=True` adds the route, excluded poses, other numbers of poses, standard errors and detection limits"
         )
-        ahead = Text(f"next: {_next_step(document, robot, output)}")
-        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), ahead])]
+        ahead = f"next: {_next_step(document, robot, output)}"
+        return [*sections, Section("", [Listing(_found(document["power"])), Text(more, is_note=True), Text(ahead)])]
     most, texts = {"full": 8, "page": 20}[form], _inseparable(document["inseparable"] or ())
     fitted = document["coefficients"] if purpose in ("calibrate", "health") else ()
     missing = ", ".join(each["name"] for each in fitted if each["std"] is None)
@@ -428,10 +477,7 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
         if each["std"] is not None
         for factor, unit in [unit_of(each["unit"])]
     ]
-    pairs = [
-        f"{pair['first']} and {pair['second']} ({pair['value']:+.2f})"
-        for pair in (document["correlations"] if purpose == "calibrate" else ())
-    ]
+    pairs = document["correlations"] if purpose == "calibrate" else ()
     return [
         *sections,
         Section(
@@ -441,7 +487,10 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
                 Text(f"not identifiable: {missing}" * bool(missing), is_note=True),
             ],
         ),
-        Section("Estimates that stay strongly correlated", [Listing(pairs[:most])]),
+        Section(
+            "Estimates that stay strongly correlated",
+            [Listing([f"{p['first']} and {p['second']} ({p['value']:+.2f})" for p in pairs[:most]])],
+        ),
         Section(
             "Effects that a trace of these poses can find",
             [] if document["detection_limits"] is None else _detectability(document, most),
@@ -457,7 +506,13 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
 def _next_step(document: Document, robot: str, output: str | None) -> str:
     """Return what to do with the plan."""
     purpose, file = document["purpose"], output or "PLAN"
-    name, option = _COMMANDS[purpose]
+    # What evaluates the measured poses, and its option for what was planned for.
+    name, option = {
+        "calibrate": ("calibrate", "--fit"),
+        "trace": ("trace", "--declared"),
+        "acceptance": ("estimate", "--gate"),
+        "health": ("health", "--db"),
+    }[purpose]
     planned_for = document.get("options", {}).get("gate") if purpose == "acceptance" else document["fit"]
     planned_for = "FILE" if purpose == "health" else planned_for
     start = "measure the poses" if output else "write the poses (`output=PLAN`), measure them"
@@ -470,12 +525,19 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
 def _sufficiency(sufficiency: Document, n_poses: int) -> Section:
     now, later = (number(sufficiency[key], IN_MM) for key in ("now_m", "later_m"))
     own, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    texts = [
-        sufficiency["why"],
-        f"error to expect: {now} mm rms now, {later} mm with the next poses" * (None not in (now.si, later.si)),
-        f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
-    ]
-    return Section("Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}", [Listing(texts)])
+    return Section(
+        "Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}",
+        [
+            Listing(
+                [
+                    sufficiency["why"],
+                    f"error to expect: {now} mm rms now, {later} mm with the next poses"
+                    * (None not in (now.si, later.si)),
+                    f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
+                ]
+            )
+        ],
+    )
 
 
 def _route_facts(document: Document, full: bool) -> list[str]:
@@ -488,7 +550,6 @@ def _route_facts(document: Document, full: bool) -> list[str]:
     instrument, joints = (three_digits(noise[key] * IN_MM) for key in ("position_m", "repeatability_m"))
     turn, ask = noise["orientation_rad"], "; `noise` and `repeatability` state yours" * ("typical" in noise["source"])
     orientation = "" if turn is None else f", {turn * IN_DEGREES:.3g}° about each axis"
-    least = min([*route["rarer_direction_share"]], default=0.0)
     collisions = "collisions of the links not checked: check every pose before you send it"
     if (checked := document["collisions"]) is not None:
         pairs = ", ".join(" and ".join(pair) for pair in checked["overlapping"])
@@ -504,7 +565,7 @@ def _route_facts(document: Document, full: bool) -> list[str]:
         f"({noise['source']}{ask})",
         f"route: {passes} pass{'es' * (passes > 1)} through the poses; its moves add up to {route['length']:.1f} times "
         f"the range of a joint ({route['random_length']:.1f} in a random order); each joint is approached from its "
-        f"rarer direction in at least {100 * least:.0f} % of its moves"
+        f"rarer direction in at least {100 * min(route['rarer_direction_share'], default=0.0):.0f} % of its moves"
         if full
         else "",
         collisions,
@@ -519,41 +580,16 @@ def _route_facts(document: Document, full: bool) -> list[str]:
 def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
     """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
     used = [block["payload_kg"] for block in blocks]
-    texts = [
-        f"{block['payload_kg']:g} kg (visits {first} to {first + block['n_visits'] - 1}, {block['n_poses']} poses)"
-        for block in blocks
-        for first in [block["first_visit"]]
-    ]
-    return ", ".join([*texts, *(f"none with {payload:g} kg" for payload in payloads if payload not in used)])
-
-
-def _needed(entries: Sequence[Document]) -> Section:
-    return Section(
-        "Poses to decide with a probability of 90 %, by true value in % of the limit",
+    return ", ".join(
         [
-            Grid(
-                ("limit", "mm", *(f"{100 * each['true_over_limit']:.0f} %" for each in entries[0]["by_ratio"])),
-                [
-                    (
-                        f"{entry['name']} ({entry['statistic']})",
-                        number(entry["limit_m"], IN_MM),
-                        *("–" if each["n_poses"] is None else str(each["n_poses"]) for each in entry["by_ratio"]),
-                    )
-                    for entry in entries
-                ],
+            *(
+                f"{block['payload_kg']:g} kg (visits {first} to {first + block['n_visits'] - 1}, {block['n_poses']} "
+                "poses)"
+                for block in blocks
+                for first in [block["first_visit"]]
             ),
-            Listing(
-                [
-                    *(
-                        f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
-                        f"{100 * entry['true_over_limit']:.2g} % of the limit"
-                        for entry in entries
-                    ),
-                    "the nearer the true value to the limit, the more poses; `expected` states the value that you "
-                    "expect",
-                ]
-            ),
-        ],
+            *(f"none with {payload:g} kg" for payload in payloads if payload not in used),
+        ]
     )
 
 
@@ -580,24 +616,21 @@ def _accuracy(document: Document, is_curve: bool) -> list[Block]:
             + f"; if there is time, the other {spare} are a reserve for failed measurements and for checking the fit"
             * (spare > 0)
         )
-    meaning = (
-        "to expect: error of the arm with the fitted model, repeatability included; model: without repeatability, also "
-        "at its worst pose and fitted to random poses"
-    )
     heads = ("to expect, rms", "model, rms", "model, worst", "model, random", "remark")
     return [
         Grid(("more poses" if is_addition else "poses", *heads), rows),
-        Listing([meaning, advice * (planned is None or not is_addition)]),
+        Listing(
+            [
+                "to expect: error of the arm with the fitted model, repeatability included; model: without "
+                "repeatability, also at its worst pose and fitted to random poses",
+                advice * (planned is None or not is_addition),
+            ]
+        ),
     ]
 
 
 def _detectability(document: Document, most: int) -> list[Block]:
     families, untested = effect_families(document), document["not_testable"] or {}
-    rows = [
-        (*family.cells(), f"{unit_of(first['unit']).factor * first['usual_size']:.1e}", fixed(family.power, 2))
-        for family in families
-        for first in family.known[:1]
-    ]
     hidden = dict.fromkeys(
         effect_label(family.name, each["joints"], {})
         for family in families
@@ -607,7 +640,14 @@ def _detectability(document: Document, most: int) -> list[Block]:
     more = f" and {len(hidden) - most} more" * (len(hidden) > most)
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
     return [
-        Grid(("effect", "lowest limit", "highest", "unit", "usual size", "mean power"), rows),
+        Grid(
+            ("effect", "lowest limit", "highest", "unit", "usual size", "mean power"),
+            [
+                (*family.cells(), f"{unit_of(first['unit']).factor * first['usual_size']:.1e}", fixed(family.power, 2))
+                for family in families
+                for first in family.known[:1]
+            ],
+        ),
         Listing(
             [
                 *_found(document["power"]),
@@ -661,10 +701,12 @@ def _visits(document: Document) -> Section:
         )
         for i, q in enumerate(visits["q"][:_VISITS])
     ]
-    heads = ("visit", "pose", "role", None if payloads is None else "payload, kg")
-    names = (f"{joint['name']}, {unit.name}" for joint, unit in zip(joints, units, strict=True))
+    heads = (
+        *("visit", "pose", "role", None if payloads is None else "payload, kg"),
+        *(f"{joint['name']}, {unit.name}" for joint, unit in zip(joints, units, strict=True)),
+    )
     more = f"The first {_VISITS} of {count} visits; the CSV has all of them." * (count > _VISITS)
-    return Section("Visits", [grid((*heads, *names), rows), Text(more)])
+    return Section("Visits", [grid(heads, rows), Text(more)])
 
 
 # A correction: corrections, the errors to expect, and what remains.
@@ -678,8 +720,6 @@ _CAUSES = {
     "too_large": "correction too large",
     "out_of_range": "outside the range of the model",
 }
-_ROWS = 40
-"""Targets that are not corrected and that the page lists."""
 _LEAST = {"position": 1e-3, "orientation": 1e-4}
 """Size in mm or degrees below which the solver's tolerance decides, not the arm."""
 
@@ -713,10 +753,12 @@ def correction_text(parts: Sequence[Document], n_targets: int, names: tuple[str,
         for part in parts
         for name, unit, _, factor in QUANTITIES
     ):
-        what = f"The model is the nominal arm: no command changes, and {output} has those of {targets}."
         ahead = "fit a model to measured poses: robacc calibrate POSES --robot ROBOT --write-model MODEL"
         return [
-            Section(f"Correction of {targets} by {model}: nothing to correct", [Text(what)]),
+            Section(
+                f"Correction of {targets} by {model}: nothing to correct",
+                [Text(f"The model is the nominal arm: no command changes, and {output} has those of {targets}.")],
+            ),
             Section("", [notes, Text(f"next: {ahead}")]),
         ]
     count = f"{sum(part['n_corrected'] for part in parts)} of {n_targets} targets corrected"
@@ -733,10 +775,10 @@ def correction_text(parts: Sequence[Document], n_targets: int, names: tuple[str,
 
 def correction_view(document: Document) -> list[Section]:
     """Return the sections of a page, which lists the targets that are not corrected."""
-    targets = zip(document["targets"]["line"], document["targets"]["reason"], strict=True)
-    rows = [(str(line), reason) for line, reason in targets if reason is not None]
-    more = Text(f"The first {_ROWS} of {len(rows)}." * (len(rows) > _ROWS))
-    table = Grid(("line", "reason"), rows[:_ROWS], is_text=True)
+    targets, most = document["targets"], 40
+    rows = [(str(n), why) for n, why in zip(targets["line"], targets["reason"], strict=True) if why is not None]
+    more = Text(f"The first {most} of {len(rows)}." * (len(rows) > most))
+    table = Grid(("line", "reason"), rows[:most], is_text=True)
     return [*_errors_to_expect(document), Section("Targets not corrected", [table, more])]
 
 
@@ -773,28 +815,35 @@ def _errors_to_expect(document: Document) -> list[Section]:
         f"error before: of the nominal arm in the {frames} of the model; it is smaller in the frames that fit the "
         "nominal arm best, which robacc calibrate and a registered estimate take",
     ]
-    refused = [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()]
     kind = f"{'joint' if document['given'] == 'joints' else 'Cartesian'} target{'s' * (count > 1)}"
-    blocks: list[Block] = [grid(("", "rms, mm", "at most, mm", *turns), rows), Listing(texts)]
     return [
-        Section(f"Errors to expect at {count} corrected {kind}", blocks if count else []),
-        Section("", [Grid(("not corrected, kept as given", "targets"), refused)]),
+        Section(
+            f"Errors to expect at {count} corrected {kind}",
+            [grid(("", "rms, mm", "at most, mm", *turns), rows), Listing(texts)] if count else [],
+        ),
+        Section(
+            "",
+            [
+                Grid(
+                    ("not corrected, kept as given", "targets"),
+                    [(_CAUSES[cause], str(number)) for cause, number in document["refused"].items()],
+                )
+            ],
+        ),
     ]
 
 
 # Table of ``robacc export``, at most 80 columns.
 
-_LEAST_OF_FILE = 1e-4
-"""Smallest error that is shown as a number, mm or degrees: below it, the digits of the file decide."""
-
 
 def export_view(document: Document) -> list[Section]:
     """Return what the file holds, the error that remains in it, and the tool to set."""
-    remaining, tool = document["remaining_error"], document["tool"]
+    # Below it, mm or degrees, the digits of the file decide.
+    remaining, tool, least = document["remaining_error"], document["tool"], 1e-4
     position, turn = (
         "{} rms, {} largest".format(
             *(
-                unit_of(unit).after(f"< {_LEAST_OF_FILE:g}" if size < _LEAST_OF_FILE else three_digits(size))
+                unit_of(unit).after(f"< {least:g}" if size < least else three_digits(size))
                 for size in (factor * remaining[name][f"{key}_{unit}"] for key in ("rms", "max"))
             )
         )
@@ -812,6 +861,6 @@ def export_view(document: Document) -> list[Section]:
         ("tool to set", f"x, y, z {place} mm"),
         ("", f"roll, pitch, yaw {angles}°"),
     ]
-    arm = f" of {document['arm']}" if document["arm"] else ""
+    arm = f" of {document['arm']}" * bool(document["arm"])
     table = Grid(("", ""), [(f"{label:<17}", text) for label, text in rows if text], is_text=True)
     return [Section(f"Export as {document['format']}{arm}", [table])]

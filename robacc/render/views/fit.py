@@ -80,10 +80,6 @@ _PARTS = {
     "pose_m": "error that depends on the pose",
     "wander_m": "wander over time",
 }
-_MORE = {
-    True: "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits",
-    False: "`full=True` adds coefficients, errors before and after, and the quality of the fit",
-}
 _LISTED = 60
 """Coefficients in the table of a text."""
 
@@ -118,7 +114,6 @@ def fit_headline(document: Document) -> ReportHeadline:
     nominal, before, after = (amount(_rms(document, stage)) for stage in ("nominal", "before", "after"))
     is_trace, source = "findings" in document, _NOISE_SOURCES.get(noise["source"], "from the remaining error")
     structured = is_trace and document["unexplained"]["structured"]
-    gains = [document["gain_m"]] if document["gain_m"] is not None and document.get("findings") != [] else []
     # A model changes no arm until it is used.
     arm = (
         f"The arm itself keeps its error of {nominal} rms, base and tool registered, until its controller uses the "
@@ -148,7 +143,8 @@ def fit_headline(document: Document) -> ReportHeadline:
             ),
             *(
                 tile("rms reduction", gain["value"], "m", {**gain, "lower": gain["low"], "upper": gain["high"]})
-                for gain in gains
+                for gain in [document["gain_m"]]
+                if gain is not None and document.get("findings") != []
             ),
         ],
         badges,
@@ -192,9 +188,11 @@ def next_step(document: Document, model: str | None = None) -> str:
     if document.get("next_poses"):
         return "measure the poses that `full=True` lists: they distinguish a finding from its alternative"
     if _is_worth_it(document):
-        start = "" if model else "write the model (`write_model`), then "
-        return f"{start}change the robot's targets: robacc correct TARGETS --model {model or 'MODEL'}"
-    registered = " with base and tool registered" if _nominal(document) == "nominal" else ""
+        return (
+            f"{'' if model else 'write the model (`write_model`), then '}change the robot's targets: robacc correct "
+            f"TARGETS --model {model or 'MODEL'}"
+        )
+    registered = " with base and tool registered" * (_nominal(document) == "nominal")
     return f"nothing to correct: the model is hardly better than the nominal arm{registered}"
 
 
@@ -211,8 +209,9 @@ def fit_view(
     """
     is_trace, declared, start = "findings" in document, document["declared"], f"{document['n_poses']} measured poses"
     if is_trace:
-        is_known, option, verb = document["verdict"] == "clean" and _is_worth_it(document), "declared", "declared"
-        said = "declared effects explain it; nothing else found" if is_known else _VERDICTS[document["verdict"]][2]
+        option, verb, said = "declared", "declared", _VERDICTS[document["verdict"]][2]
+        if document["verdict"] == "clean" and _is_worth_it(document):
+            said = "declared effects explain it; nothing else found"
         title = f"Trace of {start}: {said}"
         parts = [
             Section("Residual", [Text(_residual(document)), Text(document["assumption"] or "")]),
@@ -236,16 +235,27 @@ def fit_view(
             Section("Coefficients", listed if form == "full" else []),
             Section("Quality of the fit", [Listing(_quality(document))]),
         ]
-    default = f" (default; `{option}` changes them)" if declared["by_default"] else ""
-    facts = [
-        f"{verb} effects: {', '.join(declared['effects']) or 'none'}{default}",
-        *(f"{each['effect']} is not {verb}: {each['why']}" for each in declared["left_out"]),
-    ]
-    opening = Section(title, [Text(f"{poses} against the model {robot}", wraps=False), *map(Text, facts)])
+    default = f" (default; `{option}` changes them)" * declared["by_default"]
+    opening = Section(
+        title,
+        [
+            Text(f"{poses} against the model {robot}", wraps=False),
+            Text(f"{verb} effects: {', '.join(declared['effects']) or 'none'}{default}"),
+            *(Text(f"{each['effect']} is not {verb}: {each['why']}") for each in declared["left_out"]),
+        ],
+    )
     if form == "short":
-        ahead = Text(f"next: {next_step(document, model)}")
-        doubts, more = Listing(_doubts(document)), Text(_MORE[is_trace], is_note=True)
-        return [opening, Section("", _causes(document, 6, short=True)), Section("", [doubts, more, ahead])]
+        more = (
+            "`full=True` adds candidates, tests, coefficients, errors before and after, and detection limits"
+            if is_trace
+            else "`full=True` adds coefficients, errors before and after, and the quality of the fit"
+        )
+        ahead = f"next: {next_step(document, model)}"
+        return [
+            opening,
+            Section("", _causes(document, 6, short=True)),
+            Section("", [Listing(_doubts(document)), Text(more, is_note=True), Text(ahead)]),
+        ]
     if form == "full":
         return [opening, Section("Causes", _causes(document, 8)), *parts]
     note = Text(
@@ -351,10 +361,6 @@ def _coefficient(document: Document, cause: Document) -> str:
 
 def _stage_blocks(document: Document) -> list[Block]:
     """Return the errors of each stage, held-out poses first, and the gain with its interval."""
-    figures = [
-        (title, [(label, document[stage].get(pose_set)) for stage, label, _ in fit_stages(document)])
-        for pose_set, title in _POSE_SETS.items()
-    ]
     whose = "rows are of models; the arm itself keeps the error of the first row until its controller uses the model"
     return [
         *(
@@ -362,7 +368,8 @@ def _stage_blocks(document: Document) -> list[Block]:
                 (f"{quantity}, {sign}, {title}", "rms", "mean", "95th pct.", "max"),
                 [(label, *statistics_cells(part[quantity], unit, factor)) for label, part in parts if part[quantity]],
             )
-            for title, parts in figures
+            for pose_set, title in _POSE_SETS.items()
+            for parts in [[(label, document[stage].get(pose_set)) for stage, label, _ in fit_stages(document)]]
             if all(part is not None for _, part in parts)
             for quantity, unit, sign, factor in QUANTITIES
         ),
@@ -519,16 +526,22 @@ def _candidates(document: Document) -> list[Block]:
 
 def _findings(document: Document) -> list[Block]:
     findings, rms = document["findings"], ((document["before"]["held_out"] or {}).get("position") or {}).get("rms_m")
-    harmonics = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
-    shares = (
-        "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes if it "
-        "is added last (shares need not add up to 100 %); ±: one standard error"
-    )
     return [
         Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings)),
         *(block for place, finding in enumerate(findings, 1) for block in _finding(place, finding, rms)),
-        Text(harmonics * any(finding["harmonics"] for finding in findings), is_note=True),
-        Text(shares * bool(findings), is_note=True),
+        Text(
+            "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
+            * any(finding["harmonics"] for finding in findings),
+            is_note=True,
+        ),
+        Text(
+            (
+                "% of the residual: share of the baseline's mean square error on held-out poses that the effect "
+                "removes if it is added last (shares need not add up to 100 %); ±: one standard error"
+            )
+            * bool(findings),
+            is_note=True,
+        ),
         Text(_deflection(document["deflection"])),
         Text(f"undeclared load: {load['statement']}" if (load := document.get("undeclared_load")) else ""),
     ]
@@ -667,7 +680,6 @@ def _detection(document: Document) -> list[Block]:
 
 def _next_poses(document: Document) -> list[Block]:
     units = {joint["name"]: joint_unit(joint) for joint in document["robot"]["joints"]}
-    heads = ("pose", *(f"{name}, {unit.name}" for name, unit in units.items()), "difference, mm")
     return [
         block
         for advice in document["next_poses"]
@@ -675,7 +687,7 @@ def _next_poses(document: Document) -> list[Block]:
         for block in (
             Text(advice["text"]),
             Grid(
-                heads,
+                ("pose", *(f"{name}, {unit.name}" for name, unit in units.items()), "difference, mm"),
                 [
                     (
                         str(place),

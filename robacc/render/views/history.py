@@ -13,8 +13,10 @@ from robacc.render.text import (
     Listing,
     Section,
     Text,
+    amount,
     fixed,
     grid,
+    number,
     p_value,
     three_digits,
     unit_of,
@@ -34,7 +36,7 @@ def added_view(document: Document) -> list[Section]:
     """Return how many results were added."""
     counts = [(document["added"], "result"), (document["n_results"], "result"), (len(document["arms"]), "arm")]
     added, results, arms = (f"{number} {name}{'s' * (number != 1)}" for number, name in counts)
-    known = f", {document['known']} known already" if document["known"] else ""
+    known = f", {document['known']} known already" * bool(document["known"])
     return [Section("", [Text(f"added {added}{known}; the database has {results} of {arms}")])]
 
 
@@ -74,17 +76,18 @@ def trend_view(document: Document) -> list[Section]:
     unit = unit_of(document["unit"])
     sections = []
     for trend in document["trends"]:
-        rows = [
-            (_day(value["at"]), _number(value["value"], unit.factor), _number(value["std"], unit.factor))
-            for value in trend["values"]
-        ]
         text = "fewer than three values with a standard deviation: no slope"
         if trend["rate_per_year"] is not None:
             slope, *ends = (three_digits(trend[name] * unit.factor) for name in ("rate_per_year", "low", "high"))
             text = f"slope {slope} {unit.name} a year, 95 % interval {' to '.join(ends)}"
-        title = f"{document['key']} of {trend['arm']}"
-        table = Grid(("date", f"value {unit.name}".strip(), "std"), rows)
-        sections.append(Section(title, [table, Text(text, is_note=True)]))
+        table = Grid(
+            ("date", f"value {unit.name}".strip(), "std"),
+            [
+                (_day(value["at"]), *(number(value[name], unit.factor) for name in ("value", "std")))
+                for value in trend["values"]
+            ],
+        )
+        sections.append(Section(f"{document['key']} of {trend['arm']}", [table, Text(text, is_note=True)]))
     return sections
 
 
@@ -138,9 +141,9 @@ def health_view(document: Document) -> list[Section]:
     """Return what moved since the last full test, and the least change that is found."""
     changes, hidden = document["changes"], ", ".join(document["hidden"])
     moved = f"{', '.join(change['key'] for change in changes)} moved" if changes else "no change found"
-    rms = unit_of("m", document["rms_m"]).text(document["rms_m"])
     facts = [
-        f"rms error of the model with base and target registered: {rms} at {document['n_poses']} poses",
+        f"rms error of the model with base and target registered: {amount(document['rms_m'])} at "
+        f"{document['n_poses']} poses",
         *(
             f"{change['key']}: {', '.join(change['alternatives'])} would explain the poses as well"
             for change in changes
@@ -153,18 +156,21 @@ def health_view(document: Document) -> list[Section]:
 
 def change_table(changes: Sequence[Document]) -> Grid:
     """Return a table of changes."""
-    rows = [
-        (
-            change["key"],
-            _KINDS[change["kind"]],
-            "–" if change["kind"] == "temperature" else _day(change["at"]),
-            unit_of(change["unit"]).text(change["size"]),
-            " to ".join(_number(change[end], unit_of(change["unit"]).factor) for end in ("low", "high")),
-            p_value(change["p_value"]).removeprefix("p ").removeprefix("= "),
-        )
-        for change in changes
-    ]
-    return Grid(("changed", "how", "first seen", "by", "95 % interval", "p"), rows, left=(0, 1, 2))
+    return Grid(
+        ("changed", "how", "first seen", "by", "95 % interval", "p"),
+        [
+            (
+                change["key"],
+                _KINDS[change["kind"]],
+                "–" if change["kind"] == "temperature" else _day(change["at"]),
+                unit_of(change["unit"]).text(change["size"]),
+                " to ".join(str(number(change[end], unit_of(change["unit"]).factor)) for end in ("low", "high")),
+                p_value(change["p_value"]).removeprefix("p ").removeprefix("= "),
+            )
+            for change in changes
+        ],
+        left=(0, 1, 2),
+    )
 
 
 def _day(date: str) -> str:
@@ -172,24 +178,23 @@ def _day(date: str) -> str:
     return date[:10] if date.endswith("T00:00:00Z") else date[:16].replace("T", " ")
 
 
-def _number(value: float | None, factor: float) -> str:
-    return "–" if value is None else three_digits(value * factor)
-
-
 def fleet_view(document: Document) -> list[Section]:
     """Return mean and standard deviation of each coefficient, and the arms out of family."""
-    rows = [
-        (
-            one["key"],
-            unit.name,
-            str(one["n_arms"]),
-            *(_number(one[name], unit.factor) for name in ("mean", "std")),
-            f"{_number(one['std_low'], unit.factor)} to {_number(one['std_high'], unit.factor)}",
-        )
-        for one in document["coefficients"]
-        for unit in [unit_of(one["unit"])]
-    ]
-    table = Grid(("coefficient", "unit", "arms", "mean", "std of arms", "95 % interval"), rows, left=(0, 1))
+    table = Grid(
+        ("coefficient", "unit", "arms", "mean", "std of arms", "95 % interval"),
+        [
+            (
+                one["key"],
+                unit.name,
+                str(one["n_arms"]),
+                *(number(one[name], unit.factor) for name in ("mean", "std")),
+                " to ".join(str(number(one[end], unit.factor)) for end in ("std_low", "std_high")),
+            )
+            for one in document["coefficients"]
+            for unit in [unit_of(one["unit"])]
+        ],
+        left=(0, 1),
+    )
     strangers = [
         f"{one['arm']}: {one['key']} is {unit_of(one['unit']).text(one['value'])}, other arms have "
         f"{unit_of(one['unit']).text(one['expected'])} ({p_value(one['p_value'])})"

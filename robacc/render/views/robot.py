@@ -15,8 +15,6 @@ _CHAINS = {
     "modified": "modified DH (Craig): Rx(alpha) Tx(a) Rz(theta) Tz(d)",
     "urdf": "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis",
 }
-_MOST = 40
-"""Coefficients of effects that are listed."""
 
 
 def robot_view(summary: Summary) -> list[Section]:
@@ -112,7 +110,7 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
     several = len(summary.reach) > 1
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
-    listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
+    listed = summary.coefficients if len(summary.coefficients) <= 41 else summary.coefficients[:40]
     others = len(summary.coefficients) - len(listed)
     own = campaign or Campaign(())
     frames = [name for name, frame in (("base", own.base), ("tool", own.tool)) if frame is not None]
@@ -185,13 +183,13 @@ def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
         "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
         "NAME writes a copy to which you add the tool or several targets"
     )
-    table = Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))
-    return [Section("", [table]), Section("", [Listing([use])])]
+    return [
+        Section("", [Grid(("name", "maker", "model", "axes", "reach mm"), rows, left=(0, 1, 2))]),
+        Section("", [Listing([use])]),
+    ]
 
 
 # The catalogue of effects as text to read.
-
-_COEFFICIENTS_SHOWN = 12
 
 
 def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
@@ -206,8 +204,8 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
         )
         return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
     (entry,) = entries
-    about, names = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients]
-    others = f" and {len(names) - _COEFFICIENTS_SHOWN} more" * (len(names) > _COEFFICIENTS_SHOWN)
+    about, names, most = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients], 12
+    others = f" and {len(names) - most} more" * (len(names) > most)
     applicable = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
     is_known, is_applicable = entry.for_robot, entry.for_robot and entry.why is None
     facts = [
@@ -219,7 +217,7 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
         ("source", about.source),
         ("in a file", about.example),
         ("this robot", (applicable if is_applicable else f"not applicable: {entry.why}") * is_known),
-        ("coefficients", f"{', '.join(names[:_COEFFICIENTS_SHOWN])}{others}" * is_applicable),
+        ("coefficients", f"{', '.join(names[:most])}{others}" * is_applicable),
     ]
     table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
     return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]

@@ -40,7 +40,7 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text, read_gate
-from robacc.documents.expected import PLAN, PREDICT
+from robacc.documents.expected import PREDICT
 from robacc.documents.keys import rounded
 from robacc.errors import given, refuse
 from robacc.geometry import Array
@@ -311,7 +311,6 @@ class Planned(CsvResult, CampaignPlan):
     """Planned poses and the expected result, with the inputs."""
 
     command: ClassVar[str] = "plan"
-    keys = PLAN
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""

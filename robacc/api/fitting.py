@@ -34,7 +34,8 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Result, fields_of
-from robacc.documents.fit import CALIBRATE, TRACE, fit_document
+from robacc.documents.envelope import own_keys
+from robacc.documents.fit import fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Note, Problem, refuse
@@ -90,7 +91,7 @@ class FitResult(Result):
         """Return the result's own keys; arrays stay arrays."""
         inputs = self.fit_inputs
         return fit_document(
-            TRACE if self.command == "trace" else CALIBRATE,
+            own_keys(self.command),
             cast("Judged", self),
             inputs.data,
             inputs.robot,

@@ -23,7 +23,6 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
-from robacc.documents.accuracy import ISO9283, ISO9283_POSES
 from robacc.errors import refuse
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
@@ -40,7 +39,6 @@ class Iso9283(Result, Iso9283Result):
     """Pose criteria of ISO 9283, with the inputs."""
 
     command: ClassVar[str] = "iso9283"
-    keys = ISO9283
 
 
 @call
@@ -131,7 +129,6 @@ class Iso9283Poses(CsvResult):
     """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
 
     command: ClassVar[str] = "iso9283-poses"
-    keys = ISO9283_POSES
     proposal: Proposal
     robot: Robot
     cycles: int

@@ -28,7 +28,6 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Provenance, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.descriptions import EXPORT, SIMULATE
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_text
@@ -46,7 +45,6 @@ class Simulated(CsvResult, Simulation):
     """Simulated poses, with the robot and the plan."""
 
     command: ClassVar[str] = "simulate"
-    keys = SIMULATE
     robot: Robot
     plan: Plan
 
@@ -193,7 +191,6 @@ class Exported(Result):
     """Model in the format of a controller, with the error that remains there."""
 
     command: ClassVar[str] = "export"
-    keys = EXPORT
     format: str
     text: str
     controller: Robot

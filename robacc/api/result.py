@@ -15,13 +15,13 @@ from robacc.documents.envelope import (
     InputFile,
     envelope,
     gate_document,
+    own_keys,
     pose_columns,
     read_gate,
     read_identity,
     result_kind,
     schema_version,
 )
-from robacc.documents.keys import Kind
 from robacc.errors import UsageError, refuse
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
@@ -62,8 +62,6 @@ class Result:
     __slots__ = ()
     command: ClassVar[str]
     """Name of the command and of its schema."""
-    keys: ClassVar[Kind]
-    """The result's own keys, for those that need no more than the result."""
     made: Provenance
 
     if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
@@ -96,7 +94,7 @@ class Result:
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        return self.keys.write(self)
+        return own_keys(self.command).write(self)
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.

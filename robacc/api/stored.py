@@ -38,18 +38,8 @@ from robacc.api.parameters import (
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import FITS, ComparedResult, read_compared_result
-from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import CHECK, StoredResult, csv_text, read_gate, understood
-from robacc.documents.history import (
-    FLEET,
-    HEALTH,
-    HISTORY_ADD,
-    HISTORY_CHANGES,
-    HISTORY_SHOW,
-    HISTORY_TREND,
-    TEST,
-    date_text,
-)
+from robacc.documents.envelope import StoredResult, csv_text, read_gate, understood
+from robacc.documents.history import TEST, date_text
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import store
@@ -81,7 +71,6 @@ class Checked(Result, GateOutcome):
     """Outcome of a gate, with the result that was checked."""
 
     command: ClassVar[str] = "check"
-    keys = CHECK
     result: StoredResult
 
 
@@ -138,7 +127,6 @@ class Compared(Result):
     """Comparison of results, with the files that they were read from; its parts have the keys of the document."""
 
     command: ClassVar[str] = "compare"
-    keys = COMPARE
     results: tuple[ComparedResult, ...]
     baseline: str
     confidence: float
@@ -278,7 +266,6 @@ class ComparedTargets(Result, PairedTargets):
     """The same targets before and after a correction, with the inputs."""
 
     command: ClassVar[str] = "compare-paired"
-    keys = COMPARE_PAIRED
     doubts: tuple[str, ...]
 
     @property
@@ -392,7 +379,6 @@ class HistoryAdded(HistoryResult):
     """Results that were added to a database."""
 
     command: ClassVar[str] = "history-add"
-    keys = HISTORY_ADD
     added: int
     known: int
     n_results: int
@@ -450,7 +436,6 @@ class HistoryShown(HistoryResult):
     """Results of a database."""
 
     command: ClassVar[str] = "history-show"
-    keys = HISTORY_SHOW
     results: Sequence[Mapping[str, Any]]
     db: str
     arm: str | None
@@ -504,7 +489,6 @@ class HistoryTrend(HistoryResult):
     """One figure or coefficient over time."""
 
     command: ClassVar[str] = "history-trend"
-    keys = HISTORY_TREND
     key: str
     unit: str
     trends: Sequence[Mapping[str, Any]]
@@ -557,7 +541,6 @@ class HistoryChanges(HistoryResult):
     """What changed in the tests of each arm."""
 
     command: ClassVar[str] = "history-changes"
-    keys = HISTORY_CHANGES
     arms: Sequence[Mapping[str, Any]]
     changes: Mapping[str, Sequence[ArmChange]]
     """Changes of each arm."""
@@ -610,7 +593,6 @@ class Health(HistoryResult):
     """Quick test of an arm."""
 
     command: ClassVar[str] = "health"
-    keys = HEALTH
     arm: str
     n_poses: int
     rms: float
@@ -696,7 +678,6 @@ class Fleet(HistoryResult):
     """Coefficients over the arms of a fleet."""
 
     command: ClassVar[str] = "fleet"
-    keys = FLEET
     n_arms: int
     coefficients: Sequence[Entry]
     strangers: Sequence[Entry]

@@ -194,10 +194,15 @@ MODULES = {
 """Module of :mod:`robacc.documents` that declares a result, by the result's name, which is the declaration's too."""
 
 
+def own_keys(name: str) -> Kind:
+    """Return the declaration of a result's own keys."""
+    kind: Kind = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
+    return kind
+
+
 def result_kind(name: str) -> Kind:
     """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
-    module = import_module(f"robacc.documents.{MODULES[name]}") if name in MODULES else None
-    own = getattr(module, name.upper().replace("-", "_"), part({}))
+    own = own_keys(name) if name in MODULES else part({})
     envelope = {
         "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),

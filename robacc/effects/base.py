@@ -21,7 +21,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_or
 
 import numpy as np
 
-from robacc.effects.drivers import Driver, Periods, Validity, columns_of, driver_values, is_of_weight, ranges
+from robacc.effects.drivers import COLUMNS, Driver, Periods, Validity, driver_values, ranges, split
 from robacc.errors import MissingColumnError, UsageError, given, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
@@ -43,8 +43,7 @@ _NOUNS = {
 """Singular and plural of a kind of value."""
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(NamedTuple):
     """Declaration of a setting; see :func:`setting`."""
 
     default: Any
@@ -143,7 +142,7 @@ def settings_of(effect: type) -> Mapping[str, Setting]:
             if get_origin(kind) is Literal:
                 kind, choices = str, get_args(kind)
             key = declared.key or field.name
-            settings.append(dataclasses.replace(declared, key=key, choices=choices, field=field.name, kind=kind))
+            settings.append(declared._replace(key=key, choices=choices, field=field.name, kind=kind))
     return {declared.key: declared for declared in sorted(settings, key=lambda declared: declared.last)}
 
 
@@ -167,8 +166,7 @@ LEAST_OF_CONSTANT = 1e-3
 model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
 
     The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
@@ -183,8 +181,7 @@ class Part:
     """True if the force is that at the deflected pose, in equilibrium; False at the undeflected pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class Term:
+class Term(NamedTuple):
     """One coefficient of the model."""
 
     name: str
@@ -214,8 +211,7 @@ def compliance_unit(arm: Arm, joint: str) -> str:
 # Catalogue texts of an effect.
 
 
-@dataclass(frozen=True, slots=True)
-class About:
+class About(NamedTuple):
     """Catalogue texts of an effect."""
 
     summary: str
@@ -264,11 +260,11 @@ def driven_by(arm: Arm, data: Measurements, driver: str, effect: str) -> Array:
     Raises:
         UsageError: the data or the robot lack it.
     """
-    values = driver_values(arm, data, driver)
-    if values is None and is_of_weight(arm, driver):
+    values, (kind, _) = driver_values(arm, data, driver), split(arm, driver)
+    if values is None and kind in ("torque", "signed_torque"):
         commanded(data, effect)
         weight_needed(arm, data, effect)
-    return needed(values, columns_of(arm, driver), effect)
+    return needed(values, COLUMNS.get(kind, "q1 … qN"), effect)
 
 
 def varies(column: Array | None) -> bool:
@@ -279,8 +275,7 @@ def varies(column: Array | None) -> bool:
 # What an effect is.
 
 
-@dataclass(frozen=True, slots=True)
-class Need:
+class Need(NamedTuple):
     """Something without which an effect cannot be fitted to a robot and its poses."""
 
     reason: str
@@ -314,9 +309,8 @@ class Beyond(NamedTuple):
     """How far beyond the range 0.6 of the effect is left, SI, where it fades to its level at the end of the range."""
 
 
-@dataclass(frozen=True, slots=True)
-class Traits:
-    """What an effect is, in all its forms."""
+class Traits(NamedTuple):
+    """What an effect is, in all its forms or in one."""
 
     per_joint: bool = True
     """True if the effect acts on named joints, and is a candidate joint by joint."""
@@ -354,6 +348,14 @@ class Traits:
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     implausible_factor: float = 10.0
     """Multiple of the largest usual size beyond which a coefficient is implausible."""
+    follows_approach: bool = False
+    """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
+    rejects_implausible: bool = False
+    """True if implausible coefficients rule the form out; otherwise it only competes with a handicap."""
+    prior_odds: float = 1.0
+    """Prior odds of the form against the usual form of any effect."""
+    covariance_term: str | None = None
+    """Term of the covariance whose errors it describes; None of an effect with a cause."""
     shared_by: tuple[str, ...] | None = None
     """Fields of which forms have coefficients in common where they agree (orders 1, and 1 and 2); None: all fields."""
 
@@ -402,9 +404,9 @@ class Effect(abc.ABC):
         return next((need.reason for need in cls.traits.needs_of_usual_form if not need.is_met(arm, data)), None)
 
     @property
-    def rejects_implausible(self) -> bool:
-        """Return whether implausible coefficients rule this form out; otherwise it only competes with a handicap."""
-        return False
+    def form(self) -> Traits:
+        """Return what this form of the effect is, where it differs from the traits of all forms."""
+        return self.traits
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if fitted coefficients are beyond what the effect can be, in one sentence; else None.
@@ -522,26 +524,18 @@ class Effect(abc.ABC):
         """
         return None
 
-    def chart(self) -> Over | None:
-        """Return the driver of this form over which the residual is drawn; None if it has no single driver."""
-        return self.traits.chart
-
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the driver over which the residual of the effect on ``joint`` is drawn; None if there is none."""
-        chart = self.chart()
+        chart = self.form.chart
         return (
             None
             if chart is None or (joint is None and _JOINT in chart.driver)
             else Driver.at(arm, data, chart.driver.replace(_JOINT, joint or ""), chart.is_only)
         )
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the drivers of this form whose range the model file keeps, with ``{joint}`` for each joint."""
-        return self.traits.drivers
-
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the drivers whose range the model file keeps; a constant has none."""
-        drivers = () if self.traits.is_constant else self.depends_on(arm)
+        drivers = () if self.traits.is_constant else self.form.drivers
         joints = ((driver, self.joints if _JOINT in driver else ("",)) for driver in drivers)
         return tuple(dict.fromkeys(driver.replace(_JOINT, joint) for driver, names in joints for joint in names))
 
@@ -550,19 +544,9 @@ class Effect(abc.ABC):
         """True if its coefficients multiply torques of the masses as the robot file states them."""
         return MASSES in self.traits.needs or getattr(self, "masses", None) == "known"
 
-    @property
-    def prior_odds(self) -> float:
-        """Prior odds of this form against the usual form of any effect."""
-        return 1.0
-
-    @property
-    def follows_approach(self) -> bool:
-        """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
-        return False
-
     def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
         """Return what becomes of the effect beyond the range ``limits`` of one of its drivers, SI."""
-        return Beyond(self.traits.extrapolates is None)
+        return Beyond(self.form.extrapolates is None)
 
     def limits(self, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers beyond which it is held, or fades, and the periods of some of them."""
@@ -599,14 +583,9 @@ class Effect(abc.ABC):
         """
         return None
 
-    @property
-    def term_of_covariance(self) -> str | None:
-        """Return the term of the covariance whose errors it describes; None of an effect with a cause."""
-        return None
-
     def is_profile(self) -> bool:
         """Return whether it is a block of many terms, a candidate only if named terms leave structure."""
-        return self.traits.is_empirical or self.term_of_covariance is not None
+        return self.traits.is_empirical or self.form.covariance_term is not None
 
     def __str__(self) -> str:
         """Return the name with joints, as in ``backlash[j2]``."""

@@ -21,7 +21,6 @@ from numpy.typing import NDArray
 from robacc.effects.base import (
     SCALE_OF_INSTRUMENT,
     About,
-    Beyond,
     Effect,
     Need,
     Over,
@@ -314,6 +313,8 @@ class InstrumentScale(Effect):
 
     traits = Traits(
         per_joint=False,
+        drivers=(),
+        chart=Over("distance"),
         extrapolates="a scale acts in proportion to the distance",
         is_of_measurement=True,
         shared_by=("origin", "span"),
@@ -343,21 +344,11 @@ class InstrumentScale(Effect):
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
     @property
-    def rejects_implausible(self) -> bool:
-        """Return whether the scale drifts: shifts of its own let it follow any drift of the frame."""
-        return self.drift > 0
-
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the time of a drift."""
-        return ("time_s",) if self.drift else ()
-
-    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
-        """Return that a drift ends with the poses."""
-        return Beyond(is_held=True)
-
-    def chart(self) -> Over:
-        """Return the distance from the instrument, or the time of a drift."""
-        return Over("time_s", is_only=False) if self.drift else Over("distance")
+    def form(self) -> Traits:
+        """Return what a drift is: it ends with the poses, and its shifts would let it follow any drift of the frame."""
+        over = Over("time_s", is_only=False)
+        changes: dict[str, Any] = {"drivers": ("time_s",), "chart": over, "extrapolates": None}
+        return self.traits._replace(**changes, rejects_implausible=True) if self.drift else self.traits
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term, or four per power of time."""
@@ -442,6 +433,7 @@ class ReadBack(Effect):
         extrapolates="the difference is that of each pose",
         is_of_measurement=True,
         is_nonnegative=True,
+        rejects_implausible=True,  # an arm stands between its command and the joints read back
         implausible_factor=1.5,
     )
     about = About(
@@ -456,11 +448,6 @@ class ReadBack(Effect):
         source="a parameter times a regressor, as every effect here",
         example="{effect: read_back, values: {value: 1}}",
     )
-
-    @property
-    def rejects_implausible(self) -> bool:
-        """Return True: an arm stands between its command and the joints read back, so no share is far above 1."""
-        return True
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the share, common to all joints."""
@@ -546,9 +533,11 @@ class Step(Effect):
         """Return a step in the middle of the run: of the base, or of the zero of ``joints``."""
         return cls(joints, "joint" if joints else "base").starting(float(np.median(sequence_of(data))), data)
 
-    def chart(self) -> Over:
-        """Return the time, or the line."""
-        return Over("line" if self.from_time is None else "time_s", is_only=False)
+    @property
+    def form(self) -> Traits:
+        """Return that it is drawn over the time, or the line."""
+        over = Over("line" if self.from_time is None else "time_s", is_only=False)
+        return self.traits._replace(chart=over)
 
     def starting(self, at: float, data: Measurements) -> Step:
         """Return the same step at a time (s) or line of ``data``."""

@@ -129,9 +129,15 @@ class JointCompliance(OwnWeight):
     )
 
     @property
-    def prior_odds(self) -> float:
-        """Odds of masses that are wrong by more than their uncertainty: where both fit, the file's masses hold."""
-        return 1.0 / 150.0 if self.masses == "uncertain" else 1.0
+    def form(self) -> Traits:
+        """Return what it is with these masses.
+
+        It is drawn over gravity's torque, or over the joint's variable where the masses are unknown. Masses that are
+        wrong by more than their uncertainty are rare: where both fit, the file's masses hold.
+        """
+        over = Over("{joint}" if self.masses == "unknown" else "torque_{joint}", self.masses == "known")
+        odds = 1.0 / 150.0 if self.masses == "uncertain" else 1.0
+        return self.traits._replace(chart=over, prior_odds=odds)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -141,10 +147,6 @@ class JointCompliance(OwnWeight):
             yield cls.usual(arm, data, (joint,))
             if arm.chain.bodies and bears[arm.number(joint)]:
                 yield cls((joint,), "uncertain")
-
-    def chart(self) -> Over:
-        """Return gravity's torque on the joint, or its variable if the masses are unknown."""
-        return Over("{joint}" if self.masses == "unknown" else "torque_{joint}", self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""
@@ -398,6 +400,8 @@ class PayloadCompliance(Elastic):
                 lambda arm, data: data.payload is not None or bool(_groups(data)),
             ),
         ),
+        drivers=("payload_kg",),
+        chart=Over("payload_torque_{joint}"),
         extrapolates="Hooke's law: deflection in proportion to the payload's torque",
         is_nonnegative=True,
     )
@@ -426,13 +430,10 @@ class PayloadCompliance(Elastic):
         yield cls(joints, groups=_groups(data))
         yield cls(joints, "uncertain", _groups(data))
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the payload, where it is known."""
-        return () if self.groups else ("payload_kg",)
-
-    def chart(self) -> Over | None:
-        """Return the payload's torque on the joint, where it is known."""
-        return None if self.groups else Over("payload_torque_{joint}")
+    @property
+    def form(self) -> Traits:
+        """Return that unknown payloads drive nothing."""
+        return self.traits._replace(drivers=(), chart=None) if self.groups else self.traits
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term for each joint and load, and one for each first moment if the centre is uncertain."""

@@ -79,13 +79,14 @@ class JointCoupling(Effect):
         example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the joints that turn others."""
-        return tuple(driver for joint in self.joints for driver in self._drivers(arm, joint))
+    @property
+    def form(self) -> Traits:
+        """Return that it is drawn over the joint that turns this joint, if there is a single one."""
+        return self.traits._replace(chart=Over(self.drivers[0]) if len(self.drivers) == 1 else None)
 
-    def chart(self) -> Over | None:
-        """Return the joint that turns this joint, if there is a single one."""
-        return Over(self.drivers[0]) if len(self.drivers) == 1 else None
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the joints that turn others."""
+        return tuple(dict.fromkeys(driver for joint in self.joints for driver in self._drivers(arm, joint)))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per pair of joints."""
@@ -202,13 +203,11 @@ class Backlash(Effect):
             yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
 
     @property
-    def follows_approach(self) -> bool:
-        """True unless gravity alone decides the flank."""
-        return self.by == "approach" or self.friction > 0.0
-
-    def chart(self) -> Over:
-        """Return the direction of approach, or gravity's torque if that decides the flank."""
-        return Over("torque_{joint}" if self.by == "gravity" else "direction_{joint}")
+    def form(self) -> Traits:
+        """Return what decides the flank: the direction of approach, gravity's torque, or with friction both."""
+        over = Over("torque_{joint}" if self.by == "gravity" else "direction_{joint}")
+        follows = self.by == "approach" or self.friction > 0.0
+        return self.traits._replace(chart=over, follows_approach=follows)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
@@ -274,6 +273,7 @@ class FrictionWindup(Effect):
     traits = Traits(
         needs=(DIRECTION, MASSES),
         chart=Over("signed_torque_{joint}"),
+        follows_approach=True,
         extrapolates="friction acts in proportion to the load",
     )
     about = About(
@@ -287,11 +287,6 @@ class FrictionWindup(Effect):
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083: friction that grows with load",
         example="{effect: friction_windup, joints: [j2], values: {j2: -2e-6}}",
     )
-
-    @property
-    def follows_approach(self) -> bool:
-        """Return True: friction acts against the approach."""
-        return True
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""

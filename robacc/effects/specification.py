@@ -251,8 +251,7 @@ def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> t
         of_low = np.where(nearest_image(values, low, high, period) < low, 1.0 - of_other, of_other)
         near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, _LEVEL_LENGTHS * length))
         terms = tuple(
-            dataclasses.replace(
-                term,
+            term._replace(
                 parts=tuple(
                     _left(part, near, share, of_low) if part.motion == arm.axis_motion(joint) else part
                     for part, near in zip(term.parts, near_end.parts, strict=True)
@@ -274,7 +273,7 @@ def _left(part: Part, near: Part, share: Array, of_low: Array) -> Part:
     """
     at_low, at_high = np.broadcast_to(near.factor, (2 * _POINTS,)).reshape(2, _POINTS).mean(axis=1)
     level = of_low * at_low + (1.0 - of_low) * at_high
-    return dataclasses.replace(part, factor=share * part.factor + (1.0 - share) * level)
+    return part._replace(factor=share * part.factor + (1.0 - share) * level)
 
 
 def _near_ends(arm: Arm, joint: str, data: Measurements, low: float, high: float, depth: float) -> Measurements:

@@ -480,7 +480,7 @@ def power_problem(
     if already is not None:
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
-        terms = [available.get(key, (replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
+        terms = [available.get(key, (term._replace(parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
     dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]

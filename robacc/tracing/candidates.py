@@ -147,7 +147,7 @@ def named_candidates(
             missing[effect.name] = str(error)
             continue
         share = len(units) * units[effect.name, effect.joints]
-        candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
+        candidates.append(Candidate(effect, terms, math.log(effect.form.prior_odds / share)))
     return candidates, missing
 
 
@@ -255,7 +255,7 @@ class Pool:
         for name, cls in REGISTRY.items():
             if name in self._names:
                 beside = cls.beside(effect, self.arm, self.data)
-                forms += [(form, math.log(form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
+                forms += [(form, math.log(form.form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
         self.add(forms)
 
     def _settings_near(self, effect: Effect) -> Iterator[Effect]:

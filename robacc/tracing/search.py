@@ -465,7 +465,7 @@ class _Search:
                 continue
             effect, multiples = candidate.effect, scores.fitted(number)
             implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
-            if implausible is None or not effect.rejects_implausible:
+            if implausible is None or not effect.form.rejects_implausible:
                 return [int(number)]
         return []
 

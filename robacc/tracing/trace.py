@@ -339,7 +339,7 @@ def remaining_error(
                 f"{','.join(absent)} to the effects of `declared`"
             )
     p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
-    playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
+    playing = {joint: effect for effect in final.model.free if effect.form.follows_approach for joint in effect.joints}
     memories = memory_of_play(final, data, tuple(playing))
     for joint, p_value in memories.items():
         if p_value * len(memories) <= SIGNIFICANT:

@@ -121,9 +121,8 @@ def test_the_example_is_of_the_effect_and_does_something(name: str) -> None:
 @pytest.mark.parametrize("name", EFFECTS)
 def test_the_catalogue_says_everything_of_it(name: str) -> None:
     about = REGISTRY[name].about
-    for field in dataclasses.fields(about):
-        value = getattr(about, field.name)
-        assert value.strip() if isinstance(value, str) else 0 < value[0] < value[1], field.name
+    for field, value in zip(about._fields, about, strict=True):
+        assert value.strip() if isinstance(value, str) else 0 < value[0] < value[1], field
     assert REGISTRY[name].name == name
     assert REGISTRY[name].traits.is_constant == (name in ("base_frame", "tool_frame", "joint_offset", "link_geometry"))
 

@@ -75,7 +75,7 @@ def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> 
 def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model.of(ripple())
     effect = type(model.known[0].effect)
-    monkeypatch.setattr(effect, "traits", dataclasses.replace(effect.traits, is_bounded=periodic))
+    monkeypatch.setattr(effect, "traits", effect.traits._replace(is_bounded=periodic))
     if not periodic:
         monkeypatch.setattr(effect, "beyond", lambda *_: Beyond(is_held=True))
     sizes = []

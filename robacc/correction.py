@@ -20,7 +20,7 @@ from robacc.effects.base import Effect, Part, Term
 from robacc.effects.drivers import is_outside
 from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
-from robacc.geometry import Array, Poses, rms_length
+from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, numbered_visits
@@ -36,6 +36,7 @@ from robacc.robots.arm import (
     part_of,
     pose_error,
     pose_jacobian,
+    reach,
     solve,
 )
 from robacc.robots.description import Robot
@@ -129,13 +130,8 @@ class CorrectionSetting:
         An arm with six axes or more reaches position and orientation, so the weight of orientation is only a scale: the
         arm's length. For an arm with fewer axes ``weight`` (m per rad) decides what it corrects.
         """
-        variables = self.model.arm.robot.variables
-        low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in variables]).T
-        base = np.array(self.nominal.robot.base.xyz)[:, None]
-        length = max(rms_length(self.nominal.chain.forward(q).translation - base), 1e-3)
-        scale = np.array([1.0 if joint.type == "revolute" else length for joint in variables])
-        turn = length if weight is None or len(variables) >= 6 else weight
-        return JointSpace(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
+        arm, length = self.model.arm, max(reach(self.nominal, q), 1e-3)
+        return JointSpace.of(arm, length, length if weight is None or len(arm.names) >= 6 else weight, oriented)
 
 
 def setting_of(

@@ -11,16 +11,17 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from robacc.documents.envelope import (
+    GATE_RESULT,
     MODULES,
     InputFile,
     envelope,
-    gate_document,
     own_keys,
     pose_columns,
     read_gate,
     read_identity,
     result_kind,
     schema_version,
+    significant_document,
 )
 from robacc.errors import UsageError, refuse
 from robacc.io.files import write_pieces, write_text
@@ -112,7 +113,10 @@ class Result:
         criteria, baselines, records = read_gate(os.fspath(gate))
         made = self.made._replace(inputs=(*self.made.inputs, *records))
         document = made.document(self.command, self.payload())
-        return {**document, "gate": gate_document(evaluate_gate(criteria, document, baselines))}
+        return {
+            **document,
+            "gate": significant_document(GATE_RESULT.write(evaluate_gate(criteria, document, baselines))),
+        }
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
         """Return the document as text: the output of the command with ``--format json``, byte for byte.

@@ -326,7 +326,6 @@ def export(
 def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
     from robacc.api.inputs import Inputs
-    from robacc.documents.descriptions import urdf_payload
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
@@ -337,7 +336,9 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     write(urdf, text)
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
-        write("-", json_pieces(inputs.made().document("export", urdf_payload(sha256_of(urdf), losses))))
+        # The keys of a URDF whose numbers are not fitted again.
+        keys = {"format": "urdf", **dict.fromkeys(("file_sha256", "urdf_sha256"), sha256_of(urdf))}
+        write("-", json_pieces(inputs.made().document("export", {**keys, "not_carried": [*losses]})))
 
 
 # Plans.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
@@ -370,8 +370,3 @@ EXPORT = part(
     },
     about="Export of a model for a controller, a driver or a simulator.",
 )
-
-
-def urdf_payload(sha256: str, losses: Sequence[str]) -> dict[str, Any]:
-    """Return the keys of a URDF whose numbers are not fitted again."""
-    return {"format": "urdf", "file_sha256": sha256, "urdf_sha256": sha256, "not_carried": [*losses]}

@@ -53,7 +53,7 @@ from robacc.statistics.intervals import ASSURANCE
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.gates import Gate, GateOutcome
+    from robacc.gates import Gate
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
 
@@ -95,13 +95,12 @@ def significant_document(value: Any) -> Any:
 
 def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
     """Return a header and a line for each row of columns by name; a column that is None is left out."""
-    present = {name: map(_cell, column) for name, column in columns.items() if column is not None}
+    present = {
+        name: [number_text(float(value)) if isinstance(value, float) else cell(str(value)) for value in column]
+        for name, column in columns.items()
+        if column is not None
+    }
     return "".join(f"{','.join(row)}\n" for row in (present, *zip(*present.values(), strict=True)))
-
-
-def _cell(value: Any) -> str:
-    """Return a number as in results, or a text as a field of a CSV."""
-    return number_text(float(value)) if isinstance(value, float) else cell(str(value))
 
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
@@ -531,12 +530,6 @@ CHECK = part(
     },
     about="Evaluation of a gate on a stored result.",
 )
-
-
-def gate_document(outcome: GateOutcome) -> Document:
-    """Return the outcome of the gate and of each criterion."""
-    document: Document = significant_document(GATE_RESULT.write(outcome))
-    return document
 
 
 # Read a gate file and the baselines that it names.

@@ -12,7 +12,7 @@ import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -198,9 +198,8 @@ class Key(NamedTuple):
         if callable(self.source):
             return self.source(record)
         path = _UNIT.sub("", key) if self.source is None else self.source
-        for name in path.split(".") if path else ():
-            record = None if record is None else getattr(record, name)
-        return record
+        names = path.split(".") if path else ()
+        return reduce(lambda owner, name: None if owner is None else getattr(owner, name), names, record)
 
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the key's value."""
@@ -277,12 +276,6 @@ def texts(column: NDArray[Any] | None) -> list[str] | None:
     return None if column is None else [str(value) for value in column]
 
 
-def _outside(result: Any) -> Any:
-    """Return the poses outside the validity ranges of a result's model; nothing without files or a robot."""
-    outside = getattr(getattr(result, "made", None), "outside", None)
-    return LEFT_OUT if outside is None else outside
-
-
 OUTSIDE_KEY = Key(
     part(
         {
@@ -321,7 +314,8 @@ OUTSIDE_KEY = Key(
         }
     ),
     "Poses outside the validity range of the robot file's effects.",
-    _outside,
+    # Poses outside the validity ranges of a result's model; nothing without files or a robot.
+    lambda result: getattr(getattr(result, "made", None), "outside", None) or LEFT_OUT,
     optional=True,
 )
 """Key that the use of a model adds to a result."""

@@ -166,11 +166,9 @@ class Chain:
                     jacobian[:3, slot, block] = origin if is_rotation else axis
                     jacobian[3:, slot, block] = axis if is_rotation else 0.0
                 scalar = scalars[k]
-                if isinstance(scalar, float):
-                    if scalar != 0.0:
-                        origin = _advance(columns, origin, motion, scalar)
-                else:
-                    origin = _advance(columns, origin, motion, scalar[block])
+                value = scalar if isinstance(scalar, float) else scalar[block]
+                if not isinstance(value, float) or value != 0.0:
+                    origin = _advance(columns, origin, motion, value)
             if len(self.motions) in stored:
                 _store(stored[len(self.motions)], columns, origin, block)
             _store(tip, columns, origin, block)
@@ -192,10 +190,9 @@ def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
 
 def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
     """Replace rotations' origins ``jacobian[:3, rotations]`` by the displacement of the tool, z x (p - o)."""
-    n = jacobian.shape[-1]
     # Few poses: many motions per call; many poses: a motion at a time, which fits the first-level cache.
     # Numbers per row in a NumPy call: with fewer, the call takes longer than the computation.
-    step = max(1, 2048 // max(n, 1))
+    step = max(1, 2048 // max(jacobian.shape[-1], 1))
     for first in range(0, len(rotations), step):
         chunk = rotations[first : first + step]
         columns: Any = chunk if step > 1 else slice(chunk[0], chunk[0] + 1)
@@ -309,12 +306,14 @@ def _links(
         first = len(motions)
         motions += _joint_motions(joint, owner, convention)
         # Movement per unit of each joint variable that drives the joint, before its sign.
-        ratios = ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
-        if joint.mimic is not None:
-            ratios = {joint.mimic.master: joint.mimic.multiplier}
-        for axis in range(first, len(motions)) if joint.type != "fixed" else ():
-            if motions[axis].label == joint.offset_parameter:
-                drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in ratios.items()]
+        own, mimic = {joint.name: 1.0} if joint.is_variable else {}, joint.mimic
+        ratios = own | dict(joint.coupling) if mimic is None else {mimic.master: mimic.multiplier}
+        drives += [
+            JointDrive(axis, number[name], joint.sign * ratio)
+            for axis in range(first, len(motions) if joint.type != "fixed" else first)
+            if motions[axis].label == joint.offset_parameter
+            for name, ratio in ratios.items()
+        ]
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or ZERO, joint.mass))
     return motions, drives, bodies
@@ -572,15 +571,15 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
         InputError: A prismatic joint has no limits.
     """
     length = _length(arm)
-    if isinstance(starts, int):
-        q0 = _nearest(arm, desired, starts, oriented, length)
-    else:
-        q0 = np.repeat(starts[:, None, :], desired.translation.shape[1], axis=1)
+    q0 = (
+        _nearest(arm, desired, starts, oriented, length)
+        if isinstance(starts, int)
+        else np.repeat(starts[:, None, :], desired.translation.shape[1], axis=1)
+    )
     joints, n, s = q0.shape
     repeated = Poses(np.repeat(desired.rotation, s, axis=2), np.repeat(desired.translation, s, axis=1))
     low, high = joint_ranges(arm)
-    scale = np.array([1.0 if joint.type == "revolute" else length for joint in arm.robot.variables])
-    space = JointSpace(low, high, scale, length, np.repeat([1.0, length][: 1 + oriented], 3))
+    space = JointSpace.of(arm, length, length, oriented)
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
         poses, jacobian = pose_jacobian(arm, q)
@@ -596,9 +595,12 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
 
 def _length(arm: Arm) -> float:
     """Return the arm's size, m, which weighs radians against lengths independently of the unit of length."""
-    poses = arm.chain.forward(spread_configurations(arm, 64))
-    base = np.array(arm.robot.base.xyz)[:, None]
-    return max(rms_length(poses.translation - base), 1e-9)
+    return max(reach(arm, spread_configurations(arm, 64)), 1e-9)
+
+
+def reach(arm: Arm, q: Array) -> float:
+    """Return the rms distance, m, of the target from the base at joints ``q`` ``(J, N)``."""
+    return rms_length(arm.chain.forward(q).translation - np.array(arm.robot.base.xyz)[:, None])
 
 
 def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float) -> Array:
@@ -620,9 +622,8 @@ def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float
 def pose_error(wanted: Poses, poses: Poses, oriented: bool) -> Array:
     """Return the way from ``poses`` to ``wanted``: m, and for oriented targets a rotation vector in rad."""
     position = wanted.translation - poses.translation
-    if not oriented:
-        return position
-    return np.concatenate((position, log_so3(compose(wanted.rotation, transpose(poses.rotation)))))
+    turn = log_so3(compose(wanted.rotation, transpose(poses.rotation))) if oriented else position[:0]
+    return np.concatenate((position, turn))
 
 
 def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
@@ -657,6 +658,14 @@ class JointSpace:
     """Size of the arm, m: RMS distance of its target from its base."""
     weights: Array
     """``(R,)`` weight of each component of the error: 1 for m, a length for rad."""
+
+    @classmethod
+    def of(cls, arm: Arm, length: float, turn: float, oriented: bool) -> JointSpace:
+        """Return the joints of an arm of some size; 1 rad counts as the length ``turn``."""
+        joints = arm.robot.variables
+        low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in joints]).T
+        scale = np.array([1.0 if joint.type == "revolute" else length for joint in joints])
+        return cls(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
 
 
 @dataclass(frozen=True, slots=True)

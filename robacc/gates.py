@@ -665,8 +665,10 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
     # With more poses, the stored interval is as good as a recomputed one and costs nothing.
     if errors is not None and errors.groups.size <= 20_000:
-        n, sampling = errors.n_groups, {"groups": errors.groups, "seed": document.get("seed") or 0}
-        statistics = length_intervals(errors.vectors, _levels(confidence), share=errors.share, **sampling)
+        n, seed = errors.n_groups, document.get("seed") or 0
+        statistics = length_intervals(
+            errors.vectors, _levels(confidence), groups=errors.groups, share=errors.share, seed=seed
+        )
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
     return GateFigure(number, {"m": "length", "rad": "angle"}.get(name.rpartition("_")[2], "number"), curve, n)
 

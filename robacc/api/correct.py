@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -70,10 +70,9 @@ _ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `b
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Corrected(CsvResult, Correction):
+class Corrected(CsvResult, Correction, command="correct"):
     """Corrected targets, with the inputs."""
 
-    command: ClassVar[str] = "correct"
     model: Robot
     nominal: Robot
     given: Measurements

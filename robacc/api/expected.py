@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
@@ -88,10 +88,9 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Predicted(Result, Prediction):
+class Predicted(Result, Prediction, command="predict"):
     """Predicted accuracy, with the inputs."""
 
-    command: ClassVar[str] = "predict"
     robot: Robot
     """Robot as its file describes it."""
     allocation: Mapping[str, Any] | None
@@ -307,10 +306,8 @@ _STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Planned(CsvResult, CampaignPlan):
+class Planned(CsvResult, CampaignPlan, command="plan"):
     """Planned poses and the expected result, with the inputs."""
-
-    command: ClassVar[str] = "plan"
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -148,18 +148,16 @@ class FitResult(Result):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Calibrated(FitResult, Calibration):
+class Calibrated(FitResult, Calibration, command="calibrate"):
     """Calibrated robot and its errors, with the inputs."""
 
-    command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Traced(FitResult, Trace):
+class Traced(FitResult, Trace, command="trace"):
     """Result of a trace, with its inputs."""
 
-    command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of
 from robacc.api.parameters import (
@@ -35,10 +35,8 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Iso9283(Result, Iso9283Result):
+class Iso9283(Result, Iso9283Result, command="iso9283"):
     """Pose criteria of ISO 9283, with the inputs."""
-
-    command: ClassVar[str] = "iso9283"
 
 
 @call
@@ -125,10 +123,9 @@ def iso9283(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Iso9283Poses(CsvResult):
+class Iso9283Poses(CsvResult, command="iso9283-poses"):
     """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
 
-    command: ClassVar[str] = "iso9283-poses"
     proposal: Proposal
     robot: Robot
     cycles: int

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from robacc.api.inputs import Inputs
 from robacc.api.parameters import (
@@ -41,10 +41,9 @@ from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_po
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Simulated(CsvResult, Simulation):
+class Simulated(CsvResult, Simulation, command="simulate"):
     """Simulated poses, with the robot and the plan."""
 
-    command: ClassVar[str] = "simulate"
     robot: Robot
     plan: Plan
 
@@ -187,10 +186,9 @@ _EXACT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Exported(Result):
+class Exported(Result, command="export"):
     """Model in the format of a controller, with the error that remains there."""
 
-    command: ClassVar[str] = "export"
     format: str
     text: str
     controller: Robot

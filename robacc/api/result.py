@@ -65,6 +65,10 @@ class Result:
     """Name of the command and of its schema."""
     made: Provenance
 
+    def __init_subclass__(cls, command: str = "") -> None:
+        """Name the command of a class of results; a copy of the class, as ``dataclass`` makes of one, keeps it."""
+        cls.command = command or getattr(cls, "command", "")
+
     if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
 
         @property

@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from itertools import groupby
 from pathlib import PurePath
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -67,10 +67,9 @@ from robacc.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Checked(Result, GateOutcome):
+class Checked(Result, GateOutcome, command="check"):
     """Outcome of a gate, with the result that was checked."""
 
-    command: ClassVar[str] = "check"
     result: StoredResult
 
 
@@ -123,10 +122,9 @@ Source = StrPath | Result | StoredResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Compared(Result):
+class Compared(Result, command="compare"):
     """Comparison of results, with the files that they were read from; its parts have the keys of the document."""
 
-    command: ClassVar[str] = "compare"
     results: tuple[ComparedResult, ...]
     baseline: str
     confidence: float
@@ -262,10 +260,9 @@ def _path(source: Source) -> str:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class ComparedTargets(Result, PairedTargets):
+class ComparedTargets(Result, PairedTargets, command="compare-paired"):
     """The same targets before and after a correction, with the inputs."""
 
-    command: ClassVar[str] = "compare-paired"
     doubts: tuple[str, ...]
 
     @property
@@ -364,7 +361,7 @@ def _own_date(path: str | None) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryResult(Result):
+class HistoryResult(Result, command="history-add"):
     """Result from a database or over many arms."""
 
     warnings: tuple[str, ...] = ()
@@ -378,7 +375,6 @@ class HistoryResult(Result):
 class HistoryAdded(HistoryResult):
     """Results that were added to a database."""
 
-    command: ClassVar[str] = "history-add"
     added: int
     known: int
     n_results: int
@@ -432,10 +428,9 @@ def history_add(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryShown(HistoryResult):
+class HistoryShown(HistoryResult, command="history-show"):
     """Results of a database."""
 
-    command: ClassVar[str] = "history-show"
     results: Sequence[Mapping[str, Any]]
     db: str
     arm: str | None
@@ -485,10 +480,9 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryTrend(HistoryResult):
+class HistoryTrend(HistoryResult, command="history-trend"):
     """One figure or coefficient over time."""
 
-    command: ClassVar[str] = "history-trend"
     key: str
     unit: str
     trends: Sequence[Mapping[str, Any]]
@@ -537,10 +531,9 @@ def history_trend(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryChanges(HistoryResult):
+class HistoryChanges(HistoryResult, command="history-changes"):
     """What changed in the tests of each arm."""
 
-    command: ClassVar[str] = "history-changes"
     arms: Sequence[Mapping[str, Any]]
     changes: Mapping[str, Sequence[ArmChange]]
     """Changes of each arm."""
@@ -589,10 +582,9 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Health(HistoryResult):
+class Health(HistoryResult, command="health"):
     """Quick test of an arm."""
 
-    command: ClassVar[str] = "health"
     arm: str
     n_poses: int
     rms: float
@@ -674,10 +666,9 @@ def health(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Fleet(HistoryResult):
+class Fleet(HistoryResult, command="fleet"):
     """Coefficients over the arms of a fleet."""
 
-    command: ClassVar[str] = "fleet"
     n_arms: int
     coefficients: Sequence[Entry]
     strangers: Sequence[Entry]

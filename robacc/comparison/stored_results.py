@@ -81,20 +81,19 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
     if isinstance(value, Mapping):
         stored, value = [value], value.get("value")
     number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
-    interval = None
-    if (entry := next((each for each in stored if isinstance(each, Mapping)), None)) is not None:
-        # Under the names of an interval or of a gain.
-        ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
-        method = entry.get("method") or "interval stored in the result"
-        interval = Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why"))
-    return number, interval, holder, name
+    entry = next((each for each in stored if isinstance(each, Mapping)), None)
+    if entry is None:
+        return number, None, holder, name
+    # Under the names of an interval or of a gain.
+    ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
+    method = entry.get("method") or "interval stored in the result"
+    return number, Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why")), holder, name
 
 
 def finite_number(value: Any) -> float | None:
     """Return a finite number; None for anything else, booleans included."""
-    if isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value):
-        return None
-    return float(value) if math.isfinite(value) else None
+    is_other = isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value)
+    return None if is_other or not math.isfinite(value) else float(value)
 
 
 def _at(document: Document, path: str) -> Any:

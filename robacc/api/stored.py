@@ -361,7 +361,7 @@ def _own_date(path: str | None) -> float:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryResult(Result, command="history-add"):
+class HistoryResult(Result):
     """Result from a database or over many arms."""
 
     warnings: tuple[str, ...] = ()
@@ -372,7 +372,7 @@ class HistoryResult(Result, command="history-add"):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryAdded(HistoryResult):
+class HistoryAdded(HistoryResult, command="history-add"):
     """Results that were added to a database."""
 
     added: int

@@ -360,13 +360,10 @@ class BoundModel:
         for entry in self._entries:
             if _is_rigid(entry.part) and isinstance(entry.part.factor, np.ndarray):
                 by_motion.setdefault(entry.part.motion, []).append(entry)
-        result = []
-        for motion, entries in by_motion.items():
-            factors = np.empty((len(entries), self.n))
-            for row, entry in zip(factors, entries, strict=True):
-                row[:] = entry.part.factor
-            result.append((motion, np.array([entry.number for entry in entries]), factors))
-        return result
+        return [
+            (motion, np.array([entry.number for entry in entries]), np.stack([entry.part.factor for entry in entries]))
+            for motion, entries in by_motion.items()
+        ]
 
     @cached_property
     def _constants(self) -> list[TermPart]:
@@ -392,10 +389,9 @@ class BoundModel:
         for motion, numbers, factors in self._regressors:
             if np.any(coefficients[numbers]):
                 scalars[motion] = scalars[motion] + coefficients[numbers] @ factors
-        for entry in self._constants:
-            part, value = entry.part, values[entry.number]
-            if value != 0:
-                added = value * part.factor
+        for number, part in self._constants:
+            if values[number] != 0:
+                added = values[number] * part.factor
                 scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars
 
@@ -440,12 +436,15 @@ class Model:
         n_joints = self.arm.chain.n_joints
         refuse((len(q) != n_joints, f"the robot has {n_joints} joints, but the poses have {len(q)}"))
         limits = validity if validity is not None else ({},) * len(self.free)
-        known_limits = [known.validity for known in self.known]
-        keys = [effect.key() for effect in self.free]
-        for i, known in enumerate(self.known):
-            if (key := known.effect.key()) in keys:
-                own = None if validity is None else validity[keys.index(key)]
-                known_limits[i] = {} if own is None else united(known.validity, own)
+        own = dict(zip((effect.key() for effect in self.free), limits, strict=True))
+        known_limits = [
+            known.validity
+            if (key := known.effect.key()) not in own
+            else {}
+            if validity is None
+            else united(known.validity, own[key])
+            for known in self.known
+        ]
         fixed = [
             (term, known.values.get(term.name, 0.0))
             for known, limit in zip(self.known, known_limits, strict=True)
@@ -492,12 +491,10 @@ def predict(robot: Robot, data: Measurements) -> Poses:
 def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
     """Replace the tool by the measured target of each row."""
     targets = arm.robot.targets
-    if not targets:
-        return scalars
-    if data.target is None:
-        refuse((len(targets) > 1, f"the robot has the targets {', '.join(targets)}; add a column target to the poses"))
-    chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
-    return _with_frames(arm, scalars, TOOL, targets, chosen)
+    lacking = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
+    refuse((len(targets) > 1 and data.target is None, lacking))
+    chosen = np.full(data.n, next(iter(targets), "")) if data.target is None else data.target
+    return _with_frames(arm, scalars, TOOL, targets, chosen) if targets else scalars
 
 
 def _with_frames(

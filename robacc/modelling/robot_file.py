@@ -36,9 +36,7 @@ def robot_path(source: str | os.PathLike[str]) -> str:
     A file of that name in the working folder comes first. Any other text is returned as it is.
     """
     name = os.fspath(source)
-    if not _may_be_arm(name):
-        return name
-    arm = find_arm(name)
+    arm = find_arm(name) if _may_be_arm(name) else None
     return name if arm is None else os.fspath(arm.path)
 
 

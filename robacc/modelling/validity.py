@@ -14,7 +14,7 @@ import numpy as np
 
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
-from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, nearest_rotation, rms_length
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, predict
@@ -36,12 +36,8 @@ def resolve_campaign(
     before its step, and their clock may start anew.
     """
     campaign = robot.campaign
-    if campaign is None:
-        return robot, ()
-    if use == "drop":
-        return _before(robot, campaign), ()
-    if not campaign.effects:
-        return robot, ()
+    if campaign is None or use == "drop" or not campaign.effects:
+        return robot if campaign is None or use != "drop" else _before(robot, campaign), ()
     with_effects = dataclasses.replace(
         robot,
         effects=(*robot.effects, *campaign.effects),
@@ -123,11 +119,9 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     facts: list[Mapping[str, Any]] = []
     arm = Arm.of(robot)
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        effect = known.effect
+        effect, traits = known.effect, known.effect.traits
         # Of the time of a campaign, or of its instrument.
-        of_campaign = (
-            effect.traits.is_of_measurement or effect.traits.is_event or "time_s" in effect.validity_drivers(arm)
-        )
+        of_campaign = traits.is_of_measurement or traits.is_event or "time_s" in effect.validity_drivers(arm)
         (facts if of_campaign and effect.key() not in own_effects else effects).append(entry)
     return dataclasses.replace(
         robot,
@@ -200,13 +194,12 @@ class OutsideValidity(NamedTuple):
 
     def warnings(self) -> tuple[str, ...]:
         """Return one sentence with the drivers and how far the poses exceed their ranges; empty if all are inside."""
-        if not self.n_poses:
-            return ()
         listed = "; ".join(_sentence(item) for item in self.ranges[:_LISTED])
         more = f"; and {len(self.ranges) - _LISTED} more" if len(self.ranges) > _LISTED else ""
         verb = "pose is" if self.n == 1 else f"of {self.n} poses are"
         added = f", which adds up to {self.std_max * 1e3:.2g} mm to its standard deviation" if self.std_max > 0 else ""
-        return (f"{self.n_poses} {verb} outside the validity range of the model{added}: {listed}{more}",)
+        text = f"{self.n_poses} {verb} outside the validity range of the model{added}: {listed}{more}"
+        return (text,) if self.n_poses else ()
 
     def refuse(self, data: Measurements) -> None:
         """Raise an error if a pose is outside.
@@ -214,20 +207,18 @@ class OutsideValidity(NamedTuple):
         Raises:
             InputError: With the first pose and the ranges.
         """
-        if self.n_poses:
-            fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
-            line = data.line(min(item.first_row for item in self.ranges))
-            raise InputError(Problem(self.warnings()[0], data.source, line, fix=fix))
+        fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
+        line = data.line(min((item.first_row for item in self.ranges), default=0))
+        refuse(*((True, Problem(text, data.source, line, fix=fix)) for text in self.warnings()))
 
 
 def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity | None:
     """Return the poses outside the validity ranges of a robot file's effects; None if no effect has a range."""
-    if robot is None or not robot.effects or data.q is None:
+    known = () if robot is None or data.q is None else known_effects(robot)
+    known = tuple(item for item in known if item.validity and any(item.values.values()))
+    if robot is None or not known:
         return None
     arm = Arm.of(robot)
-    known = [item for item in known_effects(robot) if item.validity and any(item.values.values())]
-    if not known:
-        return None
     outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[OutsideRange]()
     for effect in known:
         share = np.zeros(data.n)

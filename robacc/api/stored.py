@@ -44,7 +44,6 @@ from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import store
 from robacc.history.changes import (
-    ArmChange,
     Entry,
     Spread,
     arm_fit,
@@ -535,7 +534,7 @@ class HistoryChanges(HistoryResult, command="history-changes"):
     """What changed in the tests of each arm."""
 
     arms: Sequence[Mapping[str, Any]]
-    changes: Mapping[str, Sequence[ArmChange]]
+    changes: Mapping[str, Sequence[Entry]]
     """Changes of each arm."""
 
 
@@ -589,7 +588,7 @@ class Health(HistoryResult, command="health"):
     n_poses: int
     rms: float
     level: float
-    changes: tuple[ArmChange, ...]
+    changes: tuple[Entry, ...]
     detection_limits: Sequence[Entry]
     hidden: tuple[str, ...]
 

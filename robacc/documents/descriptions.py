@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
 
 from robacc.documents.keys import (
-    LEFT_OUT,
     OUTSIDE_KEY,
     Key,
     array,
@@ -22,11 +19,7 @@ from robacc.documents.keys import (
     table,
     text,
     vector3,
-    within,
 )
-
-if TYPE_CHECKING:
-    from robacc.effects.specification import CatalogueEntry
 
 FRAME = part(
     {"xyz_m": Key(vector3, "Translation, m."), "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad.")},
@@ -216,71 +209,40 @@ SHOW = part(
 )
 
 
-def _with_robot(value: Callable[[CatalogueEntry], Any]) -> Callable[[CatalogueEntry], Any]:
-    """Return the source of a key of effects that were compared with a robot."""
-    return lambda entry: value(entry) if entry.for_robot else LEFT_OUT
-
-
 EFFECTS = part(
     {
         "effects": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name in files and results.", "effect.name"),
-                        **within(
-                            "effect.about",
-                            {
-                                "summary": Key(text, "Description of the effect."),
-                                "equation": Key(text, "Equation of the effect."),
-                                "unit": Key(text, "Unit of the coefficients."),
-                                "usual_size": Key(text, "Usual size on industrial arms."),
-                                "usual_range": Key(
-                                    array(size, 2),
-                                    (
-                                        "Smallest and largest usual size on industrial arms, in the unit of the "
-                                        "coefficients."
-                                    ),
-                                    optional=True,
-                                ),
-                                "needs": Key(text, "Requirements on the data and the robot file."),
-                                "confused_with": Key(text, "Effects that it can be confused with."),
-                                "source": Key(text, "Source of the equation."),
-                                "example": Key(text, "Example of an entry in a robot file."),
-                            },
+                        "name": Key(text, "Name in files and results."),
+                        "summary": Key(text, "Description of the effect."),
+                        "equation": Key(text, "Equation of the effect."),
+                        "unit": Key(text, "Unit of the coefficients."),
+                        "usual_size": Key(text, "Usual size on industrial arms."),
+                        "usual_range": Key(
+                            array(size, 2),
+                            "Smallest and largest usual size on industrial arms, in the unit of the coefficients.",
+                            optional=True,
                         ),
-                        "per_joint": Key(
-                            flag, "True if the effect acts on each joint by itself.", "effect.traits.per_joint"
-                        ),
+                        "needs": Key(text, "Requirements on the data and the robot file."),
+                        "confused_with": Key(text, "Effects that it can be confused with."),
+                        "source": Key(text, "Source of the equation."),
+                        "example": Key(text, "Example of an entry in a robot file."),
+                        "per_joint": Key(flag, "True if the effect acts on each joint by itself."),
                         "is_constant": Key(
-                            flag,
-                            "True if the effect can be absorbed into the constants of the robot file.",
-                            "effect.traits.is_constant",
+                            flag, "True if the effect can be absorbed into the constants of the robot file."
                         ),
                         "offered": Key(
                             flag,
                             "True if the effect can be fitted to these poses; only with a robot.",
-                            _with_robot(lambda entry: entry.why is None),
                             optional=True,
                         ),
-                        "why": Key(
-                            text | None,
-                            "Reason why it cannot be fitted.",
-                            _with_robot(lambda entry: entry.why),
-                            optional=True,
-                        ),
-                        "joints": Key(
-                            array(text),
-                            "Joints that it can act on.",
-                            _with_robot(lambda entry: entry.joints),
-                            optional=True,
-                        ),
+                        "why": Key(text | None, "Reason why it cannot be fitted.", optional=True),
+                        "joints": Key(array(text), "Joints that it can act on.", optional=True),
                         "coefficients": Key(
                             array(part({"name": Key(text, "Name."), "unit": Key(text, "Unit of the value.")})),
                             "Coefficients that would be fitted.",
-                            _with_robot(
-                                lambda entry: [{"name": name, "unit": unit} for name, unit in entry.coefficients]
-                            ),
                             optional=True,
                         ),
                     }

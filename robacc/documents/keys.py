@@ -297,14 +297,13 @@ OUTSIDE_KEY = Key(
                             "low": Key(number, "Lowest value that the effect was fitted on."),
                             "high": Key(number, "Highest value that the effect was fitted on."),
                             "n_poses": Key(ordinal, "Poses outside this range."),
-                            "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
+                            "largest_excess": Key(size, "Largest distance of a pose from the range."),
                             "rule": Key(
                                 choice("held", "extrapolated"),
                                 (
                                     "held: the effect keeps its value at the end of the range; extrapolated: it "
                                     "follows its law."
                                 ),
-                                lambda item: "held" if item.is_held else "extrapolated",
                             ),
                         }
                     )

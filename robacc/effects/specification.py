@@ -454,41 +454,30 @@ def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
 
 
-class CatalogueEntry(NamedTuple):
-    """One effect of the catalogue."""
-
-    effect: type[Effect]
-    for_robot: bool
-    """True if it was compared with a robot, which the following are of."""
-    why: str | None = None
-    """Reason if it is not available; None if it is."""
-    joints: tuple[str, ...] = ()
-    """Joints that it can act on."""
-    coefficients: tuple[tuple[str, str], ...] = ()
-    """Name and unit of each coefficient of the effect in its default form."""
-
-
 def catalogue(
     name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
-) -> tuple[CatalogueEntry, ...]:
-    """Return every effect, or the effect called ``name``, with its availability for ``robot`` and its poses if given.
+) -> list[dict[str, Any]]:
+    """Return every effect, or the effect called ``name``, with the keys of the result.
+
+    With a ``robot``, and its poses if given, it says what of the effect is available for it.
 
     Raises:
         UsageError: there is no such effect.
     """
     load_plug_ins()
-    classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
-    if robot is None:
-        return tuple(CatalogueEntry(cls, False) for cls in classes)
-    arm = Arm.of(robot)
-    # Without poses, every column is assumed to be present.
-    poses = every_column(arm) if data is None else data
+    arm = None if robot is None else Arm.of(robot)
     entries = []
-    for cls in classes:
-        joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
-        if why is None and cls.traits.per_joint and not joints:
-            why = "no joint that it can act on"
-        terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
-        names = tuple((term.name, term.unit) for term in terms)
-        entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
-    return tuple(entries)
+    for cls in REGISTRY.values() if name is None else (effect_class(name),):
+        own = {"per_joint": cls.traits.per_joint, "is_constant": cls.traits.is_constant}
+        entries.append({"name": cls.name, **cls.about._asdict(), **own})
+        if arm is not None:
+            # Without poses, every column is assumed to be present.
+            poses = every_column(arm) if data is None else data
+            joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
+            if why is None and cls.traits.per_joint and not joints:
+                why = "no joint that it can act on"
+            terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
+            names = [{"name": term.name, "unit": term.unit} for term in terms]
+            available = {"offered": why is None, "why": why, "joints": () if why else joints, "coefficients": names}
+            entries[-1] |= available
+    return entries

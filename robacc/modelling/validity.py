@@ -162,24 +162,6 @@ _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
 
-class OutsideRange(NamedTuple):
-    """Poses outside one validity range of one effect."""
-
-    effect: str
-    driver: str
-    """Joint, or ``time_s``, ``temperature_c``, ``payload_kg``, ``speed_JOINT``, ``torque_JOINT``."""
-    unit: str
-    low: float
-    high: float
-    n_poses: int
-    excess: float
-    """Largest distance of a pose from the range."""
-    first_row: int
-    """Index of the first such pose."""
-    is_held: bool
-    """True if the effect keeps its value at the end of the range, False if it extrapolates."""
-
-
 class OutsideValidity(NamedTuple):
     """Poses outside the validity ranges of a model."""
 
@@ -187,10 +169,12 @@ class OutsideValidity(NamedTuple):
     """Poses outside at least one range."""
     n: int
     """All poses."""
-    ranges: tuple[OutsideRange, ...]
-    """Ranges that some pose exceeds, by number of poses."""
+    ranges: tuple[Mapping[str, Any], ...]
+    """Ranges that some pose exceeds, by number of poses, with the keys of the result."""
     std_max: float
     """Largest standard deviation (m) of the position that held effects and profiles add outside their ranges."""
+    first_row: int = 0
+    """Index of the first pose outside."""
 
     def warnings(self) -> tuple[str, ...]:
         """Return one sentence with the drivers and how far the poses exceed their ranges; empty if all are inside."""
@@ -208,8 +192,7 @@ class OutsideValidity(NamedTuple):
             InputError: With the first pose and the ranges.
         """
         fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
-        line = data.line(min((item.first_row for item in self.ranges), default=0))
-        refuse(*((True, Problem(text, data.source, line, fix=fix)) for text in self.warnings()))
+        refuse(*((True, Problem(text, data.source, data.line(self.first_row), fix=fix)) for text in self.warnings()))
 
 
 def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity | None:
@@ -219,7 +202,7 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
     if robot is None or not known:
         return None
     arm = Arm.of(robot)
-    outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[OutsideRange]()
+    outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[dict[str, Any]]()
     for effect in known:
         share = np.zeros(data.n)
         for driver, (low, high) in effect.validity.items():
@@ -235,26 +218,25 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             if is_held or fading is not None:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
             items.append(
-                OutsideRange(
-                    effect=str(effect.effect),
-                    driver=driver,
-                    unit=driver_unit(arm, driver),
-                    low=low,
-                    high=high,
-                    n_poses=int(np.count_nonzero(is_outside)),
-                    excess=float(excess.max()),
-                    first_row=int(np.argmax(is_outside)),
-                    is_held=is_held,
-                )
+                {
+                    "effect": str(effect.effect),
+                    "driver": driver,
+                    "unit": driver_unit(arm, driver),
+                    "low": low,
+                    "high": high,
+                    "n_poses": int(np.count_nonzero(is_outside)),
+                    "largest_excess": float(excess.max()),
+                    "rule": "held" if is_held else "extrapolated",
+                }
             )
         if share.any():
             # The effect is unknown there: its own size is reached at a tenth of the range, and grows in proportion from
             # a whole range on.
             growth = np.maximum(np.minimum(10.0 * share, 1.0), share)
             position_var += growth**2 * _mean_square_size(arm, effect, data)
-    ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
+    ranked = tuple(sorted(items, key=lambda item: (-item["n_poses"], item["effect"], item["driver"])))
     std_max = float(np.sqrt(position_var.max(initial=0.0)))
-    return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max)
+    return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max, int(np.argmax(outside)))
 
 
 def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
@@ -270,10 +252,8 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
     return float(np.mean(np.sum(np.square(with_effect - without), axis=0)))
 
 
-def _sentence(item: OutsideRange) -> str:
-    poses = "1 pose" if item.n_poses == 1 else f"{item.n_poses} poses"
-    rule = "held at the end" if item.is_held else "extrapolated"
-    return (
-        f"{item.effect} {rule} by {item.driver}, {poses} up to {item.excess:.3g} {item.unit} beyond "
-        f"[{item.low:.4g}, {item.high:.4g}]"
-    )
+def _sentence(item: Mapping[str, Any]) -> str:
+    poses = "1 pose" if item["n_poses"] == 1 else f"{item['n_poses']} poses"
+    rule = "held at the end" if item["rule"] == "held" else "extrapolated"
+    most = f"up to {item['largest_excess']:.3g} {item['unit']} beyond [{item['low']:.4g}, {item['high']:.4g}]"
+    return f"{item['effect']} {rule} by {item['driver']}, {poses} {most}"

@@ -243,7 +243,7 @@ def test_the_profile_fades_to_its_level_within_a_quarter_of_its_finest_period(be
     assert turned_by(robot, angle) == pytest.approx(np.abs(left(angle) @ values), rel=1e-3)
     outside = outside_validity(robot, poses_at(angle))
     assert (outside.std_max > 0.0) is (beyond > 0.016)
-    assert all(not item.is_held for item in outside.ranges)
+    assert all(item["rule"] != "held" for item in outside.ranges)
 
 
 def test_the_level_passes_from_end_to_end_without_a_jump() -> None:

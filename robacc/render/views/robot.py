@@ -5,8 +5,19 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from robacc.effects.specification import CatalogueEntry
-from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
+from robacc.render.text import (
+    IN_DEGREES,
+    IN_MM,
+    PLAIN_WIDTH,
+    Document,
+    Grid,
+    Listing,
+    Section,
+    Text,
+    fixed,
+    grid,
+    unit_of,
+)
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
 from robacc.robots.library import LibraryArm, Reach, Summary
 
@@ -194,11 +205,11 @@ def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
 _COEFFICIENTS_SHOWN = 12
 
 
-def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
+def effects_view(entries: Sequence[Document], in_detail: bool) -> list[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
     if not in_detail:
         rows = [
-            (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
+            (entry["name"], entry["summary"] + (f" (not applicable: {entry['why']})" if entry.get("why") else ""))
             for entry in entries
         ]
         hint = (
@@ -206,20 +217,20 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
         )
         return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
     (entry,) = entries
-    about, names = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients]
+    names = [f"{term['name']} ({term['unit']})" for term in entry.get("coefficients", ())]
     others = f" and {len(names) - _COEFFICIENTS_SHOWN} more" * (len(names) > _COEFFICIENTS_SHOWN)
-    applicable = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
-    is_known, is_applicable = entry.for_robot, entry.for_robot and entry.why is None
+    applicable = f"applicable{' to ' * bool(entry.get('joints'))}{', '.join(entry.get('joints', ()))}"
+    is_known, is_applicable = "offered" in entry, entry.get("offered", False)
     facts = [
-        ("equation", about.equation),
-        ("unit", about.unit),
-        ("usual size", about.usual_size),
-        ("needs", about.needs),
-        ("confused with", about.confused_with),
-        ("source", about.source),
-        ("in a file", about.example),
-        ("this robot", (applicable if is_applicable else f"not applicable: {entry.why}") * is_known),
+        ("equation", entry["equation"]),
+        ("unit", entry["unit"]),
+        ("usual size", entry["usual_size"]),
+        ("needs", entry["needs"]),
+        ("confused with", entry["confused_with"]),
+        ("source", entry["source"]),
+        ("in a file", entry["example"]),
+        ("this robot", (applicable if is_applicable else f"not applicable: {entry.get('why')}") * is_known),
         ("coefficients", f"{', '.join(names[:_COEFFICIENTS_SHOWN])}{others}" * is_applicable),
     ]
     table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
-    return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]
+    return [Section(entry["name"], [Text(f"  {entry['summary']}"), table])]

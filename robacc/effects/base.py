@@ -22,7 +22,7 @@ from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_or
 import numpy as np
 
 from robacc.effects.drivers import COLUMNS, Driver, Periods, Validity, driver_values, ranges, split
-from robacc.errors import MissingColumnError, UsageError, given, refuse
+from robacc.errors import MissingColumnError, given, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
@@ -138,11 +138,9 @@ def settings_of(effect: type) -> Mapping[str, Setting]:
     hints, settings = get_type_hints(effect), []
     for field in dataclasses.fields(effect):
         if declared := field.metadata.get("setting"):
-            kind, choices = hints[field.name], declared.choices
-            if get_origin(kind) is Literal:
-                kind, choices = str, get_args(kind)
-            key = declared.key or field.name
-            settings.append(declared._replace(key=key, choices=choices, field=field.name, kind=kind))
+            kind = hints[field.name]
+            of_names = {"kind": str, "choices": get_args(kind)} if get_origin(kind) is Literal else {"kind": kind}
+            settings.append(declared._replace(key=declared.key or field.name, field=field.name, **of_names))
     return {declared.key: declared for declared in sorted(settings, key=lambda declared: declared.last)}
 
 
@@ -490,9 +488,8 @@ class Effect(abc.ABC):
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the effect in SI; its settings are in units of ``length`` m and ``angle`` rad."""
-        sizes = {"length": length, "angle": angle}
         changes = {
-            declared.field: scaled(getattr(self, declared.field), sizes[declared.unit])
+            declared.field: scaled(getattr(self, declared.field), length if declared.unit == "length" else angle)
             for declared in settings_of(type(self)).values()
             if declared.unit
         }
@@ -551,11 +548,9 @@ class Effect(abc.ABC):
     def limits(self, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers beyond which it is held, or fades, and the periods of some of them."""
         rules = {name: self.beyond(arm, name, limits) for name, limits in validity.items()}
-        names = [name for name, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)]
-        periods = {name: rules[name].period for name in names}
-        return {name: validity[name] for name in names}, {
-            k: period for k, period in periods.items() if period is not None
-        }
+        chosen = {k: rule for k, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)}
+        periods = {name: rule.period for name, rule in chosen.items() if rule.period is not None}
+        return {name: validity[name] for name in chosen}, periods
 
     def within(self, validity: Validity) -> Effect:
         """Return the effect as it is used on poses beyond ``validity``; an effect of the torque may limit that."""
@@ -617,9 +612,6 @@ def effect_class(name: str) -> type[Effect]:
     """
     if name not in REGISTRY:
         load_plug_ins()
-    try:
-        return REGISTRY[name]
-    except KeyError:
-        matches = difflib.get_close_matches(name, REGISTRY, n=1)
-        hint = f", did you mean {matches[0]!r}?" if matches else "."
-        raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
+        hint = "".join(f", did you mean {match!r}?" for match in difflib.get_close_matches(name, REGISTRY, n=1))
+        refuse((name not in REGISTRY, f"no effect {name!r}{hint or '.'} The catalogue: {', '.join(REGISTRY)}"))
+    return REGISTRY[name]

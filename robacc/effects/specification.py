@@ -24,7 +24,7 @@ from robacc.effects.drivers import (
     range_excess,
     read_validity,
 )
-from robacc.errors import Problem, UsageError, refuse
+from robacc.errors import Problem, UsageError, given, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -119,8 +119,8 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
         refuse((is_turn, f"values.{key} is more than a turn; expected a small angle, found {value:g}"))
     if "validity" not in entry:
         return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
-    drivers = effect.validity_drivers(arm)
-    return Known(effect, values, read_validity(arm, drivers, entry["validity"], *arm.robot.effect_units))
+    ranges = read_validity(arm, effect.validity_drivers(arm), entry["validity"], *arm.robot.effect_units)
+    return Known(effect, values, ranges)
 
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
@@ -172,12 +172,10 @@ def _short_name(effect: Effect, name: str) -> str:
 
 def entry_of(effect: Effect, values: Mapping[str, float], validity: Validity | None = None) -> dict[str, Any]:
     """Return the entry of a robot file for an effect with values, and the ranges of its drivers if they are known."""
-    entry: dict[str, Any] = {"effect": effect.name}
-    if effect.joints:
-        entry["joints"] = list(effect.joints)
+    joints = {"joints": list(effect.joints)} if effect.joints else {}
     short = {_short_name(effect, name): value for name, value in values.items()}
-    entry = {**entry, **effect.settings(), "values": short}
-    return {**entry, "validity": {name: list(pair) for name, pair in validity.items()}} if validity else entry
+    ranges = {"validity": {name: list(pair) for name, pair in validity.items()}} if validity else {}
+    return {"effect": effect.name, **joints, **effect.settings(), "values": short, **ranges}
 
 
 # Entries of a robot file's effects in other units of length and angle.
@@ -192,13 +190,10 @@ def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> 
     campaign = robot.campaign
     if robot.effect_units == (length, angle):
         return robot
-    if not (robot.effects or (campaign and campaign.effects)):
-        return dataclasses.replace(robot, effect_units=(length, angle))
-    arm = Arm.of(robot)
 
     def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
         stated = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
-        return tuple(_entry(arm, entry, length, angle) for entry in stated)
+        return tuple(_entry(Arm.of(robot), entry, length, angle) for entry in stated)
 
     if campaign is not None:
         campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
@@ -240,12 +235,9 @@ def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> t
     for joint, (low, high) in effect.limits(arm, validity, fading=True)[0].items():
         values = driver_values(arm, data, joint)
         _, period, length = effect.beyond(arm, joint, (low, high))
-        if values is None or length is None:
+        if values is None or length is None or not np.any(excess := range_excess(values, low, high, period)):
             continue
-        excess = range_excess(values, low, high, period)
         share = np.exp(-0.5 * np.square(excess / length))
-        if np.all(share == 1.0):
-            continue
         # Across the gap of a joint that turns on, the level passes from one end to the other.
         of_other = excess / (math.inf if period is None else max(period - (high - low), 1e-12))
         of_low = np.where(nearest_image(values, low, high, period) < low, 1.0 - of_other, of_other)
@@ -363,19 +355,15 @@ def parse_requests(text: str) -> tuple[Request, ...]:
     """
     requests, position = [], 0
     while position < len(text):
-        match = _ITEM.match(text, position)
-        if match is None:
-            raise UsageError(f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]")
+        unreadable = f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]"
+        match = given(_ITEM.match(text, position), unreadable)
         name, inside = match.groups()
         effect_class(name)
-        joints = None
-        if inside is not None:
-            joints = tuple(part.strip() for part in inside.split(",") if part.strip())
-            refuse((not joints, f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
+        joints = None if inside is None else tuple(part.strip() for part in inside.split(",") if part.strip())
+        refuse((joints == (), f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
         requests.append(Request(name, joints))
         position = match.end()
-    unique = {(request.name, request.joints): request for request in requests}
-    return tuple(sorted(unique.values(), key=lambda request: list(REGISTRY).index(request.name)))
+    return tuple(sorted(dict.fromkeys(requests), key=lambda request: list(REGISTRY).index(request.name)))
 
 
 def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Effect, ...]:
@@ -434,22 +422,19 @@ class Baseline(NamedTuple):
 
 def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     """Return the effects of every arm that poses in ``n_places`` different places support."""
-    reasons: dict[str, str | None] = {}
     per_pose = 3 if data.rotation is None else 6
     revolute = sum(map(arm.is_revolute, arm.names))
-    # Identifiable coefficients of the baseline up to each effect.
+    # Identifiable coefficients of the baseline up to each effect, without those of the targets.
     zeros, links = 6 + len(arm.names), 4 * revolute + 2 * (len(arm.names) - revolute)
-    for name, coefficients in zip((*FRAMES, *CONSTANTS), (0, 0, zeros, links), strict=True):
-        why = effect_class(name).missing(arm, data)
-        if coefficients:
-            coefficients += per_pose * max(len(arm.robot.targets), 1)
-            least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
-            if why is None and n_places * per_pose < least:
-                why = (
-                    f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
-                    f"coefficients of the baseline with it need {least}"
-                )
-        reasons[name] = why
+    reasons = {name: effect_class(name).missing(arm, data) for name in (*FRAMES, *CONSTANTS)}
+    for name, own in zip(CONSTANTS, (zeros, links), strict=True):
+        coefficients = own + per_pose * max(len(arm.robot.targets), 1)
+        least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
+        few = (
+            f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
+            f"coefficients of the baseline with it need {least}"
+        )
+        reasons[name] = reasons[name] or (few if n_places * per_pose < least else None)
     names = tuple(name for name, why in reasons.items() if why is None)
     return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
 

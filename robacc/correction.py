@@ -6,9 +6,9 @@ G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reac
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from itertools import compress
 from typing import Literal, get_args
 
 import numpy as np
@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.drivers import is_outside
+from robacc.effects.drivers import is_outside, range_excess
 from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses
@@ -337,8 +337,7 @@ def refusals(
     amplified = largest / np.maximum(correction[0] / joints.length + correction[1], 1e-9)
 
     def limited(i: int) -> str:
-        stopped = " and ".join(itertools.compress(names, at_limit[:, i]))
-        return f"the correction would take {stopped} beyond the joint limit"
+        return f"the correction would take {' and '.join(compress(names, at_limit[:, i]))} beyond the joint limit"
 
     def moves(i: int) -> str:
         turn = f"{float(largest[i]) * _DEGREES:.2g}°"
@@ -385,8 +384,7 @@ def _out_of_range(
     for name, (low, high) in (limits.ranges or {}).items():
         if (values := columns.get(name)) is not None:
             # Share of a range by which a target may exceed it.
-            margin = 0.05 * (high - low)
-            outside = (values < low - margin) | (values > high + margin)
+            outside = range_excess(values, low, high) > 0.05 * (high - low)
             yield outside, f"{name} is outside the range that the model was fitted on"
 
 
@@ -397,9 +395,8 @@ def _amounts(error: Array) -> Array:
 
 def _sizes(position: float | None, angle: float | None) -> str:
     """Return lengths in mm and angles in degrees as text."""
-    parts = [] if position is None else [f"{1e3 * float(position):.3g} mm"]
-    parts += [] if angle is None else [f"{float(angle) * _DEGREES:.2g}°"]
-    return " and ".join(parts)
+    length = "" if position is None else f"{1e3 * float(position):.3g} mm"
+    return " and ".join(filter(None, (length, "" if angle is None else f"{float(angle) * _DEGREES:.2g}°")))
 
 
 _ROUNDS = 5
@@ -497,8 +494,8 @@ def expected_errors(
     # The best grade whose limits the bounds meet.
     best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
     grades = None if best is None else tuple(map(scale.name_of, best))
-    known = bounds[0] is None or bounds[1] is not None
-    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
+    turn_rms = rms[1] if bounds[0] is None or bounds[1] is not None else None
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], turn_rms, bounds[0], bounds[1], grades)
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
@@ -619,10 +616,10 @@ def correction(
     q = np.where(np.array(list(map(bool, refused)), dtype=bool), wanted.q, solution.q)
     errors = [setting.errors(wanted.poses, each, setting.motion(each)) for each in (wanted.q, q)]
     corrected, command = setting.at(q, setting.motion(q)), setting.nominal_poses(q)
-    position, orientation = None, None
-    if fit is not None:
-        position, orientation = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
-        orientation = orientation if fit.unexplained.shape[0] == 6 else None
+    position, orientation = (
+        (None, None) if fit is None else model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
+    )
+    orientation = orientation if fit is not None and fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
     listed = ", ".join(map(str, setting.left_out))
     notes = (

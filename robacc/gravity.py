@@ -42,10 +42,9 @@ def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]
     """Return a sum of loads, each with a factor, as one load for each frame."""
     totals: dict[int, list[float | Array]] = {}
     for share, loads in shares:
-        for load in loads:
-            total = totals.setdefault(load.after, [0.0] * 4)
-            for i, value in enumerate((load.mass, *load.first_moment)):
-                total[i] = total[i] + share * value
+        for after, mass, first_moment in loads:
+            values = zip(totals.get(after, [0.0] * 4), (mass, *first_moment), strict=True)
+            totals[after] = [total + share * value for total, value in values]
     return tuple(Load(after, mass, (x, y, z)) for after, (mass, x, y, z) in totals.items())
 
 
@@ -203,12 +202,11 @@ def force_derivatives(
     mass, first_moment = moved_by(motion)
     result = np.asarray(np.einsum("ikn,in->kn", angular, cross(mass * v + cross(w, first_moment), down)))
     # Behind the motion the loads change only where a body is in between: motions with the same next body are grouped.
-    groups: dict[int, list[int]] = {}
-    for i, k in enumerate(wanted):
-        if k >= motion:
-            groups.setdefault(min((load.after for load in loads if load.after > k), default=-1), []).append(i)
+    following = [min((load.after for load in loads if load.after > k), default=-1) for k in wanted]
+    behind = [i for i, k in enumerate(wanted) if k >= motion]
     lever = -cross(w, down)
-    for at in groups.values():
+    for body in {following[i] for i in behind}:
+        at = [i for i in behind if following[i] == body]
         mass, first_moment = moved_by(wanted[at[0]])
         result[at] = mass * np.einsum("ikn,in->kn", linear[:, at], lever)
         result[at] += np.einsum("ikn,in->kn", angular[:, at], cross(first_moment, lever))

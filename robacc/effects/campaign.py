@@ -202,9 +202,11 @@ class TrackerError(LineOfSight):
             return along[:, None]
         flat = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
         x, y, z = along[:, 0] / flat, along[:, 1] / flat, along[:, 2]
-        cosine, sine, tangent = x, y, np.stack((-y, x, np.zeros_like(x)), axis=1) * (flat * distance)[:, None]
-        if self.kind == "vertical":
-            cosine, sine, tangent = flat, z, np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None]
+        cosine, sine, tangent = (
+            (flat, z, np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None])
+            if self.kind == "vertical"
+            else (x, y, np.stack((-y, x, np.zeros_like(x)), axis=1) * (flat * distance)[:, None])
+        )
         return np.stack((tangent * cosine[:, None], tangent * sine[:, None]), axis=1)
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
@@ -336,10 +338,9 @@ class InstrumentScale(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a constant scale, and drifts if the time varies."""
-        if not data.has_length:
-            return
-        yield cls()
-        if data.time is not None and varies(data.time):
+        if data.has_length:
+            yield cls()
+        if data.has_length and data.time is not None and varies(data.time):
             low, high = float(data.time.min()), float(data.time.max())
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
@@ -369,16 +370,16 @@ class InstrumentScale(Effect):
         scale, shifts, centre = self._curves({term.name: value for term, value in zip(terms, values, strict=True)})
         if centre is None:
             return super().implausible(terms, values)
-        if math.hypot(*centre) > FARTHEST:
-            distance = f"{math.hypot(*centre):.2g} m away"
-            return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
         moved, left_over = (float(np.sum(np.square(part))) for part in (shifts, shifts + np.outer(scale, centre)))
+        if (distance := math.hypot(*centre)) > FARTHEST:
+            return (
+                f"{self.name}: its centre is {distance:.2g} m away, which is implausible: an instrument stands nearer"
+            )
         # Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such
         # point: in simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that
         # wander 0.99 and more.
-        if left_over > 0.5 * moved:
-            return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
-        return super().implausible(terms, values)
+        moves = f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
+        return moves if left_over > 0.5 * moved else super().implausible(terms, values)
 
     def _curves(self, values: Mapping[str, float]) -> tuple[Array, Array, Array | None]:
         """Return ``(T,)`` the scale and ``(T, 3)`` the shifts over the time of the poses, and ``(3,)`` their centre, m.
@@ -707,9 +708,8 @@ def place_of(effect: Effect) -> float:
 
 def same_form(first: Effect, second: Effect) -> bool:
     """Return whether two steps differ in their place at most."""
-    steps = (cast(Step, effect) for effect in (first, second))
-    one, other = (dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in steps)
-    return one == other
+    anywhere: dict[str, Any] = {"from_line": None, "from_time": None, "file": None}
+    return dataclasses.replace(first, **anywhere) == dataclasses.replace(second, **anywhere)
 
 
 def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:

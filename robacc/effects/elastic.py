@@ -268,28 +268,22 @@ class JointHardening(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        torques = {
+        shares = {
             joint: np.clip(driven_by(arm, data, f"torque_{joint}", self.name), -largest, largest)
+            / (self.reference if self.knee is None else self.knee)
             for joint in self.joints
             for largest in [self.largest_torques.get(joint, np.inf)]
         }
         if self.knee is None:
-            cubes = {joint: (torque / self.reference) ** 3 for joint, torque in torques.items()}
-            return tuple(self.joint_term(arm, joint, cube) for joint, cube in cubes.items())
-        # The only real root of z + z^3 = torque / knee.
-        roots = {
-            joint: 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * (torque / self.knee)) / 3.0)
-            for joint, torque in torques.items()
+            return tuple(self.joint_term(arm, joint, share**3) for joint, share in shares.items())
+        # The only real root of z + z^3 = torque / knee, less that ratio.
+        beyond = {
+            joint: 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * share) / 3.0) - share
+            for joint, share in shares.items()
         }
         return tuple(
-            self.joint_term(
-                arm,
-                joint,
-                self.knee * (roots[joint] - torque / self.knee),
-                typical=1e-5,
-                unit=compliance_unit(arm, joint),
-            )
-            for joint, torque in torques.items()
+            self.joint_term(arm, joint, self.knee * part, typical=1e-5, unit=compliance_unit(arm, joint))
+            for joint, part in beyond.items()
         )
 
     def statement(
@@ -310,8 +304,8 @@ class JointHardening(Effect):
 
 def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> float:
     """Return the largest torque of gravity on some joints, N m."""
-    torque = weight_torques(arm, data)
-    return max((float(np.abs(torque[arm.number(joint)]).max(initial=0.0)) for joint in joints), default=0.0)
+    torque = weight_torques(arm, data)[[arm.number(joint) for joint in joints]]
+    return float(np.abs(torque).max(initial=0.0))
 
 
 _UPRIGHT = 0.02
@@ -478,10 +472,8 @@ class PayloadCompliance(Elastic):
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return the ratios of unknown loads."""
-        if not self.groups:
-            return None
         sizes = {group: values.get(f"{self.name}.{self.joints[0]}.{group}", 0.0) for group in self.groups}
-        largest = max(sizes.values(), key=abs)
+        largest = max(sizes.values(), key=abs, default=0.0)
         if largest == 0.0:
             return None
         shares = ", ".join(f"{group} {size / largest:.2f}" for group, size in sizes.items())

@@ -234,13 +234,12 @@ class Backlash(Effect):
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return that the load decides the flank, if it does."""
-        if self.by == "approach":
-            return None
         unit = "N m" if arm.is_revolute(self.joints[0]) else "N"
         friction = f"; below {self.friction:.3g} {unit} it stays on the flank of its approach" if self.friction else ""
-        return (
+        text = (
             f"the gear rests on the flank that gravity presses it to{friction}: it jumps where the torque changes sign"
         )
+        return text if self.by == "gravity" else None
 
 
 def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array:
@@ -254,9 +253,7 @@ def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array
     direction, size = data.direction[number], np.abs(torque)
     # Largest friction that a search tries, over the largest torque of gravity on the joint.
     opposed = np.unique(size[(np.sign(torque) * direction < 0) & (size < 0.3 * size.max())])
-    if opposed.size == 0:
-        return np.zeros(0)
-    between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1]))
+    between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1:]))
     if between.size > _MOST_FRICTIONS:
         between = between[np.linspace(0, between.size - 1, _MOST_FRICTIONS).round().astype(int)]
     return np.array([float(f"{friction:.6g}") for friction in between.tolist()])

@@ -122,9 +122,8 @@ def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | N
     """
     if len(orders) == 1:
         return 2.0 * math.pi / orders[0]
-    if not all(float(number).is_integer() for number in (*orders, gear_ratio or 1.0)):
-        return None
-    return 2.0 * math.pi / math.gcd(*(int(order) for order in orders))
+    are_whole = all(float(number).is_integer() for number in (*orders, gear_ratio or 1.0))
+    return 2.0 * math.pi / math.gcd(*map(int, orders)) if are_whole else None
 
 
 def supported_orders(angle: Array) -> Array:
@@ -553,10 +552,9 @@ class JointCorrection(Effect):
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the correction in SI; ranges of joints are in the file's unit of length or angle."""
-        sizes = []
-        for driver in self.drivers:
-            units = {arm.unit(joint) for joint in (self.joints if driver == "own" else (driver,)) if joint in arm.names}
-            sizes.append(1.0 if not units else angle if units == {"rad"} else length)
+        of_driver = [self.joints if driver == "own" else (driver,) for driver in self.drivers]
+        units = [{arm.unit(joint) for joint in joints if joint in arm.names} for joints in of_driver]
+        sizes = [1.0 if not unit else angle if unit == {"rad"} else length for unit in units]
         return dataclasses.replace(self, ranges=tuple(map(scaled, self.ranges, sizes)))
 
     @classmethod
@@ -666,9 +664,8 @@ class PoseCorrection(Effect):
         """Return the reason if lengths or centres have not a number for each joint."""
         if len(self.lengths) != len(self.joints):
             return f"lengths must be a positive number for each joint, found {list(self.lengths)!r}"
-        if any(len(centre) != len(self.joints) for centre in self.centres):
-            return f"centres must be lists of a number for each joint, found {as_plain(self.centres)!r}"
-        return None
+        text = f"centres must be lists of a number for each joint, found {as_plain(self.centres)!r}"
+        return text if any(len(centre) != len(self.joints) for centre in self.centres) else None
 
     @property
     def form(self) -> Traits:

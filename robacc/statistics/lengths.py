@@ -154,9 +154,8 @@ def mean_lengths(variances: Array) -> Array:
     Carlson's duplication of R_F and R_D (DLMF 19.26.18 and 19.26.20). scipy.special has it, but its import takes longer
     than all criteria of ISO 9283.
     """
-    largest = np.where(variances[2] > 0.0, variances[2], 1.0)
     # Without a floor R_F and R_D are infinite where two variances are zero; R_G changes by less than 1e-18.
-    x, y, z = first, second, third = np.maximum(variances / largest, 1e-20)
+    x, y, z = first, second, third = np.maximum(variances / np.where(variances[2] > 0.0, variances[2], 1.0), 1e-20)
     r_d, weight = np.zeros_like(z), 1.0
     while np.any(z - x > 1e-7 * z):
         roots = np.sqrt((x, y, z))

@@ -75,12 +75,11 @@ def process_file(task: FileTask) -> FileOutcome:
             output.write_result(
                 task.outlets, task.command, document, partial(result.view, task.full, *shown), gate, warnings
             )
+        status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
+        outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
-    else:
-        status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
-        outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     return replace(outcome, seconds=time.perf_counter() - started)
 
 
@@ -275,8 +274,8 @@ def _write(
         output.write(place, many_annotations(command, outcomes))
     else:
         view = partial(many_view, command, outcomes, options["robot"], options.get("align", ()))
-        form = "table" if outlets.form == "json" else outlets.form
-        output.write_result(Outlets(format=form, output=place), command, dict, view, None, warnings)
+        own = Outlets(format="table" if outlets.form == "json" else outlets.form, output=place)
+        output.write_result(own, command, dict, view, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

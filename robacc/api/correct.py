@@ -301,11 +301,10 @@ def correct(
         (20, '1.4 mm')
     """
     inputs = Inputs(locals(), "targets")
-    constants = {"payload": payload, "temperature": temperature, "time": time}
     refuse(
         *(
             (value is not None and not math.isfinite(value), f"`{name}`: expected a finite number, found {value!r}")
-            for name, value in constants.items()
+            for name, value in (("payload", payload), ("temperature", temperature), ("time", time))
         ),
         (strict_range and beyond_range, "`strict_range` refuses what `beyond_range` corrects; give one of them"),
     )
@@ -340,13 +339,12 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    outside = [
-        (i, refusal.reason)
+    outside = {
+        i: refusal.reason
         for i, refusal in enumerate(body.refusals)
-        if refusal is not None and refusal.cause == "out_of_range"
-    ]
-    if strict_range and outside:
-        first, reason = outside[0]
+        if strict_range and refusal is not None and refusal.cause == "out_of_range"
+    }
+    for first, reason in outside.items():
         message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
         fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
         raise InputError(Problem(message, data.source, data.line(first), fix=fix))
@@ -367,18 +365,14 @@ def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> tuple[Robot,
     """Return the robot that the controller computes with, and doubts about it."""
     if inputs.arguments["nominal"] is not None:
         return inputs.robot(inputs.arguments["nominal"], kind="nominal"), ()
-    doubts: tuple[str, ...] = ()
-    if fit is None and not model.effects:
-        doubts = (
-            "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
-            "`write_model` wrote, or `nominal` with the controller's robot file",
-        )
-    elif fit is None:
-        doubts = (
-            "the model does not contain the robot that it was fitted from, so its numbers without its effects count "
-            "as the controller's; give `nominal`",
-        )
-    return nominal_robot(model, fit), doubts
+    doubt = (
+        "the model does not contain the robot that it was fitted from, so its numbers without its effects count as the "
+        "controller's; give `nominal`"
+        if model.effects
+        else "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
+        "`write_model` wrote, or `nominal` with the controller's robot file"
+    )
+    return nominal_robot(model, fit), (doubt,) if fit is None else ()
 
 
 def _limits(
@@ -390,14 +384,11 @@ def _limits(
         UsageError: ``most`` is not one or two sizes.
     """
     refuse((weight <= 0, "`weight`: expected a length above zero"))
-    limits = Limits(weight=weight, beyond_range=beyond_range, ranges=None if fit is None else fit.ranges)
-    if most is None:
-        if fit is None:
-            return limits, "none"
-        largest = fit.largest_correction
-        return replace(limits, position=_TWICE * largest[0], orientation=_TWICE * largest[1]), "model"
     position, angle = length_and_angle("most", most, "3mm,0.5deg")
-    return replace(limits, position=position, orientation=angle), "option"
+    if most is None and fit is not None:
+        position, angle = (_TWICE * largest for largest in fit.largest_correction)
+    limits = Limits(position, angle, weight, beyond_range, None if fit is None else fit.ranges)
+    return limits, "option" if most is not None else "none" if fit is None else "model"
 
 
 # Call that corrects the targets of a robot program: ``robacc correct PROGRAM``.
@@ -428,19 +419,21 @@ class CorrectedProgram:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the unchanged targets, what the program computes, and the configuration."""
-        lines = list(self.doubts)
-        lines += [f"not corrected: {text}" for text in _by_reason(self.unchanged)]
-        lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
         count = self.corrections[0].q.shape[0]
-        if any(
+        unread = (
+            "Cartesian targets whose configuration is not given, or not read completely: the joints nearest to the "
+            "last joint target before them are taken, or a solution within the limits where there is none"
+        )
+        are_unread = (
             target.kind == "cartesian" and not is_read(self.program.dialect, target.configuration, count)
             for target in self.program.targets
-        ):
-            lines.append(
-                "Cartesian targets whose configuration is not given, or not read completely: the joints nearest to the "
-                "last joint target before them are taken, or a solution within the limits where there is none"
-            )
-        return tuple(lines)
+        )
+        return (
+            *self.doubts,
+            *(f"not corrected: {text}" for text in _by_reason(self.unchanged)),
+            *(f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes),
+            *[unread] * any(are_unread),
+        )
 
 
 def correct_program(
@@ -573,13 +566,12 @@ def _configured(
 def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
     """Return the joints ``(J, N)`` of the last joint target before each Cartesian one; None without a joint target."""
     before: dict[int, tuple[float, ...]] = {}
-    last: tuple[float, ...] | None = None
-    first: tuple[float, ...] | None = None
+    joints = [program.targets[index].values for index in program.moves if program.targets[index].kind == "joint"]
+    last = None
     for index in program.moves:
         target = program.targets[index]
         if target.kind == "joint":
             last = target.values
-            first = first or last
         elif last is not None:
             before.setdefault(index, last)
-    return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
+    return np.array([before.get(i, joints[0]) for i in numbers], dtype=float).T if joints else None

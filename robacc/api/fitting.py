@@ -415,17 +415,16 @@ def _solvable(data: Measurements) -> Iterator[None]:
 def _rows(data: Measurements) -> Iterator[bytes]:
     """Return the numbers of each row as bytes; measurement noise makes them differ between visits to a pose."""
     rotation = None if data.rotation is None else data.rotation.reshape(9, data.n)
-    position = data.position
-    if data.seen is not None:  # Rays do not depend on the other photos, as the usual depth does.
-        position = np.round(position / np.where(data.seen[3] > 0.0, data.seen[3], 1.0), 9)
+    # Rays do not depend on the other photos, as the usual depth does.
+    depth = None if data.seen is None else np.where(data.seen[3] > 0.0, data.seen[3], 1.0)
+    position = data.position if depth is None else np.round(data.position / depth, 9)
     columns = (data.q, position, rotation, data.time, data.temperature, data.payload)
     return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 
 def _name(source: PosesSource | Robot | None) -> str | None:
-    if isinstance(source, Measurements):
-        return STDIN if source.source == "<stdin>" else source.source
-    return path_of(source)
+    read = source.source if isinstance(source, Measurements) else path_of(source)
+    return STDIN if read == "<stdin>" else read
 
 
 def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitInputs) -> Made:

@@ -265,8 +265,8 @@ def export(
     check_parameters(form, given)
     before = None if nominal is None else inputs.robot(nominal, kind="nominal")
     if before is not None:
-        others = before.variable_names != robot.variable_names
-        refuse((others, "the model and the nominal model have different joints"))
+        differ = before.variable_names != robot.variable_names
+        refuse((differ, "the model and the nominal model have different joints"))
         given["nominal"] = before
     if template is not None:
         given["template"] = inputs.text(template, "template", lambda text, _: text)
@@ -280,12 +280,9 @@ def export(
         raise UsageError(f"name the format of the file with `format`: {names}") from error
     controller = made.controller or start
     remaining = remaining_error(complete, controller)
-    effects = [f"effect {name}" for name in (*refitted, *excluded)]
-    not_carried = (
-        ()
-        if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
-        else (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
-    )
+    is_exact = before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
+    losses = (loss for loss in made.losses if not loss.startswith("effect "))
+    not_carried = () if is_exact else (*(f"effect {name}" for name in (*refitted, *excluded)), *losses)
     default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")
     fit = model_fit(robot)
     return Exported(

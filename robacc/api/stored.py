@@ -227,10 +227,8 @@ def compare(
 
 def _are_poses(source: Source) -> bool:
     """Return whether a source is a file of poses: a folder, or a file that is no JSON object."""
-    if isinstance(source, Result | StoredResult) or not os.path.exists(source):
-        return False
-    if not os.path.isfile(source):
-        return os.path.isdir(source)
+    if isinstance(source, Result | StoredResult) or not os.path.isfile(source):
+        return not isinstance(source, Result | StoredResult) and os.path.isdir(source)
     with open(source, "rb") as file:
         # Bytes of a file in which its first sign is looked for.
         return not file.read(256).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
@@ -250,9 +248,8 @@ def _names(results: Sequence[Source]) -> list[str]:
 
 def _path(source: Source) -> str:
     """Return the path of a file, or the command of a result without one."""
-    if isinstance(source, StoredResult):
-        return source.name
-    return source.command if isinstance(source, Result) else os.fspath(source)
+    own = source.name if isinstance(source, StoredResult) else source.command if isinstance(source, Result) else source
+    return os.fspath(own)
 
 
 # Call of ``robacc compare --paired``.
@@ -326,17 +323,19 @@ def compare_paired(
     first = inputs.poses(before, controller or arm, kind="before")
     second = inputs.poses(after, controller or arm, kind="after")
     body = paired_targets(first, second, controller, arm, noise)
-    doubts = [*first.warnings, *second.warnings]
-    if first.commanded_position is None and second.commanded_position is None:
-        doubts.append(
-            "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` "
-            "count; errors of base and tool frames are part of the figures"
-        )
-    if arm is not None and body.promise is not None:
-        fit = model_fit(arm)
-        doubts += (*noise_doubts(body.promise["noise"]), *(() if fit is None else fit.warnings))
+    unwanted = (
+        "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` count; "
+        "errors of base and tool frames are part of the figures"
+    )
+    has_none = first.commanded_position is None and second.commanded_position is None
+    fit = None if arm is None else model_fit(arm)
+    doubts = (
+        *(*first.warnings, *second.warnings, *[unwanted] * has_none),
+        *(() if body.promise is None else noise_doubts(body.promise["noise"])),
+        *(() if fit is None else fit.warnings),
+    )
     made = inputs.made("before", "after", "model", "nominal")
-    return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)
+    return ComparedTargets(**fields_of(body), doubts=doubts, made=made)
 
 
 # Calls of ``robacc history`` and its forms: a database of results, and what changed between them.
@@ -520,8 +519,7 @@ def history_trend(
     for name, group in groupby(rows, key=lambda row: row[0]):
         own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
         known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
-        is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
-        slope = slope_of(*known.T) if is_line else (None, None, None)
+        slope = slope_of(*known.T) if len(known) > 2 and np.ptp(known[:, 0]) > 0.0 else (None, None, None)
         values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
         trends.append(
             {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
@@ -645,12 +643,11 @@ def health(
         last = [test for test in own if test.command in FITS][-1:]
         digests = {entry["sha256"] for test in last for entry in document_of(base, test)["inputs"]}
     doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
-    level = level_of(np.array([test.at for test in own]))
-    path = path_of(poses)
+    level, path = level_of(np.array([test.at for test in own])), path_of(poses)
     when = _time(at) or max(_own_date(path), own[-1].at)
     refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
-    dates = (own[-1].at, when)
-    changed, limits, hidden, rms = quick_test(model, record, data, level, Spread.of(series).factor, dates)
+    factor = Spread.of(series).factor
+    changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1].at, when))
     return Health(
         arm=own_name,
         n_poses=data.n,

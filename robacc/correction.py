@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import compress
-from typing import Literal, get_args
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,8 +73,7 @@ Motion = tuple[Array | None, Array | None]
 """Direction and speed of approach ``(J, N)``; None where unknown."""
 
 
-@dataclass(frozen=True, slots=True)
-class CorrectionSetting:
+class CorrectionSetting(NamedTuple):
     """Real arm as the model describes it, the arm that the controller computes with, and the targets' circumstances.
 
     Both arms are in the same frames.
@@ -174,8 +173,7 @@ _BLOCK = 256
 """Cartesian targets without joints whose configurations are searched at a time."""
 
 
-@dataclass(frozen=True, slots=True)
-class WantedPoses:
+class WantedPoses(NamedTuple):
     """Wanted poses, and nominal joints that keep the commanded configuration."""
 
     given: Literal["joints", "poses", "poses and joints"]
@@ -276,8 +274,7 @@ def pose_evaluator(
 # Limits of a correction.
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """Limits beyond which a target is refused, and the weight for arms with fewer than six axes."""
 
     position: float | None = None
@@ -301,8 +298,7 @@ Cause = Literal["unreached", "limit", "approach", "singular", "configuration", "
 """Cause of a refusal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(NamedTuple):
     """Cause of the refusal of a target, and the reason as a sentence."""
 
     cause: Cause
@@ -451,8 +447,7 @@ def _solved(
 # chi-square", Biometrika 46 (1959); for quadratic forms J. P. Imhof, Biometrika 48 (1961), eq. 4.2.
 
 
-@dataclass(frozen=True, slots=True)
-class ExpectedErrors:
+class ExpectedErrors(NamedTuple):
     """Expected errors of N targets, at their nominal or at their corrected commands."""
 
     position: Array

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -105,8 +105,7 @@ RULES: dict[Rule, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class GateCriterion:
+class GateCriterion(NamedTuple):
     """One condition on one figure of a result."""
 
     name: str
@@ -132,8 +131,7 @@ class GateCriterion:
     """Reason for the limit, in the words of the gate's author."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gate:
+class Gate(NamedTuple):
     """Named criteria, all of which a result must meet."""
 
     name: str
@@ -331,8 +329,7 @@ _EXTRAPOLATION_QUANTILE = 1.2
 _STEPS = 20
 
 
-@dataclass(frozen=True, slots=True)
-class BoundCurve:
+class BoundCurve(NamedTuple):
     """Bounds of a figure, from the lowest level to the highest; empty if no interval exists."""
 
     z: tuple[float, ...]
@@ -634,8 +631,7 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> Evaluation
 # Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
 
 
-@dataclass(frozen=True, slots=True)
-class GateFigure:
+class GateFigure(NamedTuple):
     """One number of a result."""
 
     value: float
@@ -848,7 +844,7 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
-            each = replace(criterion, key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
+            each = criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
             own.append(_decide_figure(each, figure_at(document, each.key, confidence)))
     outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
     deciding = [each for each in own if each["outcome"] == outcome]

@@ -104,7 +104,7 @@ class Rounding(NamedTuple):
 
 def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
     """Return the coarsest step of values ``(N,)``, rad or m, and its text; None without one, or with few values."""
-    if np.unique(values).size < ENOUGH:
+    if np.count_nonzero(np.diff(np.sort(values))) + 1 < ENOUGH:
         return None
     # Up to four decimals of degrees, mm, rad or m.
     steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in range(5)]

@@ -22,6 +22,7 @@ from robacc.accuracy.estimation import (
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses, rotation_about
+from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
     SAME_COMMAND,
     Characteristic,
@@ -178,12 +179,6 @@ def reachable_centres(arm: Arm, edge: float) -> Array:
 
 Orientation = Literal["down", "forward", "own", "free"]
 ORIENTATIONS: tuple[Orientation, ...] = ("down", "forward", "own", "free")
-ORIENTATION_TEXT: dict[Orientation, str] = {
-    "down": "the tool's z axis pointing straight down",
-    "forward": "the tool's z axis pointing level, away from the base",
-    "own": "the tool's orientation constant, as the arm reaches the cube's centre",
-    "free": "the tool's orientation different at each pose",
-}
 _DECIMALS = 11
 """Decimals of joint variables, which limit how exactly the poses are met."""
 _STARTS = 8

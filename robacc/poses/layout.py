@@ -7,7 +7,7 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import field, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -124,8 +124,7 @@ class Names(NamedTuple):
         return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(NamedTuple):
     """Columns in use, by key, and what the names of an export leave open."""
 
     columns: Mapping[str, Column]
@@ -204,7 +203,7 @@ def read_layout(
         time = next((name for name in ("time", "timestamp", "t") if name in layout.unused), None)
         if time is not None and reading.columns is None and "time_s" not in layout.columns:
             columns = {**layout.columns, "time": Column(time, table.names.index(time), "time", "text", None)}
-            layout = replace(layout, columns=columns, unused=[name for name in layout.unused if name != time])
+            layout = layout._replace(columns=columns, unused=[name for name in layout.unused if name != time])
         unknown = Counter(filter(None, layout.unused))
         for name in [name for name, count in unknown.items() if count > 1]:
             log.add("the column is a duplicate", line, clip(name), "keep one of them")
@@ -519,7 +518,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         reading: Statements of the user.
     """
     headings, rivals = measured_position(table, known.names)
-    known = replace(known, columns={key: item for key, item in known.columns.items() if item.index not in rivals})
+    known = known._replace(columns={key: item for key, item in known.columns.items() if item.index not in rivals})
     chosen = _chosen(known, table, headings, rivals)
     is_open = {key: item.meaning.expanded and reading.coverage is None for key, item in chosen.items()}
     expanded = dict.fromkeys(item.heading.name for key, item in chosen.items() if is_open[key])

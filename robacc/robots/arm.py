@@ -645,8 +645,7 @@ Evaluate = Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
 """Errors ``(R, M)`` and their Jacobian ``(R, J, M)`` at joints ``(J, M)`` of the targets with numbers ``(M,)``."""
 
 
-@dataclass(frozen=True, slots=True)
-class JointSpace:
+class JointSpace(NamedTuple):
     """Joints of an arm and errors of its pose, as the solver scales and limits them."""
 
     low: Array
@@ -668,8 +667,7 @@ class JointSpace:
         return cls(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
 
 
-@dataclass(frozen=True, slots=True)
-class JointSolution:
+class JointSolution(NamedTuple):
     """Joints at the end of the iteration, for N problems, or for N poses from S starts each with starts last."""
 
     q: Array

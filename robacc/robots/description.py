@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -70,8 +70,7 @@ class Frame:
         return Poses.from_xyz_rpy(np.array(self.xyz), np.array(self.rpy))
 
 
-@dataclass(frozen=True, slots=True)
-class Mimic:
+class Mimic(NamedTuple):
     """Rule of a joint that follows another: ``q = multiplier * q_master + offset``."""
 
     master: str

@@ -4,8 +4,9 @@ from __future__ import annotations
 
 from collections import Counter
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
-from robacc.iso_9283.evaluation import ORIENTATION_TEXT, Proposal
+from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -41,6 +42,9 @@ from robacc.render.text import (
 )
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import ASSURANCE
+
+if TYPE_CHECKING:
+    from robacc.iso_9283.evaluation import Proposal
 
 _FRAMES = {
     "tool": "components along the axes of the commanded target (frame tool)",

@@ -7,7 +7,8 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import field, replace
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -133,7 +134,7 @@ class Layout(NamedTuple):
     names: Names
     unused: Sequence[str] = ()
     """Names in the file that are not read."""
-    angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    angles: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``; without an entry they
     are documented."""
     without_unit: tuple[Column, ...] = ()

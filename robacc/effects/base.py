@@ -360,7 +360,7 @@ class Traits(NamedTuple):
 
 @dataclass(frozen=True)
 class Effect(abc.ABC):
-    """One effect on named joints. Subclasses are frozen dataclasses; their fields declare the effect's settings."""
+    """One effect on named joints. Subclasses with settings are frozen dataclasses, whose fields declare them."""
 
     joints: tuple[str, ...] = ()
 

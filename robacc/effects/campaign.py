@@ -412,7 +412,6 @@ FOLLOWED_SHARE = 0.5
 
 
 @register
-@dataclass(frozen=True)
 class ReadBack(Effect):
     """Joint variables shifted by a share of the difference between the joints read back and those commanded.
 

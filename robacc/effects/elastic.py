@@ -313,7 +313,6 @@ _UPRIGHT = 0.02
 
 
 @register
-@dataclass(frozen=True)
 class LateralCompliance(OwnWeight):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions.
 

@@ -64,7 +64,6 @@ def frame_terms(
 
 
 @register
-@dataclass(frozen=True)
 class BaseFrame(Effect):
     """Six coordinates of the base."""
 
@@ -95,7 +94,6 @@ class BaseFrame(Effect):
 
 
 @register
-@dataclass(frozen=True)
 class ToolFrame(Effect):
     """Six coordinates of the tool, or of each of several targets."""
 
@@ -141,7 +139,6 @@ def _terms_of_frames(
 
 
 @register
-@dataclass(frozen=True)
 class JointOffset(Effect):
     """Offset of each joint's zero."""
 

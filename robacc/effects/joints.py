@@ -35,7 +35,6 @@ from robacc.robots.arm import Arm
 
 
 @register
-@dataclass(frozen=True)
 class GearRatio(Effect):
     """Joint variable scaled by 1 + k."""
 
@@ -260,7 +259,6 @@ def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array
 
 
 @register
-@dataclass(frozen=True)
 class FrictionWindup(Effect):
     """Joint variable shifted against the approach by c times the size of gravity's torque.
 

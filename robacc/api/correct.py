@@ -65,8 +65,6 @@ _LISTED = 5
 """Refused targets that a message names for one reason."""
 _SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
 """Sizes in a reason, which differ from target to target."""
-_ADVICE = "check that model, nominal robot and frame belong to these targets"
-_ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -203,7 +201,11 @@ class NothingCorrectedError(InputError):
 
     def __init__(self, result: Corrected) -> None:
         """Store each reason as a problem, and the advice once."""
-        advice = _ADVICE_OUTSIDE if result.causes.get("out_of_range") == result.n_targets else _ADVICE
+        advice = (
+            "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
+            if result.causes.get("out_of_range") == result.n_targets
+            else "check that model, nominal robot and frame belong to these targets"
+        )
         super().__init__(_problems(result.unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 

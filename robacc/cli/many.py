@@ -29,10 +29,6 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
-_FILE_COST = 3 * 2**20
-"""Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
-_PROCESS_COST = 24 * 2**20
-"""Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
 
 
 class FileTask(NamedTuple):
@@ -208,8 +204,9 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
 
 def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> list[FileOutcome]:
     """Return the outcome of each file; without a number of jobs on each core, but on no more than the work is worth."""
-    work = sum(_FILE_COST + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
-    workers = workers._replace(jobs=workers.jobs or max(1, min(cores(), 1 + work // _PROCESS_COST)))
+    # In bytes of poses that take the same time: a file has a fixed cost of about 50 ms, starting a process of 400 ms.
+    work = sum(3 * 2**20 + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
+    workers = workers._replace(jobs=workers.jobs or max(1, min(cores(), 1 + work // (24 * 2**20))))
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:

@@ -226,9 +226,6 @@ def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, 
 
 
 RANKED_BY = "position.rms"
-_SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")
-"""Statistics with a sign, which no ranking orders."""
-_NO_TEST_OF_PREDICTION = "a prediction describes robots yet to be built, so it has no sampling error to test with"
 
 
 def compare(
@@ -263,7 +260,8 @@ def compare(
         for key in (results[0].figures if results else ())
         if key.rpartition(".")[2] not in excluded and all(key in result.figures for result in results)
     ]
-    rankable = [key for key in keys if key.rpartition(".")[2] not in _SIGNED]
+    # No ranking orders statistics with a sign.
+    rankable = [key for key in keys if key.rpartition(".")[2] not in ("mean_x", "mean_y", "mean_z")]
     commands = " and ".join(dict.fromkeys(result.command for result in results))
     refuse(
         (len(names) < 2, "a comparison needs at least two results"),
@@ -295,7 +293,8 @@ def compare(
             return Difference.same(0.0, confidence, "the same result twice", True, None)
         is_maximum = statistic in ("max", "max_radius95") and not group.startswith("iso9283.")
         if is_maximum or not (results[first].measured and results[second].measured):
-            missing = Interval.missing(confidence, NO_TEST_OF_MAXIMUM if is_maximum else _NO_TEST_OF_PREDICTION)
+            unbuilt = "a prediction describes robots yet to be built, so it has no sampling error to test with"
+            missing = Interval.missing(confidence, NO_TEST_OF_MAXIMUM if is_maximum else unbuilt)
             return Difference(figures[1].value - figures[0].value, missing)
         if statistic in RESAMPLED and group in results[first].errors and group in results[second].errors:
             pair = pairing(group, first, second)

@@ -601,9 +601,6 @@ def _resampled_percentile(errors: ErrorSet, seed: int, stream: int) -> Array:
     return percentiles
 
 
-METHOD = "from the intervals of the two results, assumed independent (Zou and Donner)"
-
-
 def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: float) -> Difference:
     """Return ``second`` minus ``first`` of two numbers that have only intervals.
 
@@ -624,4 +621,5 @@ def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: fl
     distance, p_value = value - low if value > 0.0 else high - value, float(value == 0.0)
     if value != 0.0 and distance != 0.0:
         p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * abs(value) / distance)
-    return Difference(value, Interval(low, high, None, levels[0], METHOD), p_value)
+    method = "from the intervals of the two results, assumed independent (Zou and Donner)"
+    return Difference(value, Interval(low, high, None, levels[0], method), p_value)

@@ -188,9 +188,6 @@ def regressor_stds(arm: Arm, error: float) -> dict[str, float]:
 
 _LEAST_TORQUE = 1e-3
 """N m below which gravity has no moment about a joint."""
-_BEYOND = 1.5
-"""Torque over the largest on the poses of the fit, up to which the law of the spring is used. On simulated arms poses
-that exceed that torque a little are predicted twice as well as with a deflection that is held at it."""
 
 
 @register
@@ -258,12 +255,13 @@ class JointHardening(Effect):
         return super().implausible(terms, values)
 
     def within(self, validity: Validity) -> Effect:
-        """Return the effect with its deflection held beyond :data:`_BEYOND` times the largest torques of ``validity``.
+        """Return the effect with its deflection held beyond 1.5 times the largest torques of ``validity``.
 
-        The cube of a torque that is ten times as large would be a thousand times as large.
+        The cube of a torque that is ten times as large would be a thousand times as large. On simulated arms poses that
+        exceed the torque a little are predicted twice as well as with a deflection that is held at it.
         """
         torques = {joint: validity.get(f"torque_{joint}") for joint in self.joints}
-        largest = {joint: _BEYOND * max(map(abs, limits)) for joint, limits in torques.items() if limits}
+        largest = {joint: 1.5 * max(map(abs, limits)) for joint, limits in torques.items() if limits}
         return dataclasses.replace(self, largest_torques=largest) if largest else self
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
@@ -306,10 +304,6 @@ def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> floa
     """Return the largest torque of gravity on some joints, N m."""
     torque = weight_torques(arm, data)[[arm.number(joint) for joint in joints]]
     return float(np.abs(torque).max(initial=0.0))
-
-
-_UPRIGHT = 0.02
-"""Largest sine of the angle between an upright axis and gravity."""
 
 
 @register
@@ -364,7 +358,7 @@ def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
     return tuple(
         joint
         for i, (joint, value) in enumerate(zip(arm.names, sine, strict=True))
-        if i == 0 or (arm.is_revolute(joint) and value < _UPRIGHT)
+        if i == 0 or (arm.is_revolute(joint) and value < 0.02)  # largest sine of its angle with gravity
     )
 
 

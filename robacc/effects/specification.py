@@ -212,9 +212,6 @@ def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, An
     return entry_of(stated.effect.from_units(arm, 1 / length, 1 / angle), values, validity)
 
 
-_LEVEL_LENGTHS = 4.0
-"""Fading lengths at the end of a range over which an effect's level there is its mean: for a profile, one period of its
-finest order. On parts of a real arm's poses, half and twice as much predict as well."""
 _POINTS = 32
 """Places at which the level is sampled."""
 
@@ -227,8 +224,9 @@ def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validit
 def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
     """Return the terms of an effect, less and less of them the farther a fading joint is beyond its range.
 
-    What remains is the effect's level at that end of the range, its mean there over :data:`_LEVEL_LENGTHS` fading
-    lengths: beyond the range, slow waves of a profile are still as they were, and fine ones are unknown.
+    What remains is the effect's level at that end of the range, its mean there over 4 fading lengths, for a profile one
+    period of its finest order: beyond the range, slow waves of a profile are still as they were, and fine ones are
+    unknown. On parts of a real arm's poses, half and twice as many lengths predict as well.
     """
     effect = effect.within(validity)
     terms = effect.terms(arm, data)
@@ -241,7 +239,7 @@ def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> t
         # Across the gap of a joint that turns on, the level passes from one end to the other.
         of_other = excess / (math.inf if period is None else max(period - (high - low), 1e-12))
         of_low = np.where(nearest_image(values, low, high, period) < low, 1.0 - of_other, of_other)
-        near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, _LEVEL_LENGTHS * length))
+        near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, 4.0 * length))
         terms = tuple(
             term._replace(
                 parts=tuple(

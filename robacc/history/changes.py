@@ -36,8 +36,6 @@ from robacc.statistics.distributions import chi2_quantile, f_sf, normal_cdf, nor
 
 YEAR = 365.25 * 86400.0
 """s"""
-FALSE_ALARMS = 1.0
-"""Expected false alarms of an arm in a year, at most."""
 _MOST_LEVEL = 0.05
 """Level of tests that are rare."""
 POWER = 0.95
@@ -162,9 +160,9 @@ class _Fit:
 
 
 def level_of(times: Array) -> float:
-    """Return the probability of a false alarm in a test: :data:`FALSE_ALARMS` in a year of tests."""
+    """Return the probability of a false alarm in a test: one is expected in a year of tests."""
     gaps = np.diff(np.unique(times))
-    return min(_MOST_LEVEL, FALSE_ALARMS * float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
+    return min(_MOST_LEVEL, float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
 def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry]]:

@@ -219,16 +219,10 @@ def _moved(scalars: Sequence[Scalar], deflections: Mapping[int, NDArray[Any]]) -
 # Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients.
 
 
-class _Layout(NamedTuple):
-    """Columns of requested coefficients in a Jacobian."""
-
-    column: dict[int, int]
-    """Number of a term to column."""
-    parts: list[TermPart]
-    motions: list[int]
-    """Motions that a sweep follows: that of each column if all are plain, else each motion once."""
-    is_plain: bool
-    """Whether each coefficient moves one motion by just as much, so that its column is that of the motion."""
+_Layout = tuple[dict[int, int], list[TermPart], list[int], bool]
+"""Columns of requested coefficients in a Jacobian: of each term by its number; their parts; the motions that a sweep
+follows, that of each column if all are plain, else each motion once; and whether all are plain: each coefficient moves
+one motion by just as much, so that its column is that of the motion."""
 
 
 @dataclass(frozen=True)
@@ -337,7 +331,7 @@ class BoundModel:
             motions = [part.motion for number in numbers for part in self.terms[number].parts]
             if not is_plain:
                 motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
-            self._layouts[key] = _Layout(column, requested, motions, is_plain)
+            self._layouts[key] = (column, requested, motions, is_plain)
         return self._layouts[key]
 
     @cached_property

@@ -227,8 +227,6 @@ def read_units(top: YamlSection) -> Units | None:
 FORMAT_VERSION = 1
 BASE_LINK = "base"
 """Parent of a branch that the base carries."""
-_MAX_GRAVITY = 50.0
-"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
@@ -264,7 +262,8 @@ _ROBOT: dict[str, Kind] = {
         kind=partial(Source.numbers, count=3),
         checks=[
             (
-                lambda value: math.hypot(*value) <= _MAX_GRAVITY,
+                # Five times the earth's gravity; a larger number is likely in mm/s^2.
+                lambda value: math.hypot(*value) <= 50.0,
                 "[{value[0]}, {value[1]}, {value[2]}] is too large for gravity",
                 "it is always in m/s^2",
             )

@@ -324,8 +324,6 @@ _LEAST, _MOST = 0.2, 1.0 - 1e-8
 """Shares between which F is interpolated: the second largest of ten lengths is below the first in 1 of 200,000 sets."""
 _LEAST_WEIGHT = 1e-6
 """Weight below which an order statistic counts as absent from the percentile."""
-_NEGLIGIBLE = 40.0
-"""Fall of the integrand's logarithm at which an integral ends."""
 _GAUSS = np.polynomial.legendre.leggauss(32)
 """Nodes and weights."""
 
@@ -402,7 +400,8 @@ class ScaledPercentileCurve:
             return below
         # The logarithm of F is concave: F(y)^k falls at least as fast as its tangent at the value.
         fall = k * density / share * w / (1.0 - w)
-        reach = min(self._ends[1], value / w, value + _NEGLIGIBLE / fall) - value
+        # The integral ends where the integrand's logarithm has fallen by 40.
+        reach = min(self._ends[1], value / w, value + 40.0 / fall) - value
         nodes, weights = _GAUSS
         lengths = value + 0.5 * reach * (1.0 + nodes)
         lower, _ = self._distribution((value - w * lengths) / (1.0 - w))

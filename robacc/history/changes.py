@@ -405,9 +405,6 @@ def quick_test(
 # Statistics in Medicine 26, 2007; G. Knapp and J. Hartung, Statistics in Medicine 22, 2003 (interval of the mean);
 # B. Rosner, "Percentage points for a generalized ESD many-outlier procedure", Technometrics 25, 1983.
 
-_FEWEST = 4
-"""Arms from which one can be unlike the others."""
-
 
 class ArmFit(NamedTuple):
     """Coefficients of one arm."""
@@ -426,11 +423,10 @@ def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
         if entry["std"] is not None and not entry["name"].startswith(SETUP)
     }
     stored = document.get("parameter_covariance") or {"names": [], "lower_triangle": []}
-    names = stored["names"]
     covariance = {
-        (names[i], names[j]): float(value)
-        for i, row in enumerate(stored["lower_triangle"])
-        for j, value in enumerate(row)
+        (first, second): float(value)
+        for first, row in zip(stored["names"], stored["lower_triangle"], strict=True)
+        for second, value in zip(stored["names"], row, strict=False)
     }
     return ArmFit(arm, values, covariance)
 
@@ -484,15 +480,13 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
         while True:
             values, variances = np.array([(arm.values[key][0], arm.values[key][1] ** 2) for arm in own]).T
             found = _coefficient(key, unit, values, variances)
-            if len(own) < _FEWEST:
+            if len(own) < 4:  # arms from which one can be unlike the others
                 break
             far = int(np.argmax(np.abs(values - found["mean"]) / np.sqrt(variances + found["std"] ** 2)))
             rest = np.arange(len(own)) != far
             others = _coefficient(key, unit, values[rest], variances[rest])
-            spread = others["std"] ** 2
-            square = (values[far] - others["mean"]) ** 2 / (
-                variances[far] + spread + 1.0 / np.sum(1.0 / (variances[rest] + spread))
-            )
+            spreads = variances + others["std"] ** 2
+            square = (values[far] - others["mean"]) ** 2 / (spreads[far] + 1.0 / np.sum(1.0 / spreads[rest]))
             p_value = len(own) * len(keys) * f_sf(float(square), 1.0, len(own) - 2.0)
             # Probability that any arm of a fleet without a stranger is called one.
             if p_value >= 0.05:
@@ -525,10 +519,9 @@ def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dic
     found: dict[str, dict[str, float]] = {}
     for one in coefficients:
         effect, joint, *label = one["key"].split(".")
-        if effect == "joint_offset":
-            found.setdefault(joint, {})["offset" if urdf else "theta" if one["unit"] == "rad" else "d"] = one["std"]
-        elif effect == "link_geometry" and len(label) == 1:
-            found.setdefault(joint, {})[label[0]] = one["std"]
+        zero = "offset" if urdf else "theta" if one["unit"] == "rad" else "d"
+        if effect == "joint_offset" or (effect == "link_geometry" and len(label) == 1):
+            found.setdefault(joint, {})[zero if effect == "joint_offset" else label[0]] = one["std"]
     return found
 
 

@@ -155,20 +155,22 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
         if not added.rowcount:
             return False
         number = added.lastrowid
-        for key, figure in figures.items():
-            ends = (None, None) if figure.interval is None else (figure.interval.lower, figure.interval.upper)
-            row = (number, key, figure.value, *ends, unit_of(key))
-            db.execute("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", row)
-        for entry in coefficients:
-            cells = (
+        of_figures = [
+            (
                 number,
-                entry["name"],
-                None if entry["std"] is None else entry["value"],
-                entry["std"],
-                entry["unit"],
-                entry.get("why"),
+                key,
+                figure.value,
+                *(getattr(figure.interval, end, None) for end in ("lower", "upper")),
+                unit_of(key),
             )
-            db.execute("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", cells)
+            for key, figure in figures.items()
+        ]
+        of_coefficients = [
+            (number, e["name"], e["value"] if e["std"] is not None else None, e["std"], e["unit"], e.get("why"))
+            for e in coefficients
+        ]
+        db.executemany("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", of_figures)
+        db.executemany("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", of_coefficients)
     return True
 
 
@@ -229,9 +231,12 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     for key, why in db.execute(f"SELECT DISTINCT t.key, t.why FROM coefficients {of_tests} t.std IS NULL", [ids]):
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
-    series = []
-    for (key, unit), group in itertools.groupby(found, key=lambda row: row[:2]):
-        times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
-        if len(times) > 1:
-            series.append(ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))
-    return series
+    columns_of = {
+        name: np.array([row[2:] for row in group], dtype=float).T
+        for name, group in itertools.groupby(found, key=lambda row: row[:2])
+    }
+    return [
+        ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ()))))
+        for (key, unit), (times, values, stds, temperatures) in columns_of.items()
+        if len(times) > 1
+    ]

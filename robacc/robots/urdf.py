@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -436,12 +437,10 @@ def _carried(tree: _Tree, link: _Link, frame: Poses, on_chain: Collection[_Link]
 
 def _movable_moment(tree: _Tree, joint: Joint) -> float:
     """Return the most by which a joint can move the first moment of the mass behind it, kg m."""
-    behind = list(_behind(tree, joint, 0.0))
-    if joint.type != "prismatic":
-        return sum(mass * distance for mass, distance in behind)
     limit = tree.elements[joint.name].find("limit")
     travel = abs(_numbers(limit, "upper", "0")[0] - _numbers(limit, "lower", "0")[0])
-    return travel * sum(mass for mass, _ in behind)
+    behind = _behind(tree, joint, 0.0)
+    return sum(mass * (travel if joint.type == "prismatic" else distance) for mass, distance in behind)
 
 
 def _behind(tree: _Tree, joint: Joint, distance: float) -> Iterator[tuple[float, float]]:
@@ -652,9 +651,8 @@ class _Writer:
 
     def unused_name(self, name: str) -> str:
         """Return the name, with a number behind it where the name is in use."""
-        unique, number = name, 2
-        while unique in self.used_names:
-            unique, number = f"{name}_{number}", number + 1
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        unique = next(each for each in itertools.chain([name], numbered) if each not in self.used_names)
         self.used_names.add(unique)
         return unique
 

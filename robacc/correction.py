@@ -311,11 +311,11 @@ def refusals(
     """Return the reason of each target that is refused, the first that applies; None for the others."""
     names, n_joints = setting.model.arm.names, solution.q.shape[0]
     configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
+    outside = () if limits.beyond_range else _out_of_range(setting, wanted, limits)
     rules: list[tuple[NDArray[np.bool_], Cause, str | Callable[[int], str]]] = [
-        (~wanted.reached, "unreached", f"the nominal robot does not reach the wanted pose{configuration}")
+        (~wanted.reached, "unreached", f"the nominal robot does not reach the wanted pose{configuration}"),
+        *((targets, "out_of_range", reason) for targets, reason in outside),
     ]
-    if not limits.beyond_range:
-        rules += [(outside, "out_of_range", reason) for outside, reason in _out_of_range(setting, wanted, limits)]
 
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
@@ -336,8 +336,8 @@ def refusals(
         return f"the correction would take {' and '.join(compress(names, at_limit[:, i]))} beyond the joint limit"
 
     def moves(i: int) -> str:
-        turn = f"{float(largest[i]) * _DEGREES:.2g}°"
-        return f"near a singular pose: {names[joint[i]]} would move by {turn} for {_sizes(*correction[:, i])}"
+        turn = f"{names[joint[i]]} would move by {float(largest[i]) * _DEGREES:.2g}°"
+        return f"near a singular pose: {turn} for {_sizes(*correction[:, i])}"
 
     approach = "a joint moves less than its play since the previous target, so its direction of approach is unknown"
     converges = "near a singular pose the correction does not converge"

@@ -134,18 +134,18 @@ class Corrected(CsvResult, Correction, command="correct"):
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
         given, (_, command) = self.given, self._framed_poses()
         stages = {"before": self.before, "after": self.after}
+        names = (
+            "command_x_m command_y_m command_z_m command_qw command_qx command_qy command_qz "
+            "dx_m dy_m dz_m drx_rad dry_rad drz_rad"
+        )
+        vectors = (*command.translation, *quaternion_from_rotation(command.rotation), *self.correction)
         columns: dict[str, Iterable[Any] | None] = {
             "line": map(given.line, range(given.n)),
             "pose": given.pose,
             "target": given.target,
             "corrected": ["yes" if refusal is None else "no" for refusal in self.refusals],
+            **dict(zip(names.split(), vectors, strict=True)),
         }
-        for names, values in (
-            ("command_x_m command_y_m command_z_m", command.translation),
-            ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
-            ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", self.correction),
-        ):
-            columns |= dict(zip(names.split(), values, strict=True))
         for stage, errors in stages.items():
             columns |= {
                 f"{stage}_m": errors.position,
@@ -185,8 +185,8 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
         )
         more = f" and {len(group) - _LISTED} more" if len(group) > _LISTED else ""
         first = "at the first, " * (len({reason for *_, reason in group}) > 1)
-        count = f"{len(group)} target{'s' * (len(group) > 1)}"
-        texts[f"{count} ({places}{more}): {first}{group[0][2]}"] = group[0][0]
+        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({places}{more})"
+        texts[f"{targets}: {first}{group[0][2]}"] = group[0][0]
     return texts
 
 
@@ -476,19 +476,17 @@ def correct_program(
     message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
     line, fix = program.targets[(*numbers, 0)[0]].line, "give the model of the arm that runs this program"
     refuse((numbers and q.shape[0] != len(flange_arm.variables), Problem(message, program.file, line, fix=fix)))
-    groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})]
+    groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})] if numbers else []
     if known:
         solved, q_start, refused = _configured(program, known, flange, flange_arm)
         left += refused
         wanted = part_of(flange, solved)
         poses = {"commanded_position": wanted.translation, "commanded_rotation": wanted.rotation}
-        groups.append((tuple(known[i] for i in solved), {"q": q_start, **poses}))
-    values: list[Sequence[float] | None] = [None] * len(program.targets)
+        groups += [(tuple(known[i] for i in solved), {"q": q_start, **poses})] if solved.size else []
+    values: dict[int, Sequence[float]] = {}
     results = []
     advice: str | None = None
     for group, columns in groups:
-        if not group:
-            continue
         rows = np.array([program.targets[i].line for i in group], dtype=np.int64)
         data = Measurements(np.zeros((3, rows.size)), rows=rows, source=program.file, **columns)
         try:
@@ -512,16 +510,14 @@ def correct_program(
             result = replace(result, refusals=refusals)
             new = values_at(program, group, result.setting.from_measuring(result.commanded))
         results.append(result)
-        for index, value, refusal in zip(group, new, result.refusals, strict=True):
-            if refusal is None:
-                values[index] = value
-            else:
-                left.append((index, refusal.reason))
+        values |= {i: value for i, value, refusal in zip(group, new, result.refusals, strict=True) if refusal is None}
+        left += [(i, refusal.reason) for i, refusal in zip(group, result.refusals, strict=True) if refusal is not None]
     unchanged = sorted((program.targets[i].line, program.targets[i].name, reason) for i, reason in left)
-    if not any(value is not None for value in values):
+    if not values:
         raise InputError(_problems(unchanged, program.file, advice))
     doubts = tuple(dict.fromkeys((*doubts, *(doubt for result in results for doubt in result.doubts))))
-    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(unchanged), doubts)
+    corrected = with_targets(program, [values.get(i) for i in range(len(program.targets))])
+    return CorrectedProgram(program, corrected, tuple(results), tuple(unchanged), doubts)
 
 
 def _configured(
@@ -553,14 +549,13 @@ def _configured(
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
-        if not usable.any():
-            refused.append(
-                (numbers[i], f"the nominal robot has no solution in its configuration {target.configuration}")
-            )
-            continue
-        distance = np.sum(np.square(q - previous[:, None]), axis=0)
-        previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
-        solved.append(i)
+        if usable.any():
+            distance = np.sum(np.square(q - previous[:, None]), axis=0)
+            previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
+            solved.append(i)
+        else:
+            unsolved = f"the nominal robot has no solution in its configuration {target.configuration}"
+            refused.append((numbers[i], unsolved))
     index = np.array(solved, dtype=np.int64)
     return index, result[:, index], refused
 

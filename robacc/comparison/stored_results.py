@@ -300,6 +300,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         held_out = "separate poses"
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
     same_poses = any(e["sha256"] in (fitted_to or ()) for e in document["inputs"] if e["kind"] == "poses")
+    fitted = "fitted to the same poses" if same_poses else "not fitted to these poses"
     aspects = {
         "command": command,
         "robacc version": document["robacc"],
@@ -308,7 +309,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
         "held out": held_out if command in FITS else None,
-        "robot file": fitted_to and ("fitted to the same poses" if same_poses else "not fitted to these poses"),
+        "robot file": None if fitted_to is None else fitted,
         "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
     return ComparedResult(

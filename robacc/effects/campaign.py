@@ -567,19 +567,16 @@ class Step(Effect):
         """Return one term per joint, or three or six of the base or the target."""
         after = self.after(data)
         if self.part == "payload":
-            after = after * unit_torques(arm, data)
+            torques = dict(zip(arm.names, after * unit_torques(arm, data), strict=True))
             return tuple(
-                self.joint_term(
-                    arm, joint, after[arm.number(joint)], typical=5e-5, unit=f"{compliance_unit(arm, joint)} kg"
-                )
+                self.joint_term(arm, joint, torques[joint], typical=5e-5, unit=f"{compliance_unit(arm, joint)} kg")
                 for joint in self.joints
             )
         if self.part == "joint":
             return tuple(self.joint_term(arm, joint, after) for joint in self.joints)
-        owner = BASE if self.part == "base" else TOOL
-        if self.target is not None:
-            after = after * (data.target == self.target if data.target is not None else 1.0)
-        return frame_terms(arm, owner, self.name, after, turning=self.turning)
+        if self.target is not None and data.target is not None:
+            after = after * (data.target == self.target)
+        return frame_terms(arm, BASE if self.part == "base" else TOOL, self.name, after, turning=self.turning)
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
@@ -665,10 +662,9 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
     if Step.missing(arm, data) is not None:
         return
     turns = data.rotation is not None
+    names = [] if data.target is None else np.unique(data.target).tolist()
     forms = [Step((), "base"), Step((), "base", turning=True), Step((), "target", turning=turns)]
-    if data.target is not None:
-        names = np.unique(data.target)
-        forms += [Step((), "target", target=str(name), turning=turns) for name in names if names.size > 1]
+    forms += [Step((), "target", target=str(name), turning=turns) for name in names if len(names) > 1]
     forms += [Step((joint,), "joint") for joint in arm.names]
     # A load that changes is in the column of a payload that is logged. Without masses, the weight that the arm always
     # carries has no effect of one coefficient, and a step of the load near the first pose would stand for it.

@@ -328,9 +328,8 @@ class BoundModel:
                     _is_rigid(e.part) and isinstance(e.part.factor, float) and e.part.factor == 1.0 for e in requested
                 )
             )
-            motions = [part.motion for number in numbers for part in self.terms[number].parts]
-            if not is_plain:
-                motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
+            own = [part.motion for number in numbers for part in self.terms[number].parts]
+            motions = own if is_plain else sorted({*own, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
             self._layouts[key] = (column, requested, motions, is_plain)
         return self._layouts[key]
 

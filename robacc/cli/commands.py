@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -33,9 +33,6 @@ from robacc.cli.output import (
 )
 from robacc.errors import Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
-
-if TYPE_CHECKING:
-    from robacc.api.fitting import FitResult
 
 # Measured poses.
 
@@ -126,7 +123,7 @@ def _fit(command: str, call: Call, poses: Sequence[str], write_model: str | None
         return process_each(command, poses, call.keywords, outlets, write_model, full)
     with progress_bar() as progress:
         progress("starting", 0, 0)
-        result: FitResult = call(poses[0], progress=progress)
+        result = call(poses[0], progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)
     deliver(outlets, result, lambda: result.view(full, write_model))

@@ -197,8 +197,8 @@ SHOW = part(
             table(
                 part(
                     {
-                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m.", "sampled"),
-                        "bound_m": Key(size | None, "Upper bound of the reach, m.", "bound"),
+                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m."),
+                        "bound_m": Key(size | None, "Upper bound of the reach, m."),
                     }
                 )
             ),

@@ -436,10 +436,12 @@ class Effect(abc.ABC):
         return tuple(name for name in names if cls.traits.only in (None, arm.joint(name).type))
 
     @classmethod
-    def check_joint(cls, arm: Arm, joint: str) -> None:
-        """Raise UsageError for a joint that the effect cannot act on."""
+    def checked_joints(cls, arm: Arm, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return the joints; raise UsageError for one that the effect cannot act on."""
         possible = cls.possible_joints(arm)
-        refuse((joint not in possible, f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}"))
+        can = f"it can on {', '.join(possible)}"
+        refuse(*((joint not in possible, f"{cls.name} cannot act on {joint}; {can}") for joint in joints))
+        return tuple(joints)
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:

@@ -143,11 +143,10 @@ class Driver(NamedTuple):
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Return the range of each driver that the poses have."""
-    columns = {name: driver_values(arm, data, name) for name in names}
     return {
         name: (float(np.min(values)), float(np.max(values)))
-        for name, values in columns.items()
-        if values is not None and values.size
+        for name in names
+        if (values := driver_values(arm, data, name)) is not None and values.size
     }
 
 

@@ -135,9 +135,7 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
         return ()
     some = f"some of {', '.join(possible)}; found {list(joints)!r}"
     refuse((not joints or len(set(joints)) < len(joints), f"{cls.name} needs joints, each once: {some}"))
-    for joint in joints:
-        cls.check_joint(arm, joint)
-    return tuple(joints)
+    return cls.checked_joints(arm, joints)
 
 
 def every_column(arm: Arm) -> Measurements:
@@ -384,8 +382,7 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
         for joint in joints or ():
             arm.number(joint)
-            cls.check_joint(arm, joint)
-        effects.append(cls.default(arm, data, joints))
+        effects.append(cls.default(arm, data, None if joints is None else cls.checked_joints(arm, joints)))
     return tuple(effects)
 
 

@@ -96,13 +96,12 @@ _STEPS = 65
 _ROUNDS = 4
 
 
-class Reach(NamedTuple):
-    """Greatest distance of a target from the robot's base, m."""
+Reach = Mapping[str, float | None]
+"""Greatest distance of a target from the robot's base, m, by the keys of the result.
 
-    sampled: float | None
-    """Largest distance of the samples: the reach or slightly less. None where a prismatic joint has no limits."""
-    bound: float | None
-    """Sum of the lengths: the reach or more. None where a prismatic joint has no limits."""
+``sampled_m``, the largest distance of the samples, is the reach or slightly less; ``bound_m``, the sum of the lengths,
+the reach or more. None where a prismatic joint has no limits.
+"""
 
 
 class Summary(NamedTuple):
@@ -134,7 +133,7 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
     """
     chain = build_chain(replace(robot, base=Frame(), tool=target))
     if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
-        return Reach(None, None)
+        return {"sampled_m": None, "bound_m": None}
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
     q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
     best = q[:, [int(np.argmax(_distance(chain, q)))]]
@@ -155,7 +154,7 @@ def find_reach(robot: Robot, target: Frame) -> Reach:
             run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
         elif motion.value != 0.0 or k in travel:
             total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
-    return Reach(float(_distance(chain, best)[0]), total + float(np.hypot.reduce(run)))
+    return {"sampled_m": float(_distance(chain, best)[0]), "bound_m": total + float(np.hypot.reduce(run))}
 
 
 def _distance(chain: Chain, q: Array) -> Array:

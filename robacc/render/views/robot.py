@@ -153,12 +153,10 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
 
 
 def _reach(reach: Reach) -> str:
-    if reach.sampled is None or reach.bound is None:
+    sampled, bound = reach["sampled_m"], reach["bound_m"]
+    if sampled is None or bound is None:
         return "unknown: a prismatic joint has no limits"
-    return (
-        f"{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
-        f"{reach.bound * IN_MM:.0f} mm"
-    )
+    return f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
 
 
 def _parameter(joint: Joint, name: str) -> str:

@@ -139,32 +139,24 @@ def forces(
     row = {count: 4 * i for i, count in enumerate(counts)}
     n = linear.shape[-1]
     constants = np.zeros((len(weighted), 4 * len(counts)))
-    masses = np.zeros((len(weighted), 1))
     varying: list[tuple[int, Load]] = []
-    for k, (motion, loads) in enumerate(weighted):
-        for load in loads:
-            if load.after <= motion:
-                continue
-            parts = (*load.first_moment, load.mass)
-            if any(isinstance(part, np.ndarray) for part in parts):
-                varying.append((k, load))
-                continue
-            at = row[load.after]
+    for k, load in ((k, load) for k, (motion, loads) in enumerate(weighted) for load in loads if load.after > motion):
+        parts, at = (*load.first_moment, load.mass), row[load.after]
+        if any(isinstance(part, np.ndarray) for part in parts):
+            varying.append((k, load))
+        else:
             constants[k, at : at + 4] += np.array(parts, dtype=np.float64)
-            masses[k] += load.mass
     axes = np.empty((4 * len(counts), 3, n), dtype=linear.dtype)
     for count, at in row.items():
         axes[at : at + 3] = frames[count].rotation.transpose(1, 0, 2)
         axes[at + 3] = frames[count].translation
     first_moments = (constants @ axes.reshape(len(axes), 3 * n)).reshape(len(weighted), 3, n)
-    total_masses = np.broadcast_to(masses, (len(weighted), n))
-    if varying:
-        total_masses = total_masses.copy()
-        for k, load in varying:
-            at = row[load.after]
-            for part, axis in zip((*load.first_moment, load.mass), axes[at : at + 4], strict=True):
-                first_moments[k] += part * axis
-            total_masses[k] += load.mass
+    total_masses = np.repeat(constants[:, 3::4].sum(axis=1, keepdims=True), n, axis=1)
+    for k, load in varying:
+        at = row[load.after]
+        for part, axis in zip((*load.first_moment, load.mass), axes[at : at + 4], strict=True):
+            first_moments[k] += part * axis
+        total_masses[k] += load.mass
     result: NDArray[Any] = total_masses * np.einsum("i,ikn->kn", gravity, linear)
     for i, component in enumerate(gravity.tolist()):
         if component:

@@ -420,7 +420,7 @@ def history_add(
         added=added,
         known=len(results) - added,
         n_results=len(found),
-        arms=tuple(dict.fromkeys(test.arm for test in found)),
+        arms=tuple(dict.fromkeys(test["arm"] for test in found)),
         made=inputs.made(),
     )
 
@@ -473,7 +473,8 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
     """
     with opened(os.fspath(db)) as base:
         errors = {row[-1]: row[4] for row in store.rows(base, arm, "position.rms")}
-        results = [TEST.write(test, rms_m=errors.get(test.id)) for test in tests(base, arm)]
+        found = [{**test, "at": date_text(test["at"]), "rms_m": errors.get(test["id"])} for test in tests(base, arm)]
+    results = [{key: test[key] for key in TEST.keys or ()} for test in found]
     return HistoryShown(results=results, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
 
 
@@ -561,9 +562,9 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
     """
     with opened(os.fspath(db)) as base:
         arms, changed = [], {}
-        for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
+        for name, group in groupby(tests(base, arm), key=lambda test: test["arm"]):
             own = [*group]
-            level = level_of(np.array([test.at for test in own]))
+            level = level_of(np.array([test["at"] for test in own]))
             used = counted(own)
             changed[name], limits = find_changes(series_of(base, used), level)
             notes = [
@@ -571,7 +572,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
                 * (len(used) < len(own)),
                 "fewer than three tests: how much tests differ without a change is not known yet" * (len(used) < 3),
                 "without a temperature in every test (column temperature_c), warmth may look like a change"
-                * any(test.temperature is None for test in used),
+                * any(test["temperature_c"] is None for test in used),
             ]
             entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
             arms.append({**entry, "notes": [*filter(None, notes)]})
@@ -640,14 +641,16 @@ def health(
     with opened(os.fspath(db)) as base:
         own = counted(tests(base, own_name))
         series = [one for one in series_of(base, own) if not one.is_of_setup]
-        last = [test for test in own if test.command in FITS][-1:]
+        last = [test for test in own if test["command"] in FITS][-1:]
         digests = {entry["sha256"] for test in last for entry in document_of(base, test)["inputs"]}
     doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
-    level, path = level_of(np.array([test.at for test in own])), path_of(poses)
-    when = _time(at) or max(_own_date(path), own[-1].at)
-    refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
+    level, path = level_of(np.array([test["at"] for test in own])), path_of(poses)
+    when = _time(at) or max(_own_date(path), own[-1]["at"])
+    refuse(
+        (when < own[-1]["at"], f"the quick test is older than the last test of {own_name}; state its date with `at`")
+    )
     factor = Spread.of(series).factor
-    changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1].at, when))
+    changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
     return Health(
         arm=own_name,
         n_poses=data.n,
@@ -729,7 +732,7 @@ def fleet(
     documents: dict[str, Mapping[str, Any]] = {}
     if db is not None:
         with opened(os.fspath(db)) as base:
-            latest = {test.arm: test for test in tests(base, None) if test.command in FITS}
+            latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             documents = {name: document_of(base, test) for name, test in latest.items()}
     for number, source in enumerate(results, 1):
         stored = stored_result(source)

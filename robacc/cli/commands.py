@@ -650,18 +650,17 @@ def show(
     arguments = locals()
     from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import SHOW
-    from robacc.effects.specification import coefficients
     from robacc.render.views.robot import robot_view
     from robacc.robots.library import summarise
 
     inputs = Inputs(arguments)
     arm = inputs.robot(robot)
-    summary = summarise(arm, coefficients(arm))
+    document = SHOW.write(arm, **summarise(arm))
     emit(
         format,
         output,
-        lambda: robot_view(summary),
-        lambda: inputs.made("format", "output").document("show", SHOW.write(summary)),
+        lambda: robot_view(arm, document),
+        lambda: inputs.made("format", "output").document("show", document),
     )
 
 
@@ -683,7 +682,7 @@ def robots(
     from robacc.robots.library import library, similar_arms
 
     wanted = (name or "").lower()
-    arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
+    arms = [arm for arm in library() if wanted in f"{arm['name']} {arm['maker']} {arm['model']}".lower()]
     near = "" if arms else ", ".join(similar_arms(wanted))
     fix = f"did you mean {near}?" if near else "robacc show robots lists all of them"
     refuse((not arms, Problem(f"no arm of the package has {name!r} in its name", fix=fix)))

@@ -20,6 +20,7 @@ from robacc.documents.keys import (
     text,
     vector3,
 )
+from robacc.effects.specification import coefficients
 
 FRAME = part(
     {"xyz_m": Key(vector3, "Translation, m."), "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad.")},
@@ -40,10 +41,10 @@ ROBOTS = part(
             array(
                 part(
                     {
-                        "name": Key(text, "Name that the parameter robot takes.", "key"),
+                        "name": Key(text, "Name that the parameter robot takes."),
                         "maker": Key(text, "Maker of the arm."),
                         "model": Key(text, "The maker's name of the arm."),
-                        "n_axes": Key(ordinal, "Number of joint variables.", "axes"),
+                        "n_axes": Key(ordinal, "Number of joint variables."),
                         "reach_m": Key(size, "Reach as the maker states it, or computed where the source says so, m."),
                         "source": Key(text, "Source of the geometry."),
                     }
@@ -60,30 +61,27 @@ SHOW = part(
         "robot": Key(
             part(
                 {
-                    "name": Key(text, "Name in the file.", "robot.name"),
-                    "convention": Key(
-                        choice("standard", "modified", "urdf"), "Convention of the parameters.", "robot.convention"
-                    ),
-                    "base_link": Key(text | None, "Base link of a URDF.", "robot.base_link"),
-                    "tip_link": Key(text | None, "Tip link of a URDF.", "robot.tip_link"),
-                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s².", "robot.gravity"),
-                    "base": Key(FRAME, "Transform from the measuring frame to the base.", "robot.base"),
+                    "name": Key(text, "Name in the file."),
+                    "convention": Key(choice("standard", "modified", "urdf"), "Convention of the parameters."),
+                    "base_link": Key(text | None, "Base link of a URDF."),
+                    "tip_link": Key(text | None, "Tip link of a URDF."),
+                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s².", "gravity"),
+                    "base": Key(FRAME, "Transform from the measuring frame to the base."),
                     "tool": Key(
                         FRAME | None,
                         "Transform from the last link's frame to the target; null if there are several targets.",
-                        lambda summary: None if summary.robot.targets else summary.robot.tool,
+                        lambda robot: None if robot.targets else robot.tool,
                     ),
-                    "targets": Key(table(FRAME), "Several targets by name.", "robot.targets"),
+                    "targets": Key(table(FRAME), "Several targets by name."),
                     "payload_com_m": Key(
                         vector3 | None,
                         "Centre of mass of the payload in the last link's frame, m; null: at the tool.",
-                        "robot.payload_com",
+                        "payload_com",
                     ),
-                    "effects": Key(array(table()), "Effects of the file.", "robot.effects"),
+                    "effects": Key(array(table()), "Effects of the file."),
                     "fitted_to": Key(
                         array(text),
                         "SHA-256 of each file of poses that the robot file was fitted to.",
-                        "robot.fitted_to",
                         optional=True,
                     ),
                     "campaign": Key(
@@ -108,7 +106,6 @@ SHOW = part(
                         )
                         | None,
                         "Facts of the campaign that the model was fitted in; null without one.",
-                        "robot.campaign",
                         optional=True,
                     ),
                     "coefficients": Key(
@@ -122,8 +119,8 @@ SHOW = part(
                             )
                         ),
                         "Coefficients of the effects in the file, SI units.",
-                        lambda summary: [
-                            {"name": name, "value": value, "unit": unit} for name, value, unit in summary.coefficients
+                        lambda robot: [
+                            {"name": name, "value": value, "unit": unit} for name, value, unit in coefficients(robot)
                         ],
                         optional=True,
                     ),
@@ -132,7 +129,7 @@ SHOW = part(
             "Data of the complete arm.",
             "",
         ),
-        "n_joints": Key(count, "Number of joints with a variable.", lambda summary: len(summary.robot.variables)),
+        "n_joints": Key(count, "Number of joints with a variable.", lambda robot: len(robot.variables)),
         "joints": Key(
             array(
                 part(
@@ -165,7 +162,6 @@ SHOW = part(
                 )
             ),
             "Joints in chain order.",
-            "robot.joints",
         ),
         "branches": Key(
             array(
@@ -190,9 +186,8 @@ SHOW = part(
                 )
             ),
             "Joints outside the chain that move mass, such as those of another arm.",
-            "robot.branches",
         ),
-        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown.", "moved_mass"),
+        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown."),
         "reach": Key(
             table(
                 part(

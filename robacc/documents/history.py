@@ -31,13 +31,13 @@ def date_text(seconds: float) -> str:
 TEST = part(
     {
         "arm": Key(text, "Serial number of the arm, else the robot's name."),
-        "at": Key(text, "Time of the test, ISO 8601, UTC.", lambda test: date_text(test.at)),
+        "at": Key(text, "Time of the test, ISO 8601, UTC."),
         "name": Key(text, "Name of the result file."),
         "command": Key(text, "Command that made the result."),
         "n_poses": Key(count, "Number of measured poses."),
         "rms_m": Key(number | None, "Rms position error, m; of a fit, of its model on held-out poses."),
         "grade": Key(text | None, "Grade; null without one."),
-        "temperature_c": Key(number | None, "Mean temperature, °C; null where none was recorded.", "temperature"),
+        "temperature_c": Key(number | None, "Mean temperature, °C; null where none was recorded."),
     }
 )
 HISTORY_ADD = part(

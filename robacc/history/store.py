@@ -22,7 +22,7 @@ import sqlite3
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -60,21 +60,9 @@ _COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low A
 """Figures that are series of their own: the others say the same of the same poses."""
 
 
-class Test(NamedTuple):
-    """A result of the database."""
-
-    id: int
-    at: float
-    """s since 1970"""
-    name: str
-    arm: str
-    model: str
-    """Command, robot file and effects: results are compared where they are the same."""
-    command: str
-    n_poses: int
-    grade: str | None
-    temperature: float | None
-    """°C"""
+Test = Mapping[str, Any]
+"""A result of the database, by :data:`_TEST`."""
+_TEST = ("id", "at", "name", "arm", "model", "command", "n_poses", "grade", "temperature_c")
 
 
 @contextmanager
@@ -180,9 +168,9 @@ def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
     Raises:
         UsageError: The database has no such arm.
     """
-    names = ", ".join(name if name != "temperature" else "temperature_c" for name in Test._fields)
     where, values = ("", []) if arm is None else ("WHERE arm = ?", [arm])
-    found = [Test(*row) for row in db.execute(f"SELECT {names} FROM results {where} ORDER BY arm, at, id", values)]
+    own = db.execute(f"SELECT {', '.join(_TEST)} FROM results {where} ORDER BY arm, at, id", values)
+    found: list[Test] = [dict(zip(_TEST, row, strict=True)) for row in own]
     arms = ", ".join(name for (name,) in db.execute("SELECT DISTINCT arm FROM results ORDER BY arm LIMIT 20"))
     refuse((arm is not None and not found, f"the database has no arm {arm!r}; it has {arms or 'no results'}"))
     return found
@@ -190,7 +178,7 @@ def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
 
 def document_of(db: sqlite3.Connection, test: Test) -> dict[str, Any]:
     """Return the stored document of a test."""
-    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test.id]).fetchone()
+    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test["id"]]).fetchone()
     document: dict[str, Any] = json.loads(zlib.decompress(packed))
     return document
 
@@ -213,13 +201,13 @@ def rows(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> lis
 
 def counted(own: Sequence[Test]) -> list[Test]:
     """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
-    latest = {test.command in FITS or test.command: test.model for test in own}
-    return [test for test in own if test.model == latest[test.command in FITS or test.command]]
+    latest = {test["command"] in FITS or test["command"]: test["model"] for test in own}
+    return [test for test in own if test["model"] == latest[test["command"] in FITS or test["command"]]]
 
 
 def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     """Return the series of tests of one arm: coefficients, and errors that estimates and ISO 9283 tests measured."""
-    ids = json.dumps([test.id for test in own])
+    ids = json.dumps([test["id"] for test in own])
     of_tests = "t JOIN results r ON r.id = t.result WHERE r.id IN (SELECT value FROM json_each(?)) AND"
     columns = "t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {}"
     query = f"SELECT {columns} {of_tests} {{}} ORDER BY t.key, r.at, r.id"

@@ -37,7 +37,7 @@ def robot_path(source: str | os.PathLike[str]) -> str:
     """
     name = os.fspath(source)
     arm = find_arm(name) if _may_be_arm(name) else None
-    return name if arm is None else os.fspath(arm.path)
+    return name if arm is None else os.fspath(arm["path"])
 
 
 def _may_be_arm(name: str) -> bool:

@@ -8,7 +8,7 @@ from collections.abc import Mapping
 from dataclasses import replace
 from functools import cache
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any
 
 import numpy as np
 
@@ -21,19 +21,8 @@ _SHOWN = 4
 """Names that a message suggests."""
 
 
-class LibraryArm(NamedTuple):
-    """Arm of the package: an entry of ``data/robots.yaml`` and its robot file."""
-
-    key: str
-    """Name that stands for its file: the file's name without suffix."""
-    maker: str
-    model: str
-    """The maker's name of the arm."""
-    axes: int
-    reach: float
-    """Reach as the maker states it, m, or computed where the source says so; what it is measured to differs."""
-    source: str
-    path: Path
+LibraryArm = Mapping[str, Any]
+"""Arm of the package by the keys of the result, with the ``path`` of its robot file, whose stem is its ``name``."""
 
 
 @cache
@@ -47,16 +36,16 @@ def library() -> tuple[LibraryArm, ...]:
     # The package's own file, so the fast reader is safe.
     entries = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))["robots"]
     return tuple(
-        LibraryArm(
-            key,
-            entry["maker"],
-            entry["name"],
-            entry["axes"],
-            entry["reach"] * 1e-3,
-            entry["source"],
-            _FOLDER / "robots" / f"{key}.yaml",
-        )
-        for key, entry in entries.items()
+        {
+            "name": name,
+            "maker": entry["maker"],
+            "model": entry["name"],
+            "n_axes": entry["axes"],
+            "reach_m": entry["reach"] * 1e-3,
+            "source": entry["source"],
+            "path": _FOLDER / "robots" / f"{name}.yaml",
+        }
+        for name, entry in entries.items()
     )
 
 
@@ -66,21 +55,23 @@ def find_arm(name: str) -> LibraryArm | None:
     A name that fits several arms stands for none: variants of one arm differ by decimetres.
     """
     wanted = _plain(name)
-    matches = [
-        arm for arm in library() if wanted in (_plain(arm.key), _plain(arm.model), _plain(arm.maker + arm.model))
-    ]
+    matches = [arm for arm in library() if wanted in map(_plain, _names(arm))]
     return matches[0] if len(matches) == 1 else None
 
 
 def similar_arms(name: str) -> tuple[str, ...]:
     """Return the names of arms that a name may mean, the likeliest first."""
     wanted = _plain(name)
-    by_name = {_plain(key): arm.key for arm in library() for key in (arm.maker + arm.model, arm.model, arm.key)}
+    by_name = {_plain(name): arm["name"] for arm in library() for name in _names(arm)}
     variants = [key for plain, key in by_name.items() if wanted and wanted in plain]
     if variants:
         return tuple(dict.fromkeys(variants))[:_SHOWN]
     near = [by_name[plain] for plain in difflib.get_close_matches(wanted, by_name, _SHOWN, 0.6)]
     return tuple(dict.fromkeys(near))
+
+
+def _names(arm: LibraryArm) -> tuple[str, str, str]:
+    return arm["maker"] + arm["model"], arm["model"], arm["name"]
 
 
 def _plain(name: str) -> str:
@@ -104,25 +95,17 @@ the reach or more. None where a prismatic joint has no limits.
 """
 
 
-class Summary(NamedTuple):
-    """Robot and the figures that follow from it."""
+def summarise(robot: Robot) -> dict[str, Any]:
+    """Return the reach and the moved mass of a robot, by the keys of the result.
 
-    robot: Robot
-    reach: Mapping[str, Reach]
-    """Reach of each target; a robot without named targets has the target ``tool``."""
-    moved_mass: float | None
-    """Mass of all links that have a mass, kg; None where no link has a mass."""
-    coefficients: tuple[tuple[str, float, str], ...] = ()
-    """Name, value and unit of each coefficient of the effects that the file lists; SI."""
-
-
-def summarise(robot: Robot, coefficients: tuple[tuple[str, float, str], ...] = ()) -> Summary:
-    """Return the reach and masses of a robot; ``coefficients`` are those of its effects."""
+    The reach is that of each target; a robot without named targets has the target ``tool``. The mass is that of all
+    links that have a mass, kg; None where no link has one.
+    """
     targets = dict(robot.targets) or {"tool": robot.tool}
     moved = [branch.joint for branch in robot.branches if robot.carrier(branch) is not None]
     masses = [joint.mass for joint in (*robot.joints, *moved) if joint.mass is not None]
     reach = {name: find_reach(robot, frame) for name, frame in targets.items()}
-    return Summary(robot, reach, sum(masses) if masses else None, coefficients)
+    return {"moved_mass_kg": sum(masses) if masses else None, "reach": reach}
 
 
 def find_reach(robot: Robot, target: Frame) -> Reach:

@@ -27,6 +27,7 @@ from sample_files import (
     saved,
 )
 
+from robacc.documents.descriptions import SHOW
 from robacc.effects import REGISTRY
 from robacc.io.files import sha256_of
 from robacc.modelling.model import predict
@@ -47,7 +48,7 @@ _, show, shown, refused_show = commands.calls_of("show")
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
-    return "\n".join(line for line, _ in lines_of(robot_view(summarise(robot)), width))
+    return "\n".join(line for line, _ in lines_of(robot_view(robot, SHOW.write(robot, **summarise(robot))), width))
 
 
 def row(text: str, heading: str, name: str) -> list[str]:
@@ -111,9 +112,9 @@ def test_reach_of_arms_that_can_be_worked_out() -> None:
 def test_reach_is_measured_from_the_robots_base_and_per_target() -> None:
     robot = read_robot(CONFIGS / "scara.yaml")
     moved = replace(robot, base=Frame((5.0, 0, 0)), targets={"a": Frame(), "b": Frame((0, 0, 0.1))})
-    summary = summarise(moved)
-    assert summary.reach["a"] == find_reach(robot, Frame())
-    assert summary.reach["b"]["sampled_m"] == pytest.approx(np.hypot(0.8, 0.577), abs=1e-6)
+    reach = summarise(moved)["reach"]
+    assert reach["a"] == find_reach(robot, Frame())
+    assert reach["b"]["sampled_m"] == pytest.approx(np.hypot(0.8, 0.577), abs=1e-6)
     assert missing(drawn(moved), "reach    b: 986 mm", "target   a: (0, 0, 0) mm, rpy (0, 0, 0)°") == []
 
 
@@ -147,7 +148,7 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
         ),
         Joint("copy", "revolute", zero, mimic=Mimic("turn", -2.0), mass=1.25, com=(0.1, 0.0, 0.0)),
     )
-    effects = ({"effect": "backlash"}, {"effect": "gear_ratio"})
+    effects = tuple({"effect": e, "joints": ["turn"], "values": {"turn": 1e-4}} for e in ("backlash", "gear_ratio"))
     text = drawn(Robot("u", "urdf", joints, base_link="foot", tip_link="hand", effects=effects))
     assert "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis; 1 joint, foot to hand" in text
     for heading, cells in (

@@ -110,7 +110,7 @@ def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
 def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     entry = find_arm("irb120_3_58")
     assert entry is not None
-    robot = read_robot(entry.path)
+    robot = read_robot(entry["path"])
     data = simulate(robot, Plan(50, seed=2, noise_position=5e-5, orientation=False)).data
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
     result = robacc.calibrate(data, robot=robot, fit=fit)

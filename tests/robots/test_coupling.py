@@ -113,7 +113,7 @@ def test_inverse_kinematics_and_reach_of_coupled_joints() -> None:
     reach = find_reach(arm.robot, arm.robot.tool)
     slide = find_reach(parse_robot(SPINDLE, "s.yaml"), arm.robot.tool)
     for each in (reach, slide):
-        assert 0.3 < (each.sampled or 0.0) <= (each.bound or 0.0) + 1e-12
+        assert 0.3 < (each["sampled_m"] or 0.0) <= (each["bound_m"] or 0.0) + 1e-12
 
 
 @pytest.mark.parametrize(

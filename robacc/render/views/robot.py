@@ -19,7 +19,7 @@ from robacc.render.text import (
     unit_of,
 )
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
-from robacc.robots.library import LibraryArm, Reach, Summary
+from robacc.robots.library import LibraryArm, Reach
 
 _CHAINS = {
     "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
@@ -30,9 +30,9 @@ _MOST = 40
 """Coefficients of effects that are listed."""
 
 
-def robot_view(summary: Summary) -> list[Section]:
+def robot_view(robot: Robot, document: Document) -> list[Section]:
     """Return the report of ``robacc show``."""
-    robot, count = summary.robot, len(summary.robot.variables)
+    count = len(robot.variables)
     ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
     follows = "follows" if any(joint.mimic or joint.coupling for joint in robot.joints) else None
     drives = [
@@ -67,7 +67,7 @@ def robot_view(summary: Summary) -> list[Section]:
         *_geometry(robot),
         _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives),
         _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses),
-        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text]),
+        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(robot, document) if text]),
     ]
 
 
@@ -118,13 +118,13 @@ def _drive_rule(joint: Joint) -> str:
     return f"{own}{''.join(others)}".strip().removeprefix("+ ")
 
 
-def _facts(summary: Summary) -> list[tuple[str, str]]:
+def _facts(robot: Robot, document: Document) -> list[tuple[str, str]]:
     """Return labels and texts; an empty text is left out."""
-    robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
-    several = len(summary.reach) > 1
+    campaign, com, coefficients = robot.campaign, robot.payload_com, document["robot"]["coefficients"]
+    several, mass = len(document["reach"]) > 1, document["moved_mass_kg"]
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
-    listed = summary.coefficients if len(summary.coefficients) <= _MOST + 1 else summary.coefficients[:_MOST]
-    others = len(summary.coefficients) - len(listed)
+    listed = coefficients if len(coefficients) <= _MOST + 1 else coefficients[:_MOST]
+    others = len(coefficients) - len(listed)
     own = campaign or Campaign(())
     frames = [name for name, frame in (("base", own.base), ("tool", own.tool)) if frame is not None]
     frames += [f"target {name}" for name in own.targets]
@@ -135,10 +135,10 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
         ("tool", "" if robot.targets else _frame(robot.tool)),
         ("payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"),
         ("gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"),
-        *(("reach", f"{f'{name}: ' * several}{_reach(reach)}") for name, reach in summary.reach.items()),
-        ("masses", "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"),
+        *(("reach", f"{f'{name}: ' * several}{_reach(reach)}") for name, reach in document["reach"].items()),
+        ("masses", "unknown" if mass is None else f"{_number(mass)} kg in total"),
         ("effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"),
-        *(("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed),
+        *(("", f"{each['name']} = {each['value']:.6g} {each['unit']}".rstrip()) for each in listed),
         ("", f"… and {others} more coefficients, in the robot file" * (others > 0)),
         *(
             ("valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges))
@@ -189,7 +189,9 @@ def _number(value: float) -> str:
 
 def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
     """Return a line per arm, and how to use them."""
-    rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
+    rows = [
+        (arm["name"], arm["maker"], arm["model"], str(arm["n_axes"]), f"{arm['reach_m'] * IN_MM:.0f}") for arm in arms
+    ]
     use = (
         "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
         "NAME writes a copy to which you add the tool or several targets"

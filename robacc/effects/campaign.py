@@ -13,7 +13,7 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -66,29 +66,21 @@ class LineOfSight(Effect):
             for choice in declared.choices
         )
 
-    @property
     @abc.abstractmethod
-    def labels(self) -> tuple[str, ...]:
-        """Label of each coefficient."""
-
-    @abc.abstractmethod
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
-        """Return ``(P, Q, 3, N)`` shift of the measured point for each of the Q coefficients at 1.
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
+        """Return ``(3, N)`` shift of the measured point for each coefficient at 1, by its label.
 
         Args:
-            position: ``(3, N)`` targets in the measuring frame, m.
+            along: ``(3, N)`` unit vectors from the instrument to the targets, measuring frame.
+            distance: ``(N,)`` distances of the targets from the instrument, m.
             rotation: ``(3, 3, N)`` orientation of the tool.
-            places: ``(P, 3)`` places of the instrument.
         """
-
-    def at(self, place: Place) -> LineOfSight:
-        """Return the same form at another place."""
-        return dataclasses.replace(self, place=place)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients, each of which moves the base along x, y and z of the measuring frame."""
         position, rotation = lines_of_sight(arm, data, self.name)
-        shifts = self.shifts(position, rotation, np.array([self.place]))[0]
+        offset = position - np.array(self.place)[:, None]
+        distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=0)), 1e-9)
         return tuple(
             Term(
                 f"{self.name}.{label}",
@@ -96,12 +88,12 @@ class LineOfSight(Effect):
                 1e-5,
                 tuple(Part(arm.chain.index(BASE, axis), shift[i]) for i, axis in enumerate("xyz")),
             )
-            for label, shift in zip(self.labels, shifts, strict=True)
+            for label, shift in self.shifts(offset / distance, distance, rotation).items()
         )
 
     def stated(self, values: Mapping[str, float]) -> tuple[str, str]:
         """Return the size of the error of fitted ``values``, mm or mrad, and the instrument's place, m, as texts."""
-        size = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in self.labels))
+        size = math.hypot(*(value for name, value in values.items() if name.startswith(f"{self.name}.")))
         return f"{1e3 * size:.2g}", ", ".join(f"{value:.2g}" for value in self.place)
 
 
@@ -109,13 +101,6 @@ def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Ar
     """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses."""
     poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
     return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
-
-
-def beams(position: Array, places: Array) -> tuple[Array, Array]:
-    """Return ``(P, 3, N)`` unit vectors from the places to the targets, and ``(P, N)`` distances."""
-    offset = position - places[:, :, None]
-    distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=1)), 1e-9)
-    return offset / distance[:, None], distance
 
 
 def first_places(position: Array) -> Array:
@@ -190,24 +175,18 @@ class TrackerError(LineOfSight):
         example="{effect: tracker_error, kind: range, instrument: [3, -2, 1], values: {offset: 5e-5}}",
     )
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the offset of the range, or cosine and sine of an angle's error."""
-        return ("offset",) if self.kind == "range" else ("cos", "sin")
-
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
         """Return the line of sight, or the tangents times cosine and sine of the angle."""
-        along, distance = beams(position, places)
         if self.kind == "range":
-            return along[:, None]
-        flat = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
-        x, y, z = along[:, 0] / flat, along[:, 1] / flat, along[:, 2]
+            return {"offset": along}
+        flat = np.maximum(np.hypot(along[0], along[1]), 1e-9)
+        x, y, z = along[0] / flat, along[1] / flat, along[2]
         cosine, sine, tangent = (
-            (flat, z, np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None])
+            (flat, z, np.stack((-z * x, -z * y, flat)) * distance)
             if self.kind == "vertical"
-            else (x, y, np.stack((-y, x, np.zeros_like(x)), axis=1) * (flat * distance)[:, None])
+            else (x, y, np.stack((-y, x, np.zeros_like(x))) * (flat * distance))
         )
-        return np.stack((tangent * cosine[:, None], tangent * sine[:, None]), axis=1)
+        return {"cos": tangent * cosine, "sin": tangent * sine}
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if an offset, or an angle's error, is more than a tracker can have; else None."""
@@ -268,18 +247,12 @@ class TargetDecentre(LineOfSight):
         example="{effect: target_decentre, axis: x, instrument: [3, -2, 1], values: {across: 1e-4, beyond: 5e-5}}",
     )
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the shift along the line of sight, and two across it."""
-        return ("along", "across", "beyond")
-
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
         """Return the line of sight, the tool's axis across it, and their product."""
-        along, _ = beams(position, places)
         axis = rotation[:, "xyz".index(self.axis)]
-        across = axis - along * np.sum(axis * along, axis=1, keepdims=True)
-        across = across / np.maximum(np.sqrt(np.sum(np.square(across), axis=1, keepdims=True)), 1e-9)
-        return np.stack((along, across, np.cross(along, across, axis=1)), axis=1)
+        across = axis - along * np.sum(axis * along, axis=0)
+        across = across / np.maximum(np.sqrt(np.sum(np.square(across), axis=0)), 1e-9)
+        return {"along": along, "across": across, "beyond": np.cross(along, across, axis=0)}
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -553,6 +526,11 @@ class Step(Effect):
             float(np.ptp(sequence_of(data))),
         )
 
+    @property
+    def place(self) -> float:
+        """Return the place of the step in the sequence, s or line."""
+        return float(self.from_line or 0) if self.from_time is None else self.from_time
+
     def after(self, data: Measurements) -> Array:
         """Return ``(N,)`` 1 for poses after the step, 0 for poses before it."""
         now = np.ones(data.n)
@@ -649,15 +627,13 @@ def sequence_of(data: Measurements) -> Array:
 
 # Steps as a search builds them: every part that can move, and the poses where its step may lie.
 
-CHANGE_POINT = Step.name
-"""Name of the effect that a search over the poses finds."""
 FEWEST = 5
 """Visits on each side of a step that a search demands: fewer deviating visits are outliers."""
 _LEAST_TORQUE = 0.1
 """Least torque of a load on a joint that a search for a changed load includes, over the largest on any joint."""
 
 
-def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
+def step_forms(arm: Arm, data: Measurements) -> Iterator[Step]:
     """Yield every form of a step, before all poses: the base, turning or not, the target or targets, each joint."""
     if Step.missing(arm, data) is not None:
         return
@@ -676,35 +652,13 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
         yield form.starting(float(sequence_of(data).min()), data)
 
 
-def at_place(form: Effect, place: float, data: Measurements) -> Effect:
-    """Return the step of the same form at a place of the sequence."""
-    return cast(Step, form).starting(place, data)
-
-
-def possible_places(form: Effect, between: Array) -> Array:
+def possible_places(form: Step, between: Array) -> Array:
     """Return the places, of ``between`` poses, where a search lets a step of a form lie.
 
     A changed load lies after a quarter of the visits: nearer to the first pose, it would stand for a load that is there
     all the time.
     """
-    return between[between.size // 4 :] if cast(Step, form).part == "payload" else between
-
-
-def is_step(effect: Effect) -> bool:
-    """Return whether an effect is a step, whose place a search finds."""
-    return isinstance(effect, Step)
-
-
-def place_of(effect: Effect) -> float:
-    """Return the place of a step in the sequence, s or line."""
-    step = cast(Step, effect)
-    return float(step.from_line or 0) if step.from_time is None else step.from_time
-
-
-def same_form(first: Effect, second: Effect) -> bool:
-    """Return whether two steps differ in their place at most."""
-    anywhere: dict[str, Any] = {"from_line": None, "from_time": None, "file": None}
-    return dataclasses.replace(first, **anywhere) == dataclasses.replace(second, **anywhere)
+    return between[between.size // 4 :] if form.part == "payload" else between
 
 
 def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
@@ -721,9 +675,9 @@ def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.in
     return number.astype(np.int64), before
 
 
-def place_text(place: float, effect: Effect, data: Measurements) -> str:
+def place_text(place: float, step: Step, data: Measurements) -> str:
     """Return a place of a step as text: the first pose after it, with its time where the step has one."""
     sequence = sequence_of(data)
     after = np.flatnonzero(sequence >= place)
     line = data.place(int(after[np.argmin(sequence[after])])) if after.size else "the end"
-    return line if cast(Step, effect).from_time is None else f"{place:.6g} s ({line})"
+    return line if step.from_time is None else f"{place:.6g} s ({line})"

@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import effect_class
-from robacc.effects.campaign import FOLLOWED_SHARE
+from robacc.effects.base import FOLLOWED_SHARE, effect_class
 from robacc.fitting.fit_result import DEPENDENT, Fit
 from robacc.fitting.levels import ALIKE, DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import joint_columns, solved

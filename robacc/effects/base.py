@@ -17,6 +17,7 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
@@ -158,6 +159,8 @@ def scaled(value: Any, size: float) -> Any:
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+FOLLOWED_SHARE = 0.5
+"""Share from which the joints read back describe the arm better than those commanded."""
 LEAST_OF_CONSTANT = 1e-3
 """Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
 1 mm and 1 mrad, so that the column itself is known to this share only; a smaller independent part is an error of the
@@ -590,6 +593,7 @@ class Effect(abc.ABC):
 
 
 REGISTRY: dict[str, type[Effect]] = {}
+"""Effects by name, of the modules that are loaded; that of :mod:`robacc.effects` has all."""
 
 E = TypeVar("E", bound=type[Effect])
 
@@ -612,8 +616,9 @@ def effect_class(name: str) -> type[Effect]:
     Raises:
         UsageError: there is no such effect; the message suggests the nearest name and lists all.
     """
-    if name not in REGISTRY:
+    known: dict[str, type[Effect]] = REGISTRY if name in REGISTRY else import_module("robacc.effects").REGISTRY
+    if name not in known:
         load_plug_ins()
-        hint = "".join(f", did you mean {match!r}?" for match in difflib.get_close_matches(name, REGISTRY, n=1))
-        refuse((name not in REGISTRY, f"no effect {name!r}{hint or '.'} The catalogue: {', '.join(REGISTRY)}"))
-    return REGISTRY[name]
+        hint = "".join(f", did you mean {match!r}?" for match in difflib.get_close_matches(name, known, n=1))
+        refuse((name not in known, f"no effect {name!r}{hint or '.'} The catalogue: {', '.join(known)}"))
+    return known[name]

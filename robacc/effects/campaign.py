@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import (
+    FOLLOWED_SHARE,
     SCALE_OF_INSTRUMENT,
     About,
     Effect,
@@ -378,10 +379,6 @@ class InstrumentScale(Effect):
             f"the instrument's scale changes by {1e6 * float(np.ptp(scale)):.2g} ppm during the measurement, about the "
             f"point {place} m: log temperature and pressure of the air, and measure a fixed target between the poses"
         )
-
-
-FOLLOWED_SHARE = 0.5
-"""Share from which the joints read back describe the arm better than those commanded."""
 
 
 @register

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class, load_plug_ins
+from robacc.effects.base import Effect, Part, Term, effect_class, load_plug_ins
 from robacc.effects.drivers import (
     Validity,
     clip_drivers,
@@ -349,6 +349,8 @@ def parse_requests(text: str) -> tuple[Request, ...]:
     Raises:
         UsageError: the text is not that, or a name is not in the catalogue.
     """
+    from robacc.effects import REGISTRY
+
     requests, position = [], 0
     while position < len(text):
         unreadable = f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]"
@@ -444,6 +446,8 @@ def catalogue(
     Raises:
         UsageError: there is no such effect.
     """
+    from robacc.effects import REGISTRY
+
     load_plug_ins()
     arm = None if robot is None else Arm.of(robot)
     entries = []

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import REGISTRY, Effect, Term
+from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.levels import ACCEPTED, ROUNDS
@@ -386,7 +386,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
 
 def usual_size(effect: str) -> float:
     """Return the geometric mean of the catalogue's usual range of a coefficient."""
-    low, high = REGISTRY[effect].about.usual_range
+    low, high = effect_class(effect).about.usual_range
     return math.sqrt(low * high)
 
 

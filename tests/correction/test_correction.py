@@ -19,7 +19,7 @@ from slow_parameters import some_fast
 import robacc
 from robacc.comparison.comparing import promise_test, rows_of_targets
 from robacc.correction import Evaluate, JointSolution, length_bound, solve
-from robacc.effects.base import REGISTRY
+from robacc.effects import REGISTRY
 from robacc.effects.specification import absorbed, entry_of, with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, log_between

@@ -651,7 +651,7 @@ def show(
     from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import SHOW
     from robacc.render.views.robot import robot_view
-    from robacc.robots.library import summarise
+    from robacc.robots.arm import summarise
 
     inputs = Inputs(arguments)
     arm = inputs.robot(robot)
@@ -678,8 +678,8 @@ def robots(
     """
     from robacc.api.result import Provenance
     from robacc.documents.descriptions import ROBOTS
+    from robacc.modelling.robot_file import library, similar_arms
     from robacc.render.views.robot import robots_view
-    from robacc.robots.library import library, similar_arms
 
     wanted = (name or "").lower()
     arms = [arm for arm in library() if wanted in f"{arm['name']} {arm['maker']} {arm['model']}".lower()]

@@ -451,8 +451,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
     """
     if data.n < ENOUGH or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
         return ()
-    from robacc.modelling.robot_file import read_robot
-    from robacc.robots.library import library
+    from robacc.modelling.robot_file import library, read_robot
 
     def error(arm: Robot) -> float:
         try:

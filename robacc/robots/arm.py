@@ -1,4 +1,4 @@
-"""Arm for computations: a chain of elementary motions, its poses, exact Jacobian, and inverse kinematics.
+"""Arm for computations: a chain of elementary motions, its poses, exact Jacobian, inverse kinematics, and reach.
 
 A chain is a product of elementary motions, each a rotation or a translation along a coordinate axis by one scalar:
 
@@ -22,7 +22,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -753,3 +753,62 @@ def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Ar
     remaining = error - np.einsum("ijm,jm->im", matrix, back)
     normal = stacked @ transposed + weak * np.eye(rows)
     return np.asarray(back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T)
+
+
+# Reach and moved mass of an arm.
+
+SAMPLES = 8192
+"""Joint configurations searched for the reach, before the best is refined."""
+_TRIALS = 65
+"""Positions tried along each joint's range in a step of the refinement."""
+_ROUNDS = 4
+
+
+def summarise(robot: Robot) -> dict[str, Any]:
+    """Return the reach and the moved mass of a robot, by the keys of the result.
+
+    The reach is that of each target; a robot without named targets has the target ``tool``. The mass is that of all
+    links that have a mass, kg; None where no link has one.
+    """
+    targets = dict(robot.targets) or {"tool": robot.tool}
+    moved = [branch.joint for branch in robot.branches if robot.carrier(branch) is not None]
+    masses = [joint.mass for joint in (*robot.joints, *moved) if joint.mass is not None]
+    reaches = {name: find_reach(robot, frame) for name, frame in targets.items()}
+    return {"moved_mass_kg": sum(masses) if masses else None, "reach": reaches}
+
+
+def find_reach(robot: Robot, target: Frame) -> dict[str, float | None]:
+    """Return the reach of a target from the base's origin within the joint limits (one turn for a joint without).
+
+    By the keys of the result: ``sampled_m`` is the reach or slightly less, ``bound_m`` the reach or more; None where a
+    prismatic joint has no limits. The best of low-discrepancy samples is improved one joint at a time. The bound adds
+    up the lengths between the axes, each prismatic joint at its longest.
+    """
+    chain = build_chain(replace(robot, base=Frame(), tool=target))
+    if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
+        return {"sampled_m": None, "bound_m": None}
+    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
+    best = q[:, [int(np.argmax(_distance(chain, q)))]]
+    for _ in range(_ROUNDS):
+        for i in range(low.size):
+            trial = np.repeat(best, _TRIALS + 1, axis=1)
+            # The best so far stays among the trials, so a step never reduces the reach.
+            trial[i, 1:] = np.linspace(low[i], high[i], _TRIALS)
+            best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
+    travel: dict[int, list[float]] = {}
+    for drive in chain.drives:
+        limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
+        ends = travel.get(drive.motion, [0.0, 0.0])
+        travel[drive.motion] = [end + limit for end, limit in zip(ends, limits, strict=True)]
+    total, run = 0.0, np.zeros(3)
+    for k, motion in enumerate(chain.motions):
+        if motion.kind == "translation":
+            run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
+        elif motion.value != 0.0 or k in travel:
+            total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
+    return {"sampled_m": float(_distance(chain, best)[0]), "bound_m": total + float(np.hypot.reduce(run))}
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))

@@ -36,9 +36,8 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.render.text import lines_of
 from robacc.render.views.robot import robot_view
-from robacc.robots.arm import build_chain, low_discrepancy
+from robacc.robots.arm import build_chain, find_reach, low_discrepancy, summarise
 from robacc.robots.description import Frame, Joint, Mimic, Robot
-from robacc.robots.library import find_reach, summarise
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import robacc
-from robacc.modelling.robot_file import read_robot
+from robacc.modelling.robot_file import find_arm, read_robot
 from robacc.render.text import (
     decimals,
     draw,
@@ -23,7 +23,6 @@ from robacc.render.text import (
     p_value,
     three_digits,
 )
-from robacc.robots.library import find_arm
 from robacc.simulation.simulate import Plan, simulate
 
 

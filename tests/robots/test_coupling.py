@@ -11,8 +11,7 @@ from homogeneous import dh
 
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
-from robacc.robots.arm import Arm, build_chain, inverse_kinematics, pose_jacobian
-from robacc.robots.library import find_reach
+from robacc.robots.arm import Arm, build_chain, find_reach, inverse_kinematics, pose_jacobian
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

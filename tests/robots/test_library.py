@@ -17,10 +17,9 @@ import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
-from robacc.modelling.robot_file import read_robot, robot_path
+from robacc.modelling.robot_file import find_arm, library, read_robot, robot_path, similar_arms
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
-from robacc.robots.library import find_arm, library, similar_arms
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 KEYS = [arm["name"] for arm in library()]

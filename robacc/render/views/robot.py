@@ -19,7 +19,6 @@ from robacc.render.text import (
     unit_of,
 )
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
-from robacc.robots.library import LibraryArm, Reach
 
 _CHAINS = {
     "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
@@ -152,7 +151,7 @@ def _facts(robot: Robot, document: Document) -> list[tuple[str, str]]:
     ]
 
 
-def _reach(reach: Reach) -> str:
+def _reach(reach: Document) -> str:
     sampled, bound = reach["sampled_m"], reach["bound_m"]
     if sampled is None or bound is None:
         return "unknown: a prismatic joint has no limits"
@@ -187,7 +186,7 @@ def _number(value: float) -> str:
 # The arms that come with the package, as a table.
 
 
-def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
+def robots_view(arms: Sequence[Document]) -> list[Section]:
     """Return a line per arm, and how to use them."""
     rows = [
         (arm["name"], arm["maker"], arm["model"], str(arm["n_axes"]), f"{arm['reach_m'] * IN_MM:.0f}") for arm in arms

@@ -620,7 +620,7 @@ class _ErrorSample(PoseSampling):
         curve = PercentileCurve(lengths, n, PROBABILITY, radius.interval.curve, radius.value, dof, by_model)
         if by_model and shape is not None:
             model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
-            curve = dataclasses.replace(curve, model=model)
+            curve = curve._replace(model=model)
             method = (
                 "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
             )

@@ -501,7 +501,7 @@ def plan(
     arm, _ = resolve_campaign(calibrated, None, (), "drop")
     n_candidates, chosen_from = (candidates, None) if isinstance(candidates, int) else (DEFAULT_CANDIDATES, candidates)
     check_range("candidates", n_candidates, 10, 100_000)
-    known = replace(joints_of(arm), limits=None)  # limits are a matter of the filters
+    known = joints_of(arm)._replace(limits=None)  # limits are a matter of the filters
     read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:

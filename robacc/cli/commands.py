@@ -682,7 +682,11 @@ def robots(
     from robacc.render.views.robot import robots_view
 
     wanted = (name or "").lower()
-    arms = [arm for arm in library() if wanted in f"{arm['name']} {arm['maker']} {arm['model']}".lower()]
+    arms = [
+        {key: value for key, value in arm.items() if key != "path"}
+        for arm in library()
+        if wanted in f"{arm['name']} {arm['maker']} {arm['model']}".lower()
+    ]
     near = "" if arms else ", ".join(similar_arms(wanted))
     fix = f"did you mean {near}?" if near else "robacc show robots lists all of them"
     refuse((not arms, Problem(f"no arm of the package has {name!r} in its name", fix=fix)))

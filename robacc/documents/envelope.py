@@ -13,7 +13,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -409,7 +408,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated")._replace(name="outcome")
 
 GATE_RESULT = part(
     {

@@ -11,7 +11,6 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
 from functools import partial, reduce
 from typing import Any, NamedTuple
 
@@ -64,11 +63,10 @@ class Later(Mapping[str, Any]):
         return Later({key: partial(lambda value: function(value()), value) for key, value in self._values.items()})
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(NamedTuple):
     """Kind of a value of a document."""
 
-    words: Mapping[str, Any] = field(default_factory=dict)
+    words: Mapping[str, Any] = {}
     """Words of JSON Schema: the type and its limits."""
     null: bool = False
     """Whether null may stand for a missing value."""
@@ -83,7 +81,7 @@ class Kind:
 
     def __or__(self, other: None) -> Kind:
         """Return the kind of values that may be null."""
-        return replace(self, null=True)
+        return self._replace(null=True)
 
     def write(self, record: Any, **given: Any) -> Document:
         """Return the object of a record; ``given`` are values of keys that the record does not have.
@@ -253,9 +251,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = replace(array(number, 3), name="vector3")
-rows3 = replace(array(array(number | None, 3)), name="rows3")
-matrix3 = replace(array(vector3, 3), name="matrix3")
+vector3 = array(number, 3)._replace(name="vector3")
+rows3 = array(array(number | None, 3))._replace(name="rows3")
+matrix3 = array(vector3, 3)._replace(name="matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.

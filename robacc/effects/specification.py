@@ -194,7 +194,7 @@ def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> 
         return tuple(_entry(Arm.of(robot), entry, length, angle) for entry in stated)
 
     if campaign is not None:
-        campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
+        campaign = campaign._replace(effects=converted(campaign.effects))
     return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(length, angle), campaign=campaign)
 
 
@@ -291,7 +291,7 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
         moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
     for (owner, name), changes in moved.items():
         if owner == BASE and name:
-            fixtures[name] = dataclasses.replace(fixtures[name], base=_moved_frame(fixtures[name].base, changes))
+            fixtures[name] = fixtures[name]._replace(base=_moved_frame(fixtures[name].base, changes))
             if len(fixtures) == 1 and fixtures[name].kind in IMAGES:
                 # The board, or the camera beside the arm, is the measuring frame of a model fitted to photos.
                 robot = dataclasses.replace(robot, base=fixtures[name].base)

@@ -41,7 +41,7 @@ def resolve_campaign(
     with_effects = dataclasses.replace(
         robot,
         effects=(*robot.effects, *campaign.effects),
-        campaign=dataclasses.replace(campaign, effects=(), kept=True),
+        campaign=campaign._replace(effects=(), kept=True),
     )
     names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
     if use == "keep" or set(digests) & set(campaign.poses):

@@ -114,8 +114,7 @@ class Joint:
         return "offset" if "offset" in self.parameters else "theta" if self.type == "revolute" else "d"
 
 
-@dataclass(frozen=True, slots=True)
-class BranchJoint:
+class BranchJoint(NamedTuple):
     """Joint outside the chain that moves mass: the other arm of a torso, a slide with a tool."""
 
     joint: Joint
@@ -126,8 +125,7 @@ class BranchJoint:
     """Its variable where the poses do not have it, rad or m."""
 
 
-@dataclass(frozen=True, slots=True)
-class Campaign:
+class Campaign(NamedTuple):
     """Facts of the measuring campaign that a model was fitted in."""
 
     poses: tuple[str, ...]
@@ -136,7 +134,7 @@ class Campaign:
     """Base before it was registered in the campaign; None if it was not."""
     tool: Frame | None = None
     """Tool before it was registered in the campaign; None if it was not."""
-    targets: Mapping[str, Frame] = field(default_factory=dict)
+    targets: Mapping[str, Frame] = {}
     """Targets before they were registered in the campaign."""
     effects: tuple[Mapping[str, Any], ...] = ()
     """Entries of effects that hold for the campaign alone, in the units of the robot's effects."""
@@ -144,8 +142,7 @@ class Campaign:
     """True once the effects stand among the robot's own, for poses of the campaign."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fixture:
+class Fixture(NamedTuple):
     """What poses are measured from: a socket, a plane or an anchor."""
 
     kind: str

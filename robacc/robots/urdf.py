@@ -505,7 +505,7 @@ def _resolve_mimics(
         ratio = rule.multiplier / leader.multiplier
         return replace(joint, mimic=Mimic(name, ratio, rule.offset - ratio * leader.offset))
 
-    beside = [replace(branch, joint=resolved(_direct_mimic(tree, branch.joint), known)) for branch in branches]
+    beside = [branch._replace(joint=resolved(_direct_mimic(tree, branch.joint), known)) for branch in branches]
     return [resolved(joint, inside) for joint in chain], beside
 
 

@@ -500,7 +500,7 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint]) -> tuple[BranchJoi
         names.add(joint.name)
         branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, values.get("position", 0.0)))
     beside = _followers(read, joints)
-    return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
+    return tuple(branch._replace(joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 
 def parse_robot(document_text: str, file: str) -> Robot:

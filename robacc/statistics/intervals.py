@@ -145,8 +145,7 @@ class RootCurve(NamedTuple):
         return self.square.poses_for(limit * limit, confidence, n)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PercentileCurve:
+class PercentileCurve(NamedTuple):
     """Confidence curve of the ``p`` quantile of lengths: order statistics, and beyond the largest a fitted Gaussian."""
 
     lengths: Array

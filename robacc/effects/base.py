@@ -395,14 +395,10 @@ class Effect(abc.ABC):
         return Term(name, unit, typical, (Part(arm.axis_motion(joint), regressor),), **more)
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
-        return next((need.reason for need in cls.traits.needs if not need.is_met(arm, data)), None)
-
-    @classmethod
-    def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if the usual form of a possible effect cannot be fitted, in one line; else None."""
-        return next((need.reason for need in cls.traits.needs_of_usual_form if not need.is_met(arm, data)), None)
+    def missing(cls, arm: Arm, data: Measurements, *, usual: bool = False) -> str | None:
+        """Return the reason if the effect, or its ``usual`` form, cannot be fitted to these data; else None."""
+        needs = (*cls.traits.needs, *(cls.traits.needs_of_usual_form if usual else ()))
+        return next((need.reason for need in needs if not need.is_met(arm, data)), None)
 
     @property
     def form(self) -> Traits:

@@ -122,7 +122,7 @@ def named_candidates(
         if cls.traits.is_empirical or (only is not None and name not in only):
             continue
         reason = cls.missing(arm, data)
-        if (partly := reason or cls.missing_form(arm, data)) is not None:
+        if (partly := cls.missing(arm, data, usual=True)) is not None:
             missing[name] = partly
         if reason is not None:
             continue

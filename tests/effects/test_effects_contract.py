@@ -360,7 +360,7 @@ def test_what_is_missing_is_said_in_one_line(name: str) -> None:
 def test_backlash_without_directions_says_that_only_gravity_is_tested() -> None:
     backlash = REGISTRY["backlash"]
     assert backlash.missing(arm("puma560"), BARE) is None
-    assert backlash.missing_form(arm("puma560"), BARE) == reasons("backlash")[1]
+    assert backlash.missing(arm("puma560"), BARE, usual=True) == reasons("backlash")[1]
     named, missing = named_candidates(arm("puma560"), BARE, ())
     assert missing["backlash"] == reasons("backlash")[1]
     assert {c.effect.settings()["by"] for c in named if c.effect.name == "backlash"} <= {"gravity"}

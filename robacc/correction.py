@@ -6,10 +6,10 @@ G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reac
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
-from typing import Literal, get_args
+from itertools import compress
+from typing import Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.drivers import is_outside
+from robacc.effects.drivers import is_outside, range_excess
 from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
-from robacc.geometry import Array, Poses, rms_length
+from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.motion import motion_between_visits, numbered_visits
@@ -36,6 +36,7 @@ from robacc.robots.arm import (
     part_of,
     pose_error,
     pose_jacobian,
+    reach,
     solve,
 )
 from robacc.robots.description import Robot
@@ -72,8 +73,7 @@ Motion = tuple[Array | None, Array | None]
 """Direction and speed of approach ``(J, N)``; None where unknown."""
 
 
-@dataclass(frozen=True, slots=True)
-class CorrectionSetting:
+class CorrectionSetting(NamedTuple):
     """Real arm as the model describes it, the arm that the controller computes with, and the targets' circumstances.
 
     Both arms are in the same frames.
@@ -129,13 +129,8 @@ class CorrectionSetting:
         An arm with six axes or more reaches position and orientation, so the weight of orientation is only a scale: the
         arm's length. For an arm with fewer axes ``weight`` (m per rad) decides what it corrects.
         """
-        variables = self.model.arm.robot.variables
-        low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in variables]).T
-        base = np.array(self.nominal.robot.base.xyz)[:, None]
-        length = max(rms_length(self.nominal.chain.forward(q).translation - base), 1e-3)
-        scale = np.array([1.0 if joint.type == "revolute" else length for joint in variables])
-        turn = length if weight is None or len(variables) >= 6 else weight
-        return JointSpace(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
+        arm, length = self.model.arm, max(reach(self.nominal, q), 1e-3)
+        return JointSpace.of(arm, length, length if weight is None or len(arm.names) >= 6 else weight, oriented)
 
 
 def setting_of(
@@ -178,8 +173,7 @@ _BLOCK = 256
 """Cartesian targets without joints whose configurations are searched at a time."""
 
 
-@dataclass(frozen=True, slots=True)
-class WantedPoses:
+class WantedPoses(NamedTuple):
     """Wanted poses, and nominal joints that keep the commanded configuration."""
 
     given: Literal["joints", "poses", "poses and joints"]
@@ -280,8 +274,7 @@ def pose_evaluator(
 # Limits of a correction.
 
 
-@dataclass(frozen=True, slots=True)
-class Limits:
+class Limits(NamedTuple):
     """Limits beyond which a target is refused, and the weight for arms with fewer than six axes."""
 
     position: float | None = None
@@ -305,8 +298,7 @@ Cause = Literal["unreached", "limit", "approach", "singular", "configuration", "
 """Cause of a refusal."""
 
 
-@dataclass(frozen=True, slots=True)
-class Refusal:
+class Refusal(NamedTuple):
     """Cause of the refusal of a target, and the reason as a sentence."""
 
     cause: Cause
@@ -319,11 +311,11 @@ def refusals(
     """Return the reason of each target that is refused, the first that applies; None for the others."""
     names, n_joints = setting.model.arm.names, solution.q.shape[0]
     configuration = "" if wanted.given == "poses" else " in the configuration of its joints"
+    outside = () if limits.beyond_range else _out_of_range(setting, wanted, limits)
     rules: list[tuple[NDArray[np.bool_], Cause, str | Callable[[int], str]]] = [
-        (~wanted.reached, "unreached", f"the nominal robot does not reach the wanted pose{configuration}")
+        (~wanted.reached, "unreached", f"the nominal robot does not reach the wanted pose{configuration}"),
+        *((targets, "out_of_range", reason) for targets, reason in outside),
     ]
-    if not limits.beyond_range:
-        rules += [(outside, "out_of_range", reason) for outside, reason in _out_of_range(setting, wanted, limits)]
 
     # Targets that the model does not reach, because of a limit, the approach, or a singular pose. Arms with fewer axes
     # never reach every pose: what counts is whether a limit takes part.
@@ -341,12 +333,11 @@ def refusals(
     amplified = largest / np.maximum(correction[0] / joints.length + correction[1], 1e-9)
 
     def limited(i: int) -> str:
-        stopped = " and ".join(itertools.compress(names, at_limit[:, i]))
-        return f"the correction would take {stopped} beyond the joint limit"
+        return f"the correction would take {' and '.join(compress(names, at_limit[:, i]))} beyond the joint limit"
 
     def moves(i: int) -> str:
-        turn = f"{float(largest[i]) * _DEGREES:.2g}°"
-        return f"near a singular pose: {names[joint[i]]} would move by {turn} for {_sizes(*correction[:, i])}"
+        turn = f"{names[joint[i]]} would move by {float(largest[i]) * _DEGREES:.2g}°"
+        return f"near a singular pose: {turn} for {_sizes(*correction[:, i])}"
 
     approach = "a joint moves less than its play since the previous target, so its direction of approach is unknown"
     converges = "near a singular pose the correction does not converge"
@@ -389,8 +380,7 @@ def _out_of_range(
     for name, (low, high) in (limits.ranges or {}).items():
         if (values := columns.get(name)) is not None:
             # Share of a range by which a target may exceed it.
-            margin = 0.05 * (high - low)
-            outside = (values < low - margin) | (values > high + margin)
+            outside = range_excess(values, low, high) > 0.05 * (high - low)
             yield outside, f"{name} is outside the range that the model was fitted on"
 
 
@@ -401,9 +391,8 @@ def _amounts(error: Array) -> Array:
 
 def _sizes(position: float | None, angle: float | None) -> str:
     """Return lengths in mm and angles in degrees as text."""
-    parts = [] if position is None else [f"{1e3 * float(position):.3g} mm"]
-    parts += [] if angle is None else [f"{float(angle) * _DEGREES:.2g}°"]
-    return " and ".join(parts)
+    length = "" if position is None else f"{1e3 * float(position):.3g} mm"
+    return " and ".join(filter(None, (length, "" if angle is None else f"{float(angle) * _DEGREES:.2g}°")))
 
 
 _ROUNDS = 5
@@ -458,8 +447,7 @@ def _solved(
 # chi-square", Biometrika 46 (1959); for quadratic forms J. P. Imhof, Biometrika 48 (1961), eq. 4.2.
 
 
-@dataclass(frozen=True, slots=True)
-class ExpectedErrors:
+class ExpectedErrors(NamedTuple):
     """Expected errors of N targets, at their nominal or at their corrected commands."""
 
     position: Array
@@ -501,8 +489,8 @@ def expected_errors(
     # The best grade whose limits the bounds meet.
     best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
     grades = None if best is None else tuple(map(scale.name_of, best))
-    known = bounds[0] is None or bounds[1] is not None
-    return ExpectedErrors(lengths[0], lengths[1], rms[0], rms[1] if known else None, bounds[0], bounds[1], grades)
+    turn_rms = rms[1] if bounds[0] is None or bounds[1] is not None else None
+    return ExpectedErrors(lengths[0], lengths[1], rms[0], turn_rms, bounds[0], bounds[1], grades)
 
 
 def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
@@ -623,10 +611,10 @@ def correction(
     q = np.where(np.array(list(map(bool, refused)), dtype=bool), wanted.q, solution.q)
     errors = [setting.errors(wanted.poses, each, setting.motion(each)) for each in (wanted.q, q)]
     corrected, command = setting.at(q, setting.motion(q)), setting.nominal_poses(q)
-    position, orientation = None, None
-    if fit is not None:
-        position, orientation = model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
-        orientation = orientation if fit.unexplained.shape[0] == 6 else None
+    position, orientation = (
+        (None, None) if fit is None else model_uncertainty(model, fit, completed(fit, corrected, 0), measured=False)[0]
+    )
+    orientation = orientation if fit is not None and fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
     listed = ", ".join(map(str, setting.left_out))
     notes = (

@@ -12,7 +12,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import product
-from typing import TYPE_CHECKING, Any, Literal, cast
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
 
@@ -105,8 +105,7 @@ RULES: dict[Rule, str] = {
 }
 
 
-@dataclass(frozen=True, slots=True)
-class GateCriterion:
+class GateCriterion(NamedTuple):
     """One condition on one figure of a result."""
 
     name: str
@@ -132,8 +131,7 @@ class GateCriterion:
     """Reason for the limit, in the words of the gate's author."""
 
 
-@dataclass(frozen=True, slots=True)
-class Gate:
+class Gate(NamedTuple):
     """Named criteria, all of which a result must meet."""
 
     name: str
@@ -215,11 +213,10 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     elif not is_word:
         limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
     kind = kind or "number"
-    default: Rule = "simple" if kind in ("word", "number") else "bound"
-    rule = cast("Rule", section.text("rule", RULES) or ("guarded_rejection" if baseline is not None else default))
+    default = "guarded_rejection" if baseline is not None else "simple" if kind in ("word", "number") else "bound"
+    rule = cast("Rule", section.text("rule", RULES) or default)
     setting = _SETTING.get(rule, "")
     words = "the grade to meet" if kind == "grade" else "a list of the words that pass"
-    missing = "is missing; give a maximum (limit) or a minimum (at_least)"
     section.report_if(
         (
             len(limits) == 2,
@@ -227,7 +224,12 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
             "limit (a maximum) and at_least (a minimum) exclude each other",
             "give only one",
         ),
-        (not is_word and not limits and baseline is None, "limit", missing, None),
+        (
+            not is_word and not limits and baseline is None,
+            "limit",
+            "is missing; give a maximum (limit) or a minimum (at_least)",
+            None,
+        ),
         (
             is_word and baseline is not None,
             "baseline",
@@ -327,8 +329,7 @@ _EXTRAPOLATION_QUANTILE = 1.2
 _STEPS = 20
 
 
-@dataclass(frozen=True, slots=True)
-class BoundCurve:
+class BoundCurve(NamedTuple):
     """Bounds of a figure, from the lowest level to the highest; empty if no interval exists."""
 
     z: tuple[float, ...]
@@ -393,9 +394,8 @@ class BoundCurve:
         if scaled[0] <= at <= scaled[-1]:
             return normal_cdf(float(np.interp(at, scaled, self.z)))
         end = -1 if at > scaled[-1] else 0
-        if not self.reaches[end]:
-            return None
-        return normal_cdf(self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0]))
+        beyond = self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
+        return normal_cdf(beyond) if self.reaches[end] else None
 
     def standard_error(self, level: float) -> float | None:
         """Return half the distance between the bounds at 1 - ``level`` and ``level`` per normal quantile, scaled.
@@ -404,10 +404,8 @@ class BoundCurve:
         """
         low, median, high = (self.bound(probability) for probability in (1.0 - level, 0.5, level))
         known = [self.scale(bound) for bound in (low, median, high) if bound is not None]
-        if len(known) < 2:
-            return None
         quantiles = 1.0 if low is None or high is None else 2.0
-        return (known[-1] - known[0]) / (quantiles * normal_quantile(level))
+        return None if len(known) < 2 else (known[-1] - known[0]) / (quantiles * normal_quantile(level))
 
 
 def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_curve: BoundCurve) -> BoundCurve:
@@ -444,10 +442,10 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     # Distances of the true value above the limit, in standard errors.
     distances = [5.0 * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
-    places = [centre + distance * error for distance in distances]
     return tuple(
         (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
-        for place, distance in zip(places, distances, strict=True)
+        for distance in distances
+        for place in (centre + distance * error,)
     )
 
 
@@ -536,19 +534,17 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     elif favourable is not None and not meets(favourable):
         outcome, tested = "fail", favourable if tested is None else tested
     elif tested is None:
-        why = curve.why or "there are too few poses for an interval"
-        if curve.why is None and any(curve.reaches):
-            percent = f"{100 * criterion.confidence:g} %"
-            why = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
+        percent = f"{100 * criterion.confidence:g} %"
+        unreached = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
+        why = curve.why or (unreached if any(curve.reaches) else "there are too few poses for an interval")
     error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
     # Distance from the value to the limit, on the scale on which the figure is close to normal.
     scaled, z = abs(curve.scale(limit) - curve.scale(value)), normal_quantile(criterion.confidence)
     assured = if_true = None
     if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and below is not None:
-        fewest = n + 1
-        if criterion.key.endswith(".p95"):
-            # With fewer poses, no order statistic bounds a 95th percentile.
-            fewest = max(fewest, math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95)))
+        # With fewer poses, no order statistic bounds a 95th percentile.
+        of_percentile = math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95))
+        fewest = max(n + 1, of_percentile if criterion.key.endswith(".p95") else 0)
         # The confidence at the limit has the estimate's bias, and its standard error on the side of the limit.
         if 0.0 < below < 1.0 and (assured := poses_to_decide(abs(normal_quantile(below)), z, n)) is not None:
             assured = max(assured, fewest)
@@ -635,8 +631,7 @@ def decide_largest(criterion: GateCriterion, value: float, n: int) -> Evaluation
 # Figures of a result: the value, its dimension, and the bounds that the result or its poses give.
 
 
-@dataclass(frozen=True, slots=True)
-class GateFigure:
+class GateFigure(NamedTuple):
     """One number of a result."""
 
     value: float
@@ -667,8 +662,9 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     # With more poses, the stored interval is as good as a recomputed one and costs nothing.
     if errors is not None and errors.groups.size <= 20_000:
         n, seed = errors.n_groups, document.get("seed") or 0
-        levels = _levels(confidence)
-        statistics = length_intervals(errors.vectors, levels, groups=errors.groups, share=errors.share, seed=seed)
+        statistics = length_intervals(
+            errors.vectors, _levels(confidence), groups=errors.groups, share=errors.share, seed=seed
+        )
         curve = BoundCurve.through(by_name[cast("Statistic", statistic)] for by_name in statistics)
     return GateFigure(number, {"m": "length", "rad": "angle"}.get(name.rpartition("_")[2], "number"), curve, n)
 
@@ -848,20 +844,18 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
     for quantity, unit in (("position", "m"), ("orientation", "rad")):
         limit = steps[required].get(f"{quantity}_{unit}")
         if limit is not None and document.get(quantity):
-            key = f"{quantity}.{grade.get('statistic')}"
-            figure = figure_at(document, key, confidence)
-            own.append(_decide_figure(replace(criterion, key=key, limit=limit, confidence=confidence), figure))
+            each = criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
+            own.append(_decide_figure(each, figure_at(document, each.key, confidence)))
     outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
     deciding = [each for each in own if each["outcome"] == outcome]
-    why = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None
-    if outcome == "fail" and isinstance(grade.get("reason"), str):
-        why = grade["reason"].partition(". ")[0]
+    reasons = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None
+    is_explained = outcome == "fail" and isinstance(grade.get("reason"), str)
     probabilities = [each["conformity_probability"] for each in own if each.get("conformity_probability") is not None]
     undecided = deciding if outcome == "inconclusive" else []
     return evaluated(
         criterion,
         outcome=outcome,
-        why=why,
+        why=grade["reason"].partition(". ")[0] if is_explained else reasons,
         conformity_probability=min(probabilities) if probabilities and len(probabilities) == len(own) else None,
         method=next((each["method"] for each in own if each.get("method")), None),
         poses_to_decide=largest_known([each["poses_to_decide"] for each in undecided]),

@@ -42,10 +42,9 @@ def combined(shares: Iterable[tuple[float, Sequence[Load]]]) -> tuple[Load, ...]
     """Return a sum of loads, each with a factor, as one load for each frame."""
     totals: dict[int, list[float | Array]] = {}
     for share, loads in shares:
-        for load in loads:
-            total = totals.setdefault(load.after, [0.0] * 4)
-            for i, value in enumerate((load.mass, *load.first_moment)):
-                total[i] = total[i] + share * value
+        for after, mass, first_moment in loads:
+            values = zip(totals.get(after, [0.0] * 4), (mass, *first_moment), strict=True)
+            totals[after] = [total + share * value for total, value in values]
     return tuple(Load(after, mass, (x, y, z)) for after, (mass, x, y, z) in totals.items())
 
 
@@ -140,32 +139,24 @@ def forces(
     row = {count: 4 * i for i, count in enumerate(counts)}
     n = linear.shape[-1]
     constants = np.zeros((len(weighted), 4 * len(counts)))
-    masses = np.zeros((len(weighted), 1))
     varying: list[tuple[int, Load]] = []
-    for k, (motion, loads) in enumerate(weighted):
-        for load in loads:
-            if load.after <= motion:
-                continue
-            parts = (*load.first_moment, load.mass)
-            if any(isinstance(part, np.ndarray) for part in parts):
-                varying.append((k, load))
-                continue
-            at = row[load.after]
+    for k, load in ((k, load) for k, (motion, loads) in enumerate(weighted) for load in loads if load.after > motion):
+        parts, at = (*load.first_moment, load.mass), row[load.after]
+        if any(isinstance(part, np.ndarray) for part in parts):
+            varying.append((k, load))
+        else:
             constants[k, at : at + 4] += np.array(parts, dtype=np.float64)
-            masses[k] += load.mass
     axes = np.empty((4 * len(counts), 3, n), dtype=linear.dtype)
     for count, at in row.items():
         axes[at : at + 3] = frames[count].rotation.transpose(1, 0, 2)
         axes[at + 3] = frames[count].translation
     first_moments = (constants @ axes.reshape(len(axes), 3 * n)).reshape(len(weighted), 3, n)
-    total_masses = np.broadcast_to(masses, (len(weighted), n))
-    if varying:
-        total_masses = total_masses.copy()
-        for k, load in varying:
-            at = row[load.after]
-            for part, axis in zip((*load.first_moment, load.mass), axes[at : at + 4], strict=True):
-                first_moments[k] += part * axis
-            total_masses[k] += load.mass
+    total_masses = np.repeat(constants[:, 3::4].sum(axis=1, keepdims=True), n, axis=1)
+    for k, load in varying:
+        at = row[load.after]
+        for part, axis in zip((*load.first_moment, load.mass), axes[at : at + 4], strict=True):
+            first_moments[k] += part * axis
+        total_masses[k] += load.mass
     result: NDArray[Any] = total_masses * np.einsum("i,ikn->kn", gravity, linear)
     for i, component in enumerate(gravity.tolist()):
         if component:
@@ -203,12 +194,11 @@ def force_derivatives(
     mass, first_moment = moved_by(motion)
     result = np.asarray(np.einsum("ikn,in->kn", angular, cross(mass * v + cross(w, first_moment), down)))
     # Behind the motion the loads change only where a body is in between: motions with the same next body are grouped.
-    groups: dict[int, list[int]] = {}
-    for i, k in enumerate(wanted):
-        if k >= motion:
-            groups.setdefault(min((load.after for load in loads if load.after > k), default=-1), []).append(i)
+    following = [min((load.after for load in loads if load.after > k), default=-1) for k in wanted]
+    behind = [i for i, k in enumerate(wanted) if k >= motion]
     lever = -cross(w, down)
-    for at in groups.values():
+    for body in {following[i] for i in behind}:
+        at = [i for i in behind if following[i] == body]
         mass, first_moment = moved_by(wanted[at[0]])
         result[at] = mass * np.einsum("ikn,in->kn", linear[:, at], lever)
         result[at] += np.einsum("ikn,in->kn", angular[:, at], cross(first_moment, lever))

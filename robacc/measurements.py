@@ -282,6 +282,14 @@ def different(numbers: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(np.bincount(numbers)))
 
 
+def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the number ``(N,)`` of each value among the different ones; ``np.unique`` would import ``numpy.ma``."""
+    order = np.argsort(values, kind="stable")
+    number = np.zeros(values.size, dtype=np.int64)
+    number[order[1:]] = np.cumsum(values[order[1:]] != values[order[:-1]])
+    return number
+
+
 def motion_between_rows(q: Array) -> tuple[Array, Array]:
     """Return direction in {-1, 0, 1} and relative speed, both ``(J, N)``, of direct moves from row to row.
 
@@ -305,11 +313,11 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
     """
     if ids is None:
         return None if commands is None else Grouping(_equal_columns(commands))
-    names, number = np.unique(ids, return_inverse=True)
-    number = number.astype(np.int64)
-    if commands is None or names.size == ids.size:
+    number = numbered(ids)
+    count = int(number.max(initial=-1)) + 1
+    if commands is None or count == ids.size:
         return Grouping(number)
-    last = np.empty(names.size, dtype=np.int64)
+    last = np.empty(count, dtype=np.int64)
     last[number] = np.arange(number.size)
     # rad or m; largest difference between the commands of rows that share a ``pose`` id, from rounding or from joints
     # that were read back. An arm's error changes by about a thousandth of itself over such a distance.
@@ -317,8 +325,8 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
     rows = (np.bincount(number, weights=differ) > 0.0)[number]
     if not rows.any():
         return Grouping(number)
-    number[rows] = names.size + _equal_columns(commands[:, rows])
-    return Grouping(np.unique(number, return_inverse=True)[1].astype(np.int64), rows)
+    number[rows] = count + _equal_columns(commands[:, rows])
+    return Grouping(numbered(number), rows)
 
 
 def even_rows(n: int, most: int) -> NDArray[np.int64]:

@@ -43,7 +43,7 @@ LAYERS = (
 )
 """From the ground up. A package stands for all of its modules."""
 PLACES = {name: number for number, names in enumerate(LAYERS) for name in names}
-READS_PACKAGE_DATA = {"robacc.accuracy.grade", "robacc.robots.library"}
+READS_PACKAGE_DATA = {"robacc.accuracy.grade"}
 OPENS_FILES = (
     "robacc.io.",
     "robacc.documents.envelope",

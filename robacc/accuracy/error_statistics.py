@@ -12,7 +12,7 @@ import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,8 +48,7 @@ NIL = 1e-12
 """Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
 
 
-@dataclass(frozen=True, slots=True)
-class AssumptionTest:
+class AssumptionTest(NamedTuple):
     """Result of a statistical test; statistic and p-value are None where ``why`` gives the reason."""
 
     method: str
@@ -60,8 +59,7 @@ class AssumptionTest:
     why: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class AssumptionTests:
+class AssumptionTests(NamedTuple):
     """Tests of the assumptions of a zero-mean Gaussian."""
 
     zero_mean: AssumptionTest
@@ -177,8 +175,7 @@ SHARED = (
 )
 
 
-@dataclass(frozen=True, slots=True)
-class PoseStructure:
+class PoseStructure(NamedTuple):
     """Components of the errors' variance (sum over x, y, z) between and within commanded poses."""
 
     n: int
@@ -199,8 +196,7 @@ class PoseStructure:
 # Statistics of errors, and their intervals.
 
 
-@dataclass(frozen=True, slots=True)
-class MatrixInterval:
+class MatrixInterval(NamedTuple):
     """Confidence intervals of a covariance matrix, element by element (not for all elements at once)."""
 
     lower: Array | None
@@ -211,8 +207,7 @@ class MatrixInterval:
     why: str | None = None
 
 
-@dataclass(frozen=True, slots=True)
-class Ellipsoid:
+class Ellipsoid(NamedTuple):
     """Principal axes of the covariance about zero, longest first."""
 
     axes: Array
@@ -222,8 +217,7 @@ class Ellipsoid:
     intervals: tuple[Interval, ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Intervals:
+class Intervals(NamedTuple):
     """Intervals of the numbers of the same name in :class:`ErrorStatistics`."""
 
     mean: tuple[Interval, ...]
@@ -234,8 +228,7 @@ class Intervals:
     p95: Interval
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorStatistics:
+class ErrorStatistics(NamedTuple):
     """Statistics of N position or orientation errors, in m and m^2 or rad and rad^2."""
 
     unit: Unit
@@ -627,7 +620,7 @@ class _ErrorSample(PoseSampling):
         curve = PercentileCurve(lengths, n, PROBABILITY, radius.interval.curve, radius.value, dof, by_model)
         if by_model and shape is not None:
             model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
-            curve = dataclasses.replace(curve, model=model)
+            curve = curve._replace(model=model)
             method = (
                 "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
             )
@@ -732,8 +725,7 @@ def length_intervals(
 # Fall of the RMS between errors of the same poses.
 
 
-@dataclass(frozen=True, slots=True)
-class Gain:
+class Gain(NamedTuple):
     """Reduction of the position RMS on held-out poses, with an interval over poses."""
 
     value: float

@@ -16,7 +16,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -36,8 +36,7 @@ if TYPE_CHECKING:
 # RMS, mean, 95th percentile and maximum of the error's length: the metrics that every comparison uses.
 
 
-@dataclass(frozen=True, slots=True)
-class ErrorMetrics:
+class ErrorMetrics(NamedTuple):
     """Metrics of the error's length over poses, m or rad."""
 
     rms: float
@@ -47,8 +46,7 @@ class ErrorMetrics:
     max: float
 
 
-@dataclass(frozen=True, slots=True)
-class PoseMetrics:
+class PoseMetrics(NamedTuple):
     """Metrics of position and, where it was measured, of orientation."""
 
     position: ErrorMetrics
@@ -74,8 +72,7 @@ _BLOCK = 16384
 """Poses per block: the working arrays of a block stay in the cache."""
 
 
-@dataclass(frozen=True, slots=True)
-class PoseErrors:
+class PoseErrors(NamedTuple):
     """Error vectors of all poses."""
 
     frame: ErrorFrame
@@ -269,8 +266,7 @@ _STILL = 1e-6
 """rad or m; commanded poses that differ by less are equal."""
 
 
-@dataclass(frozen=True, slots=True)
-class WorstPose:
+class WorstPose(NamedTuple):
     """Pose with a large error."""
 
     line: int
@@ -286,8 +282,7 @@ class WorstPose:
     """rad"""
 
 
-@dataclass(frozen=True, slots=True)
-class TargetErrors:
+class TargetErrors(NamedTuple):
     """Position errors of one of several targets."""
 
     name: str
@@ -362,7 +357,7 @@ class Totals:
     def targets(self) -> tuple[TargetErrors, ...]:
         """Metrics of each target."""
         return tuple(
-            TargetErrors(name, sums.n, replace(length_metrics(sums.lengths), mean=float(sums.products[0, -1]) / sums.n))
+            TargetErrors(name, sums.n, length_metrics(sums.lengths)._replace(mean=float(sums.products[0, -1]) / sums.n))
             for name, sums in sorted(self.of_targets.items())
         )
 

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, cast, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import refuse
@@ -28,8 +27,7 @@ _KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwi
 _WIDER = "list the best grade first"
 
 
-@dataclass(frozen=True, slots=True)
-class GradeStep:
+class GradeStep(NamedTuple):
     """Grade and the limits that the statistic must meet."""
 
     grade: str
@@ -43,8 +41,7 @@ class GradeStep:
         return self.position if quantity == "position" else self.orientation
 
 
-@dataclass(frozen=True, slots=True)
-class Scale:
+class Scale(NamedTuple):
     """Grades from the best to the widest, and the statistic of the error's length that decides."""
 
     name: str
@@ -145,8 +142,7 @@ def _positive(section: YamlSection, key: str) -> float:
     return section.number(key, lambda value: value > 0.0, "a number greater than zero")
 
 
-@dataclass(frozen=True, slots=True)
-class QuantityGrade:
+class QuantityGrade(NamedTuple):
     """Grade of position or orientation alone, in m or rad."""
 
     unit: Unit
@@ -169,8 +165,7 @@ class QuantityGrade:
         return self.interval.why if self.interval.upper_bound is None else None
 
 
-@dataclass(frozen=True, slots=True)
-class Grade:
+class Grade(NamedTuple):
     """Grade of position and orientation together, its basis and what limits it.
 
     The estimate of a statistic of the error's length, named by the scale, decides the grade. The grade is confirmed

@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -65,15 +65,12 @@ _LISTED = 5
 """Refused targets that a message names for one reason."""
 _SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
 """Sizes in a reason, which differ from target to target."""
-_ADVICE = "check that model, nominal robot and frame belong to these targets"
-_ADVICE_OUTSIDE = "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Corrected(CsvResult, Correction):
+class Corrected(CsvResult, Correction, command="correct"):
     """Corrected targets, with the inputs."""
 
-    command: ClassVar[str] = "correct"
     model: Robot
     nominal: Robot
     given: Measurements
@@ -137,18 +134,18 @@ class Corrected(CsvResult, Correction):
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
         given, (_, command) = self.given, self._framed_poses()
         stages = {"before": self.before, "after": self.after}
+        names = (
+            "command_x_m command_y_m command_z_m command_qw command_qx command_qy command_qz "
+            "dx_m dy_m dz_m drx_rad dry_rad drz_rad"
+        )
+        vectors = (*command.translation, *quaternion_from_rotation(command.rotation), *self.correction)
         columns: dict[str, Iterable[Any] | None] = {
             "line": map(given.line, range(given.n)),
             "pose": given.pose,
             "target": given.target,
             "corrected": ["yes" if refusal is None else "no" for refusal in self.refusals],
+            **dict(zip(names.split(), vectors, strict=True)),
         }
-        for names, values in (
-            ("command_x_m command_y_m command_z_m", command.translation),
-            ("command_qw command_qx command_qy command_qz", quaternion_from_rotation(command.rotation)),
-            ("dx_m dy_m dz_m drx_rad dry_rad drz_rad", self.correction),
-        ):
-            columns |= dict(zip(names.split(), values, strict=True))
         for stage, errors in stages.items():
             columns |= {
                 f"{stage}_m": errors.position,
@@ -188,8 +185,8 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
         )
         more = f" and {len(group) - _LISTED} more" if len(group) > _LISTED else ""
         first = "at the first, " * (len({reason for *_, reason in group}) > 1)
-        count = f"{len(group)} target{'s' * (len(group) > 1)}"
-        texts[f"{count} ({places}{more}): {first}{group[0][2]}"] = group[0][0]
+        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({places}{more})"
+        texts[f"{targets}: {first}{group[0][2]}"] = group[0][0]
     return texts
 
 
@@ -204,7 +201,11 @@ class NothingCorrectedError(InputError):
 
     def __init__(self, result: Corrected) -> None:
         """Store each reason as a problem, and the advice once."""
-        advice = _ADVICE_OUTSIDE if result.causes.get("out_of_range") == result.n_targets else _ADVICE
+        advice = (
+            "fit the model to poses that include these targets, or give `beyond_range` to extrapolate"
+            if result.causes.get("out_of_range") == result.n_targets
+            else "check that model, nominal robot and frame belong to these targets"
+        )
         super().__init__(_problems(result.unchanged, result.given.source, f"no target can be corrected: {advice}"))
         self.result = result
 
@@ -302,11 +303,10 @@ def correct(
         (20, '1.4 mm')
     """
     inputs = Inputs(locals(), "targets")
-    constants = {"payload": payload, "temperature": temperature, "time": time}
     refuse(
         *(
             (value is not None and not math.isfinite(value), f"`{name}`: expected a finite number, found {value!r}")
-            for name, value in constants.items()
+            for name, value in (("payload", payload), ("temperature", temperature), ("time", time))
         ),
         (strict_range and beyond_range, "`strict_range` refuses what `beyond_range` corrects; give one of them"),
     )
@@ -341,13 +341,12 @@ def correct(
     except MissingColumnError as error:
         message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
         raise MissingColumnError(message) from error
-    outside = [
-        (i, refusal.reason)
+    outside = {
+        i: refusal.reason
         for i, refusal in enumerate(body.refusals)
-        if refusal is not None and refusal.cause == "out_of_range"
-    ]
-    if strict_range and outside:
-        first, reason = outside[0]
+        if strict_range and refusal is not None and refusal.cause == "out_of_range"
+    }
+    for first, reason in outside.items():
         message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
         fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
         raise InputError(Problem(message, data.source, data.line(first), fix=fix))
@@ -368,18 +367,14 @@ def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> tuple[Robot,
     """Return the robot that the controller computes with, and doubts about it."""
     if inputs.arguments["nominal"] is not None:
         return inputs.robot(inputs.arguments["nominal"], kind="nominal"), ()
-    doubts: tuple[str, ...] = ()
-    if fit is None and not model.effects:
-        doubts = (
-            "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
-            "`write_model` wrote, or `nominal` with the controller's robot file",
-        )
-    elif fit is None:
-        doubts = (
-            "the model does not contain the robot that it was fitted from, so its numbers without its effects count "
-            "as the controller's; give `nominal`",
-        )
-    return nominal_robot(model, fit), doubts
+    doubt = (
+        "the model does not contain the robot that it was fitted from, so its numbers without its effects count as the "
+        "controller's; give `nominal`"
+        if model.effects
+        else "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
+        "`write_model` wrote, or `nominal` with the controller's robot file"
+    )
+    return nominal_robot(model, fit), (doubt,) if fit is None else ()
 
 
 def _limits(
@@ -391,14 +386,11 @@ def _limits(
         UsageError: ``most`` is not one or two sizes.
     """
     refuse((weight <= 0, "`weight`: expected a length above zero"))
-    limits = Limits(weight=weight, beyond_range=beyond_range, ranges=None if fit is None else fit.ranges)
-    if most is None:
-        if fit is None:
-            return limits, "none"
-        largest = fit.largest_correction
-        return replace(limits, position=_TWICE * largest[0], orientation=_TWICE * largest[1]), "model"
     position, angle = length_and_angle("most", most, "3mm,0.5deg")
-    return replace(limits, position=position, orientation=angle), "option"
+    if most is None and fit is not None:
+        position, angle = (_TWICE * largest for largest in fit.largest_correction)
+    limits = Limits(position, angle, weight, beyond_range, None if fit is None else fit.ranges)
+    return limits, "option" if most is not None else "none" if fit is None else "model"
 
 
 # Call that corrects the targets of a robot program: ``robacc correct PROGRAM``.
@@ -429,19 +421,21 @@ class CorrectedProgram:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Warnings about the model, the unchanged targets, what the program computes, and the configuration."""
-        lines = list(self.doubts)
-        lines += [f"not corrected: {text}" for text in _by_reason(self.unchanged)]
-        lines += [f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes]
         count = self.corrections[0].q.shape[0]
-        if any(
+        unread = (
+            "Cartesian targets whose configuration is not given, or not read completely: the joints nearest to the "
+            "last joint target before them are taken, or a solution within the limits where there is none"
+        )
+        are_unread = (
             target.kind == "cartesian" and not is_read(self.program.dialect, target.configuration, count)
             for target in self.program.targets
-        ):
-            lines.append(
-                "Cartesian targets whose configuration is not given, or not read completely: the joints nearest to the "
-                "last joint target before them are taken, or a solution within the limits where there is none"
-            )
-        return tuple(lines)
+        )
+        return (
+            *self.doubts,
+            *(f"not corrected: {text}" for text in _by_reason(self.unchanged)),
+            *(f"line {note.line}: {note.text}: {note.reason}" for note in self.program.notes),
+            *[unread] * any(are_unread),
+        )
 
 
 def correct_program(
@@ -482,19 +476,17 @@ def correct_program(
     message = f"the joint target has {q.shape[0]} joints, the model's arm has {len(flange_arm.variables)}"
     line, fix = program.targets[(*numbers, 0)[0]].line, "give the model of the arm that runs this program"
     refuse((numbers and q.shape[0] != len(flange_arm.variables), Problem(message, program.file, line, fix=fix)))
-    groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})]
+    groups: list[tuple[tuple[int, ...], dict[str, Any]]] = [(numbers, {"q": q})] if numbers else []
     if known:
         solved, q_start, refused = _configured(program, known, flange, flange_arm)
         left += refused
         wanted = part_of(flange, solved)
         poses = {"commanded_position": wanted.translation, "commanded_rotation": wanted.rotation}
-        groups.append((tuple(known[i] for i in solved), {"q": q_start, **poses}))
-    values: list[Sequence[float] | None] = [None] * len(program.targets)
+        groups += [(tuple(known[i] for i in solved), {"q": q_start, **poses})] if solved.size else []
+    values: dict[int, Sequence[float]] = {}
     results = []
     advice: str | None = None
     for group, columns in groups:
-        if not group:
-            continue
         rows = np.array([program.targets[i].line for i in group], dtype=np.int64)
         data = Measurements(np.zeros((3, rows.size)), rows=rows, source=program.file, **columns)
         try:
@@ -518,16 +510,14 @@ def correct_program(
             result = replace(result, refusals=refusals)
             new = values_at(program, group, result.setting.from_measuring(result.commanded))
         results.append(result)
-        for index, value, refusal in zip(group, new, result.refusals, strict=True):
-            if refusal is None:
-                values[index] = value
-            else:
-                left.append((index, refusal.reason))
+        values |= {i: value for i, value, refusal in zip(group, new, result.refusals, strict=True) if refusal is None}
+        left += [(i, refusal.reason) for i, refusal in zip(group, result.refusals, strict=True) if refusal is not None]
     unchanged = sorted((program.targets[i].line, program.targets[i].name, reason) for i, reason in left)
-    if not any(value is not None for value in values):
+    if not values:
         raise InputError(_problems(unchanged, program.file, advice))
     doubts = tuple(dict.fromkeys((*doubts, *(doubt for result in results for doubt in result.doubts))))
-    return CorrectedProgram(program, with_targets(program, values), tuple(results), tuple(unchanged), doubts)
+    corrected = with_targets(program, [values.get(i) for i in range(len(program.targets))])
+    return CorrectedProgram(program, corrected, tuple(results), tuple(unchanged), doubts)
 
 
 def _configured(
@@ -559,14 +549,13 @@ def _configured(
                 usable &= allowed_by_status(arm, target.configuration, q)
         if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
             previous = before[:, i]
-        if not usable.any():
-            refused.append(
-                (numbers[i], f"the nominal robot has no solution in its configuration {target.configuration}")
-            )
-            continue
-        distance = np.sum(np.square(q - previous[:, None]), axis=0)
-        previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
-        solved.append(i)
+        if usable.any():
+            distance = np.sum(np.square(q - previous[:, None]), axis=0)
+            previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
+            solved.append(i)
+        else:
+            unsolved = f"the nominal robot has no solution in its configuration {target.configuration}"
+            refused.append((numbers[i], unsolved))
     index = np.array(solved, dtype=np.int64)
     return index, result[:, index], refused
 
@@ -574,13 +563,12 @@ def _configured(
 def _joints_before(program: Program, numbers: Sequence[int]) -> Array | None:
     """Return the joints ``(J, N)`` of the last joint target before each Cartesian one; None without a joint target."""
     before: dict[int, tuple[float, ...]] = {}
-    last: tuple[float, ...] | None = None
-    first: tuple[float, ...] | None = None
+    joints = [program.targets[index].values for index in program.moves if program.targets[index].kind == "joint"]
+    last = None
     for index in program.moves:
         target = program.targets[index]
         if target.kind == "joint":
             last = target.values
-            first = first or last
         elif last is not None:
             before.setdefault(index, last)
-    return np.array([before.get(i, first or ()) for i in numbers], dtype=float).T if first else None
+    return np.array([before.get(i, joints[0]) for i in numbers], dtype=float).T if joints else None

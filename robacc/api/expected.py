@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import Annotated, Any, ClassVar, Literal, cast
+from typing import Annotated, Any, Literal, cast
 
 import numpy as np
 
@@ -41,7 +41,7 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text, read_gate
-from robacc.documents.expected import PLAN, PREDICT
+from robacc.documents.expected import PREDICT
 from robacc.documents.keys import rounded
 from robacc.errors import given, refuse
 from robacc.geometry import Array
@@ -87,10 +87,9 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Predicted(Result, Prediction):
+class Predicted(Result, Prediction, command="predict"):
     """Predicted accuracy, with the inputs."""
 
-    command: ClassVar[str] = "predict"
     robot: Robot
     """Robot as its file describes it."""
     allocation: Mapping[str, Any] | None
@@ -306,11 +305,8 @@ _STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Planned(CsvResult, CampaignPlan):
+class Planned(CsvResult, CampaignPlan, command="plan"):
     """Planned poses and the expected result, with the inputs."""
-
-    command: ClassVar[str] = "plan"
-    keys = PLAN
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
@@ -504,7 +500,7 @@ def plan(
     arm, _ = resolve_campaign(calibrated, None, (), "drop")
     n_candidates, chosen_from = (candidates, None) if isinstance(candidates, int) else (DEFAULT_CANDIDATES, candidates)
     check_range("candidates", n_candidates, 10, 100_000)
-    known = replace(joints_of(arm), limits=None)  # limits are a matter of the filters
+    known = joints_of(arm)._replace(limits=None)  # limits are a matter of the filters
     read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:

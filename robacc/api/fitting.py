@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, ClassVar, NamedTuple, TypeVar, cast
+from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, cast
 
 import numpy as np
 
@@ -34,7 +34,8 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Result, fields_of
-from robacc.documents.fit import CALIBRATE, TRACE, fit_document
+from robacc.documents.envelope import own_keys
+from robacc.documents.fit import fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Note, Problem, refuse
@@ -90,7 +91,7 @@ class FitResult(Result):
         """Return the result's own keys; arrays stay arrays."""
         inputs = self.fit_inputs
         return fit_document(
-            TRACE if self.command == "trace" else CALIBRATE,
+            own_keys(self.command),
             cast("Judged", self),
             inputs.data,
             inputs.robot,
@@ -147,18 +148,16 @@ class FitResult(Result):
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Calibrated(FitResult, Calibration):
+class Calibrated(FitResult, Calibration, command="calibrate"):
     """Calibrated robot and its errors, with the inputs."""
 
-    command: ClassVar[str] = "calibrate"
     fit_inputs: FitInputs
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
-class Traced(FitResult, Trace):
+class Traced(FitResult, Trace, command="trace"):
     """Result of a trace, with its inputs."""
 
-    command: ClassVar[str] = "trace"
     fit_inputs: FitInputs
 
 
@@ -416,17 +415,16 @@ def _solvable(data: Measurements) -> Iterator[None]:
 def _rows(data: Measurements) -> Iterator[bytes]:
     """Return the numbers of each row as bytes; measurement noise makes them differ between visits to a pose."""
     rotation = None if data.rotation is None else data.rotation.reshape(9, data.n)
-    position = data.position
-    if data.seen is not None:  # Rays do not depend on the other photos, as the usual depth does.
-        position = np.round(position / np.where(data.seen[3] > 0.0, data.seen[3], 1.0), 9)
+    # Rays do not depend on the other photos, as the usual depth does.
+    depth = None if data.seen is None else np.where(data.seen[3] > 0.0, data.seen[3], 1.0)
+    position = data.position if depth is None else np.round(data.position / depth, 9)
     columns = (data.q, position, rotation, data.time, data.temperature, data.payload)
     return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 
 def _name(source: PosesSource | Robot | None) -> str | None:
-    if isinstance(source, Measurements):
-        return STDIN if source.source == "<stdin>" else source.source
-    return path_of(source)
+    read = source.source if isinstance(source, Measurements) else path_of(source)
+    return STDIN if read == "<stdin>" else read
 
 
 def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitInputs) -> Made:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, Literal
 
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of
 from robacc.api.parameters import (
@@ -23,7 +23,6 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
-from robacc.documents.accuracy import ISO9283, ISO9283_POSES
 from robacc.errors import refuse
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
@@ -36,11 +35,8 @@ from robacc.robots.description import Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Iso9283(Result, Iso9283Result):
+class Iso9283(Result, Iso9283Result, command="iso9283"):
     """Pose criteria of ISO 9283, with the inputs."""
-
-    command: ClassVar[str] = "iso9283"
-    keys = ISO9283
 
 
 @call
@@ -127,11 +123,9 @@ def iso9283(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Iso9283Poses(CsvResult):
+class Iso9283Poses(CsvResult, command="iso9283-poses"):
     """Cube and five poses of ISO 9283 for an arm, and the cycles to drive."""
 
-    command: ClassVar[str] = "iso9283-poses"
-    keys = ISO9283_POSES
     proposal: Proposal
     robot: Robot
     cycles: int

@@ -7,7 +7,7 @@ import math
 import os
 from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from robacc.api.inputs import Inputs
 from robacc.api.parameters import (
@@ -28,7 +28,6 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Provenance, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.descriptions import EXPORT, SIMULATE
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_text
@@ -42,11 +41,9 @@ from robacc.simulation.simulate import Plan, Simulation, simulate as simulate_po
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Simulated(CsvResult, Simulation):
+class Simulated(CsvResult, Simulation, command="simulate"):
     """Simulated poses, with the robot and the plan."""
 
-    command: ClassVar[str] = "simulate"
-    keys = SIMULATE
     robot: Robot
     plan: Plan
 
@@ -189,11 +186,9 @@ _EXACT = 1e-9
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Exported(Result):
+class Exported(Result, command="export"):
     """Model in the format of a controller, with the error that remains there."""
 
-    command: ClassVar[str] = "export"
-    keys = EXPORT
     format: str
     text: str
     controller: Robot
@@ -270,8 +265,8 @@ def export(
     check_parameters(form, given)
     before = None if nominal is None else inputs.robot(nominal, kind="nominal")
     if before is not None:
-        others = before.variable_names != robot.variable_names
-        refuse((others, "the model and the nominal model have different joints"))
+        differ = before.variable_names != robot.variable_names
+        refuse((differ, "the model and the nominal model have different joints"))
         given["nominal"] = before
     if template is not None:
         given["template"] = inputs.text(template, "template", lambda text, _: text)
@@ -285,12 +280,9 @@ def export(
         raise UsageError(f"name the format of the file with `format`: {names}") from error
     controller = made.controller or start
     remaining = remaining_error(complete, controller)
-    effects = [f"effect {name}" for name in (*refitted, *excluded)]
-    not_carried = (
-        ()
-        if before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
-        else (*effects, *(loss for loss in made.losses if not loss.startswith("effect ")))
-    )
+    is_exact = before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
+    losses = (loss for loss in made.losses if not loss.startswith("effect "))
+    not_carried = () if is_exact else (*(f"effect {name}" for name in (*refitted, *excluded)), *losses)
     default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")
     fit = model_fit(robot)
     return Exported(

@@ -85,9 +85,14 @@ def meanings(declared: Callable[..., Any]) -> dict[str, tuple[Any, Help]]:
 
 def choices_of(kind: Any) -> tuple[Any, ...]:
     """Return the values of the literal in a type; none without one."""
-    if get_origin(kind) is Literal:
-        return get_args(kind)
-    return next((found for part in get_args(kind) if (found := choices_of(part))), ())
+    inner = (found for part in get_args(kind) if (found := choices_of(part)))
+    return get_args(kind) if get_origin(kind) is Literal else next(inner, ())
+
+
+def all_choices(kind: Any, meaning: Help) -> tuple[Any, ...]:
+    """Return the values of the literal in a type, and the names of entry points that are choices too."""
+    choices = choices_of(kind)
+    return tuple(sorted({*choices, *plug_in_names(meaning.group)})) if meaning.group else choices
 
 
 def call(function: Callable[P, Returned]) -> Callable[P, Returned]:
@@ -129,9 +134,7 @@ def _type_text(annotation: str) -> str:
 
 def _check(parameter: str, value: Any, kind: Any, meaning: Help) -> None:
     """Raise UsageError for an argument outside the choices or the range of its annotation."""
-    choices = choices_of(kind)
-    if meaning.group:
-        choices = tuple(sorted({*choices, *plug_in_names(meaning.group)}))
+    choices = all_choices(kind, meaning)
     listed = ", ".join(map(repr, (*choices, *((None,) if type(None) in get_args(kind) else ()))))
     is_other = choices and value not in (None, *choices)
     refuse((is_other, f"`{parameter}`: expected one of {listed}, found {value!r}"))

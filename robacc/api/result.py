@@ -11,17 +11,18 @@ from dataclasses import dataclass, fields
 from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
 
 from robacc.documents.envelope import (
+    GATE_RESULT,
     MODULES,
     InputFile,
     envelope,
-    gate_document,
+    own_keys,
     pose_columns,
     read_gate,
     read_identity,
     result_kind,
     schema_version,
+    significant_document,
 )
-from robacc.documents.keys import Kind
 from robacc.errors import UsageError, refuse
 from robacc.io.files import write_pieces, write_text
 from robacc.io.json_text import json_text
@@ -62,9 +63,11 @@ class Result:
     __slots__ = ()
     command: ClassVar[str]
     """Name of the command and of its schema."""
-    keys: ClassVar[Kind]
-    """The result's own keys, for those that need no more than the result."""
     made: Provenance
+
+    def __init_subclass__(cls, command: str = "") -> None:
+        """Name the command of a class of results; a copy of the class, as ``dataclass`` makes of one, keeps it."""
+        cls.command = command or getattr(cls, "command", "")
 
     if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
 
@@ -96,7 +99,7 @@ class Result:
 
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
-        return self.keys.write(self)
+        return own_keys(self.command).write(self)
 
     def document(self, *, gate: str | os.PathLike[str] | None = None) -> dict[str, Any]:
         """Return the JSON document that the command writes, as Python objects and arrays.
@@ -114,7 +117,10 @@ class Result:
         criteria, baselines, records = read_gate(os.fspath(gate))
         made = self.made._replace(inputs=(*self.made.inputs, *records))
         document = made.document(self.command, self.payload())
-        return {**document, "gate": gate_document(evaluate_gate(criteria, document, baselines))}
+        return {
+            **document,
+            "gate": significant_document(GATE_RESULT.write(evaluate_gate(criteria, document, baselines))),
+        }
 
     def to_json(self, *, gate: str | os.PathLike[str] | None = None) -> str:
         """Return the document as text: the output of the command with ``--format json``, byte for byte.

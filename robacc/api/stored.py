@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from hashlib import sha256
 from itertools import groupby
 from pathlib import PurePath
-from typing import Annotated, Any, ClassVar
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -38,23 +38,12 @@ from robacc.api.parameters import (
 from robacc.api.result import Provenance, Result, fields_of
 from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import FITS, ComparedResult, read_compared_result
-from robacc.documents.compare import COMPARE, COMPARE_PAIRED
-from robacc.documents.envelope import CHECK, StoredResult, csv_text, read_gate, understood
-from robacc.documents.history import (
-    FLEET,
-    HEALTH,
-    HISTORY_ADD,
-    HISTORY_CHANGES,
-    HISTORY_SHOW,
-    HISTORY_TREND,
-    TEST,
-    date_text,
-)
+from robacc.documents.envelope import StoredResult, csv_text, read_gate, understood
+from robacc.documents.history import TEST, date_text
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import store
 from robacc.history.changes import (
-    ArmChange,
     Entry,
     Spread,
     arm_fit,
@@ -77,11 +66,9 @@ from robacc.version import __version__
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Checked(Result, GateOutcome):
+class Checked(Result, GateOutcome, command="check"):
     """Outcome of a gate, with the result that was checked."""
 
-    command: ClassVar[str] = "check"
-    keys = CHECK
     result: StoredResult
 
 
@@ -134,11 +121,9 @@ Source = StrPath | Result | StoredResult
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Compared(Result):
+class Compared(Result, command="compare"):
     """Comparison of results, with the files that they were read from; its parts have the keys of the document."""
 
-    command: ClassVar[str] = "compare"
-    keys = COMPARE
     results: tuple[ComparedResult, ...]
     baseline: str
     confidence: float
@@ -242,10 +227,8 @@ def compare(
 
 def _are_poses(source: Source) -> bool:
     """Return whether a source is a file of poses: a folder, or a file that is no JSON object."""
-    if isinstance(source, Result | StoredResult) or not os.path.exists(source):
-        return False
-    if not os.path.isfile(source):
-        return os.path.isdir(source)
+    if isinstance(source, Result | StoredResult) or not os.path.isfile(source):
+        return not isinstance(source, Result | StoredResult) and os.path.isdir(source)
     with open(source, "rb") as file:
         # Bytes of a file in which its first sign is looked for.
         return not file.read(256).lstrip(b"\xef\xbb\xbf \t\r\n").startswith(b"{")
@@ -265,20 +248,17 @@ def _names(results: Sequence[Source]) -> list[str]:
 
 def _path(source: Source) -> str:
     """Return the path of a file, or the command of a result without one."""
-    if isinstance(source, StoredResult):
-        return source.name
-    return source.command if isinstance(source, Result) else os.fspath(source)
+    own = source.name if isinstance(source, StoredResult) else source.command if isinstance(source, Result) else source
+    return os.fspath(own)
 
 
 # Call of ``robacc compare --paired``.
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class ComparedTargets(Result, PairedTargets):
+class ComparedTargets(Result, PairedTargets, command="compare-paired"):
     """The same targets before and after a correction, with the inputs."""
 
-    command: ClassVar[str] = "compare-paired"
-    keys = COMPARE_PAIRED
     doubts: tuple[str, ...]
 
     @property
@@ -343,17 +323,19 @@ def compare_paired(
     first = inputs.poses(before, controller or arm, kind="before")
     second = inputs.poses(after, controller or arm, kind="after")
     body = paired_targets(first, second, controller, arm, noise)
-    doubts = [*first.warnings, *second.warnings]
-    if first.commanded_position is None and second.commanded_position is None:
-        doubts.append(
-            "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` "
-            "count; errors of base and tool frames are part of the figures"
-        )
-    if arm is not None and body.promise is not None:
-        fit = model_fit(arm)
-        doubts += (*noise_doubts(body.promise["noise"]), *(() if fit is None else fit.warnings))
+    unwanted = (
+        "neither file has wanted poses (cmd_ columns), so those of the nominal robot at the joints of `before` count; "
+        "errors of base and tool frames are part of the figures"
+    )
+    has_none = first.commanded_position is None and second.commanded_position is None
+    fit = None if arm is None else model_fit(arm)
+    doubts = (
+        *(*first.warnings, *second.warnings, *[unwanted] * has_none),
+        *(() if body.promise is None else noise_doubts(body.promise["noise"])),
+        *(() if fit is None else fit.warnings),
+    )
     made = inputs.made("before", "after", "model", "nominal")
-    return ComparedTargets(**fields_of(body), doubts=tuple(doubts), made=made)
+    return ComparedTargets(**fields_of(body), doubts=doubts, made=made)
 
 
 # Calls of ``robacc history`` and its forms: a database of results, and what changed between them.
@@ -388,11 +370,9 @@ class HistoryResult(Result):
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryAdded(HistoryResult):
+class HistoryAdded(HistoryResult, command="history-add"):
     """Results that were added to a database."""
 
-    command: ClassVar[str] = "history-add"
-    keys = HISTORY_ADD
     added: int
     known: int
     n_results: int
@@ -440,17 +420,15 @@ def history_add(
         added=added,
         known=len(results) - added,
         n_results=len(found),
-        arms=tuple(dict.fromkeys(test.arm for test in found)),
+        arms=tuple(dict.fromkeys(test["arm"] for test in found)),
         made=inputs.made(),
     )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryShown(HistoryResult):
+class HistoryShown(HistoryResult, command="history-show"):
     """Results of a database."""
 
-    command: ClassVar[str] = "history-show"
-    keys = HISTORY_SHOW
     results: Sequence[Mapping[str, Any]]
     db: str
     arm: str | None
@@ -495,16 +473,15 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
     """
     with opened(os.fspath(db)) as base:
         errors = {row[-1]: row[4] for row in store.rows(base, arm, "position.rms")}
-        results = [TEST.write(test, rms_m=errors.get(test.id)) for test in tests(base, arm)]
+        found = [{**test, "at": date_text(test["at"]), "rms_m": errors.get(test["id"])} for test in tests(base, arm)]
+    results = [{key: test[key] for key in TEST.keys or ()} for test in found]
     return HistoryShown(results=results, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryTrend(HistoryResult):
+class HistoryTrend(HistoryResult, command="history-trend"):
     """One figure or coefficient over time."""
 
-    command: ClassVar[str] = "history-trend"
-    keys = HISTORY_TREND
     key: str
     unit: str
     trends: Sequence[Mapping[str, Any]]
@@ -543,8 +520,7 @@ def history_trend(
     for name, group in groupby(rows, key=lambda row: row[0]):
         own = [(at, value, std) for _, at, _, _, value, std, *_ in group]
         known = np.array([row for row in own if row[2]], dtype=float).reshape(-1, 3)
-        is_line = len(known) > 2 and np.ptp(known[:, 0]) > 0.0
-        slope = slope_of(*known.T) if is_line else (None, None, None)
+        slope = slope_of(*known.T) if len(known) > 2 and np.ptp(known[:, 0]) > 0.0 else (None, None, None)
         values = [{"at": date_text(at), "value": value, "std": std} for at, value, std in own]
         trends.append(
             {"arm": name, "values": values, **dict(zip(("rate_per_year", "low", "high"), slope, strict=True))}
@@ -553,13 +529,11 @@ def history_trend(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class HistoryChanges(HistoryResult):
+class HistoryChanges(HistoryResult, command="history-changes"):
     """What changed in the tests of each arm."""
 
-    command: ClassVar[str] = "history-changes"
-    keys = HISTORY_CHANGES
     arms: Sequence[Mapping[str, Any]]
-    changes: Mapping[str, Sequence[ArmChange]]
+    changes: Mapping[str, Sequence[Entry]]
     """Changes of each arm."""
 
 
@@ -588,9 +562,9 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
     """
     with opened(os.fspath(db)) as base:
         arms, changed = [], {}
-        for name, group in groupby(tests(base, arm), key=lambda test: test.arm):
+        for name, group in groupby(tests(base, arm), key=lambda test: test["arm"]):
             own = [*group]
-            level = level_of(np.array([test.at for test in own]))
+            level = level_of(np.array([test["at"] for test in own]))
             used = counted(own)
             changed[name], limits = find_changes(series_of(base, used), level)
             notes = [
@@ -598,7 +572,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
                 * (len(used) < len(own)),
                 "fewer than three tests: how much tests differ without a change is not known yet" * (len(used) < 3),
                 "without a temperature in every test (column temperature_c), warmth may look like a change"
-                * any(test.temperature is None for test in used),
+                * any(test["temperature_c"] is None for test in used),
             ]
             entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
             arms.append({**entry, "notes": [*filter(None, notes)]})
@@ -606,16 +580,14 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Health(HistoryResult):
+class Health(HistoryResult, command="health"):
     """Quick test of an arm."""
 
-    command: ClassVar[str] = "health"
-    keys = HEALTH
     arm: str
     n_poses: int
     rms: float
     level: float
-    changes: tuple[ArmChange, ...]
+    changes: tuple[Entry, ...]
     detection_limits: Sequence[Entry]
     hidden: tuple[str, ...]
 
@@ -669,15 +641,16 @@ def health(
     with opened(os.fspath(db)) as base:
         own = counted(tests(base, own_name))
         series = [one for one in series_of(base, own) if not one.is_of_setup]
-        last = [test for test in own if test.command in FITS][-1:]
+        last = [test for test in own if test["command"] in FITS][-1:]
         digests = {entry["sha256"] for test in last for entry in document_of(base, test)["inputs"]}
     doubt = f"the model was not fitted to the poses of the last test of {own_name}; changes count from its own test"
-    level = level_of(np.array([test.at for test in own]))
-    path = path_of(poses)
-    when = _time(at) or max(_own_date(path), own[-1].at)
-    refuse((when < own[-1].at, f"the quick test is older than the last test of {own_name}; state its date with `at`"))
-    dates = (own[-1].at, when)
-    changed, limits, hidden, rms = quick_test(model, record, data, level, Spread.of(series).factor, dates)
+    level, path = level_of(np.array([test["at"] for test in own])), path_of(poses)
+    when = _time(at) or max(_own_date(path), own[-1]["at"])
+    refuse(
+        (when < own[-1]["at"], f"the quick test is older than the last test of {own_name}; state its date with `at`")
+    )
+    factor = Spread.of(series).factor
+    changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
     return Health(
         arm=own_name,
         n_poses=data.n,
@@ -692,11 +665,9 @@ def health(
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Fleet(HistoryResult):
+class Fleet(HistoryResult, command="fleet"):
     """Coefficients over the arms of a fleet."""
 
-    command: ClassVar[str] = "fleet"
-    keys = FLEET
     n_arms: int
     coefficients: Sequence[Entry]
     strangers: Sequence[Entry]
@@ -761,7 +732,7 @@ def fleet(
     documents: dict[str, Mapping[str, Any]] = {}
     if db is not None:
         with opened(os.fspath(db)) as base:
-            latest = {test.arm: test for test in tests(base, None) if test.command in FITS}
+            latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             documents = {name: document_of(base, test) for name, test in latest.items()}
     for number, source in enumerate(results, 1):
         stored = stored_result(source)

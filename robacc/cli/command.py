@@ -19,17 +19,14 @@ from typing import Annotated, Any, Literal, NamedTuple, Union, get_args, get_ori
 import typer
 
 from robacc.api import HOMES
-from robacc.api.parameters import Help, choices_of, meanings
+from robacc.api.parameters import Help, all_choices, meanings
 from robacc.cli import commands, output
 from robacc.errors import refuse
-from robacc.plug_ins import plug_in_names
 from robacc.render import text as console
 from robacc.render.text import as_options
 
-_READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "camera", "board", "bag")
-"""Parameters of ``read_poses`` that are options of every command with a file of poses."""
 _OF_MEASUREMENTS = ("coverage", "commanded", "camera", "board", "bag")
-"""Those of them that say something of measured poses only."""
+"""Parameters of ``read_poses`` that say something of measured poses only."""
 
 
 class Declared(NamedTuple):
@@ -83,15 +80,20 @@ def declared_options(show: Callable[..., None]) -> dict[str, Declared]:
     own = dict(_declared(show, ""))
     parameters = inspect.signature(show).parameters
     options = dict(_declared(_declaration(show.__name__), "call")) if "call" in parameters else {}
-    if "outlets" in parameters:
-        outlets = _declared(output.Outlets, "outlets")
-        options |= {name: item._replace(is_argument=False) for name, item in outlets if name not in own}
-    options |= own
+    outlets = _declared(output.Outlets, "outlets") if "outlets" in parameters else ()
+    options |= {name: item._replace(is_argument=False) for name, item in outlets if name not in own} | own
     held = {item.meaning.holds for item in options.values()} & {"measured poses", "planned poses"}
     if held:
-        reading = dict(_declared(_declaration("read_poses"), "reading"))
-        left_out = _OF_MEASUREMENTS if "measured poses" not in held else ()
-        options |= {name: reading[name] for name in _READING if name not in left_out and name not in options}
+        # Parameters of ``read_poses`` that say how a file is read, and not for which robot.
+        left_out = {
+            "path",
+            "robot",
+            "ordered",
+            "ignore_limits",
+            *(() if "measured poses" in held else _OF_MEASUREMENTS),
+        }
+        reading = _declared(_declaration("read_poses"), "reading")
+        options |= {name: item for name, item in reading if name not in left_out and name not in options}
         options["quiet"] = Declared(bool, Help("Leave out the notes on how files were read."), False, False, False, "")
     return options
 
@@ -121,13 +123,11 @@ def _typer_parameter(name: str, option: Declared) -> inspect.Parameter:
     """Return the parameter of typer for an argument or option."""
     meaning, default = option.meaning, None if option.default == () else option.default
     plain = (kind for kind in (bool, int, float) if {*_leaves(option.kind)} <= {kind, type(None)})
-    choices = choices_of(option.kind)
+    choices = all_choices(option.kind, meaning)
     if meaning.group:
         # A line of --help has no room for all: they stand in the text, which has line breaks.
-        choices = tuple(sorted({*choices, *plug_in_names(meaning.group)}))
         meaning = meaning._replace(metavar="NAME", text=f"{meaning.text} Names: {', '.join(choices)}.")
-    kind: Any = Literal[choices] if choices else next(plain, str)
-    kind = list[str] if option.is_repeated else kind
+    kind: Any = list[str] if option.is_repeated else Literal[choices] if choices else next(plain, str)
     kind = kind if default is not None else kind | None
     about: Any = {
         "metavar": meaning.metavar,
@@ -210,5 +210,4 @@ def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
 
 
 def _texts(value: Any) -> tuple[str, ...]:
-    values = value if isinstance(value, list | tuple) else (value,)
-    return tuple(item for item in values if isinstance(item, str))
+    return tuple(item for item in (value if isinstance(value, list | tuple) else (value,)) if isinstance(item, str))

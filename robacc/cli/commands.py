@@ -11,7 +11,7 @@ import sys
 from collections.abc import Sequence
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Literal
+from typing import Annotated, Literal
 
 import typer
 
@@ -31,11 +31,8 @@ from robacc.cli.output import (
     progress_bar,
     write,
 )
-from robacc.errors import InputError, Note, Problem, UsageError, refuse
+from robacc.errors import Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
-
-if TYPE_CHECKING:
-    from robacc.api.fitting import FitResult
 
 # Measured poses.
 
@@ -72,8 +69,7 @@ def estimate(
     if len(poses) > 1:
         from robacc.cli.many import process_each
 
-        process_each("estimate", poses, options, outlets, per_pose, full)
-        return
+        return process_each("estimate", poses, options, outlets, per_pose, full)
     with progress_bar() as progress:
         result = call(poses[0], progress=progress)
     write(per_pose, result.per_pose_pieces)
@@ -124,11 +120,10 @@ def _fit(command: str, call: Call, poses: Sequence[str], write_model: str | None
     if len(poses) > 1:
         from robacc.cli.many import process_each
 
-        process_each(command, poses, call.keywords, outlets, write_model, full)
-        return
+        return process_each(command, poses, call.keywords, outlets, write_model, full)
     with progress_bar() as progress:
         progress("starting", 0, 0)
-        result: FitResult = call(poses[0], progress=progress)
+        result = call(poses[0], progress=progress)
     if write_model is not None and result.converged:
         result.write_model(write_model)
     deliver(outlets, result, lambda: result.view(full, write_model))
@@ -245,12 +240,10 @@ def correct(
     refuse((frames, "--frames belongs to a robot program"), (output == "-" and not is_plain, needs))
     result = call()
     write(per_target, result.per_target_csv)
-    if output == "-":
-        with warnings_below(result.warnings):
-            write("-", result.csv_pieces)
-        return
-    write(output, result.csv_pieces)
-    deliver(outlets, result, lambda: correction_text([result.payload()], result.n_targets, names, output))
+    with warnings_below(result.warnings if output == "-" else ()):
+        write(output, result.csv_pieces)
+    if output != "-":
+        deliver(outlets, result, lambda: correction_text([result.payload()], result.n_targets, names, output))
 
 
 def simulate(call: Call, *, format: CsvFormat = "table", output: Output = "-") -> None:
@@ -310,8 +303,7 @@ def export(
                 "--format json and --urdf - both write to standard output; name a file for --urdf",
             ),
         )
-        _write_urdf(call, urdf, format == "json")
-        return
+        return _write_urdf(call, urdf, format == "json")
     refuse(
         (format == "table", "--format table belongs to --urdf"),
         (output is None, "name the file to write with --output; - is standard output"),
@@ -326,7 +318,6 @@ def export(
 def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     """Write a URDF of the model as it stands, with a warning for every part that a URDF cannot represent."""
     from robacc.api.inputs import Inputs
-    from robacc.documents.descriptions import urdf_payload
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
@@ -337,7 +328,9 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     write(urdf, text)
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:
-        write("-", json_pieces(inputs.made().document("export", urdf_payload(sha256_of(urdf), losses))))
+        # The keys of a URDF whose numbers are not fitted again.
+        keys = {"format": "urdf", **dict.fromkeys(("file_sha256", "urdf_sha256"), sha256_of(urdf))}
+        write("-", json_pieces(inputs.made().document("export", {**keys, "not_carried": [*losses]})))
 
 
 # Plans.
@@ -445,8 +438,7 @@ def compare(
     refuse(*((value is not None, f"--{name} {why}") for name, value in (stored if paired else targets).items()))
     if not paired:
         result = call()
-        deliver(outlets, result, lambda: comparison_view(result.payload(), "full"))
-        return
+        return deliver(outlets, result, lambda: comparison_view(result.payload(), "full"))
     refuse((len(call.args) != 2, f"--paired compares two CSVs, before and after a correction, found {len(call.args)}"))
     changes = compare_paired(*call.args, model=model, nominal=nominal, noise=noise)
     deliver(outlets, changes, lambda: paired_view(changes.payload(), call.args))
@@ -499,8 +491,7 @@ def report(
     from robacc.render.plots.canvas import need
 
     if chart is not None or PurePath(output or "").suffix.lower() in _PICTURES:
-        _write_chart(results, chart or "", number, output or "")
-        return
+        return _write_chart(results, chart or "", number, output or "")
     need("matplotlib", "plotly", "jinja2")
     read = [read_result(path) for path in results]
     identities = read_identity(identity or ())
@@ -659,18 +650,17 @@ def show(
     arguments = locals()
     from robacc.api.inputs import Inputs
     from robacc.documents.descriptions import SHOW
-    from robacc.effects.specification import coefficients
     from robacc.render.views.robot import robot_view
-    from robacc.robots.library import summarise
+    from robacc.robots.arm import summarise
 
     inputs = Inputs(arguments)
     arm = inputs.robot(robot)
-    summary = summarise(arm, coefficients(arm))
+    document = SHOW.write(arm, **summarise(arm))
     emit(
         format,
         output,
-        lambda: robot_view(summary),
-        lambda: inputs.made("format", "output").document("show", SHOW.write(summary)),
+        lambda: robot_view(arm, document),
+        lambda: inputs.made("format", "output").document("show", document),
     )
 
 
@@ -688,19 +678,18 @@ def robots(
     """
     from robacc.api.result import Provenance
     from robacc.documents.descriptions import ROBOTS
+    from robacc.modelling.robot_file import library, similar_arms
     from robacc.render.views.robot import robots_view
-    from robacc.robots.library import library, similar_arms
 
     wanted = (name or "").lower()
-    arms = [arm for arm in library() if wanted in f"{arm.key} {arm.maker} {arm.model}".lower()]
-    if not arms:
-        near = ", ".join(similar_arms(wanted))
-        raise InputError(
-            Problem(
-                f"no arm of the package has {name!r} in its name",
-                fix=f"did you mean {near}?" if near else "robacc show robots lists all of them",
-            )
-        )
+    arms = [
+        {key: value for key, value in arm.items() if key != "path"}
+        for arm in library()
+        if wanted in f"{arm['name']} {arm['maker']} {arm['model']}".lower()
+    ]
+    near = "" if arms else ", ".join(similar_arms(wanted))
+    fix = f"did you mean {near}?" if near else "robacc show robots lists all of them"
+    refuse((not arms, Problem(f"no arm of the package has {name!r} in its name", fix=fix)))
     emit(
         format,
         output,
@@ -823,8 +812,7 @@ def init(
     refuse(((source is None) == (joints is None), "give either a file or --joints, the number of joints"))
     files = [os.path.normpath(os.path.join(folder, name)) for name in (robot, poses, columns)]
     if source is not None and PurePath(source).suffix.lower() in _TABLES:
-        _write_columns(source, files[2], folder, force)
-        return
+        return _write_columns(source, files[2], folder, force)
     _check_free(files[:2], source, force)
     names = PurePath(files[0]).name, PurePath(files[1]).name
     if source is None:

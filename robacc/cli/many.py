@@ -8,7 +8,6 @@ import time
 import traceback
 from collections import Counter
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import replace
 from functools import partial
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -30,10 +29,6 @@ if TYPE_CHECKING:
 
 _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".txt"}
 """Suffix of the result of a file, by form."""
-_FILE_COST = 3 * 2**20
-"""Fixed cost of a file, about 50 ms, in bytes of poses that take the same time."""
-_PROCESS_COST = 24 * 2**20
-"""Cost of starting a process, about 400 ms, in bytes of poses that take the same time."""
 
 
 class FileTask(NamedTuple):
@@ -75,13 +70,12 @@ def process_file(task: FileTask) -> FileOutcome:
             output.write_result(
                 task.outlets, task.command, document, partial(result.view, task.full, *shown), gate, warnings
             )
+        status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
+        outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     except RobaccError as error:
         read = error if isinstance(error, InputError) else InputError(Problem(str(error), task.path))
         outcome = FileOutcome(task.name, error.exit_status, problems=read.problems, n_problems=read.total)
-    else:
-        status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
-        outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
-    return replace(outcome, seconds=time.perf_counter() - started)
+    return outcome._replace(seconds=time.perf_counter() - started)
 
 
 def process_each(
@@ -210,8 +204,9 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
 
 def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> list[FileOutcome]:
     """Return the outcome of each file; without a number of jobs on each core, but on no more than the work is worth."""
-    work = sum(_FILE_COST + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
-    workers = workers._replace(jobs=workers.jobs or max(1, min(cores(), 1 + work // _PROCESS_COST)))
+    # In bytes of poses that take the same time: a file has a fixed cost of about 50 ms, starting a process of 400 ms.
+    work = sum(3 * 2**20 + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
+    workers = workers._replace(jobs=workers.jobs or max(1, min(cores(), 1 + work // (24 * 2**20))))
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:
@@ -275,8 +270,8 @@ def _write(
         output.write(place, many_annotations(command, outcomes))
     else:
         view = partial(many_view, command, outcomes, options["robot"], options.get("align", ()))
-        form = "table" if outlets.form == "json" else outlets.form
-        output.write_result(Outlets(format=form, output=place), command, dict, view, None, warnings)
+        own = Outlets(format="table" if outlets.form == "json" else outlets.form, output=place)
+        output.write_result(own, command, dict, view, None, warnings)
 
 
 def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:

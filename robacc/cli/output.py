@@ -175,10 +175,9 @@ def write_result(
     from robacc.render.views import compare as gates
 
     if outlets.form in ("table", "json"):
-        emit(
+        return emit(
             outlets.form, outlets.output, lambda: [*view(), *([] if gate is None else gates.gate_view(gate))], document
         )
-        return
     text_of = gates.markdown if outlets.form == "markdown" else gates.github_annotations
     write(outlets.output, text_of(command, _page(view()), gate, tuple(map(as_options, warnings))))
 

@@ -123,9 +123,15 @@ def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[
     """Return the status by the errors, or without errors by the figures alone, which confirm nothing."""
     figures: dict[Quantity, EstimatedValue] = {}
     if "position" in result.errors:
-        of = partial(error_statistics, confidence=scale.confidence, seed=seed)
         graded = [
-            of(errors.vectors, unit, groups=errors.groups, share=errors.share)
+            error_statistics(
+                errors.vectors,
+                unit,
+                confidence=scale.confidence,
+                groups=errors.groups,
+                share=errors.share,
+                seed=seed,
+            )
             for quantity, unit in _UNITS.items()
             if (errors := result.errors.get(quantity)) is not None
         ]
@@ -220,9 +226,6 @@ def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, 
 
 
 RANKED_BY = "position.rms"
-_SIGNED = frozenset(f"mean_{axis}" for axis in "xyz")
-"""Statistics with a sign, which no ranking orders."""
-_NO_TEST_OF_PREDICTION = "a prediction describes robots yet to be built, so it has no sampling error to test with"
 
 
 def compare(
@@ -257,7 +260,8 @@ def compare(
         for key in (results[0].figures if results else ())
         if key.rpartition(".")[2] not in excluded and all(key in result.figures for result in results)
     ]
-    rankable = [key for key in keys if key.rpartition(".")[2] not in _SIGNED]
+    # No ranking orders statistics with a sign.
+    rankable = [key for key in keys if key.rpartition(".")[2] not in ("mean_x", "mean_y", "mean_z")]
     commands = " and ".join(dict.fromkeys(result.command for result in results))
     refuse(
         (len(names) < 2, "a comparison needs at least two results"),
@@ -287,11 +291,11 @@ def compare(
         figures = results[first].figures[key], results[second].figures[key]
         if results[first].digest == results[second].digest:
             return Difference.same(0.0, confidence, "the same result twice", True, None)
-        why = None if results[first].measured and results[second].measured else _NO_TEST_OF_PREDICTION
-        if statistic in ("max", "max_radius95") and not group.startswith("iso9283."):
-            why = NO_TEST_OF_MAXIMUM
-        if why is not None:
-            return Difference(figures[1].value - figures[0].value, Interval.missing(confidence, why))
+        is_maximum = statistic in ("max", "max_radius95") and not group.startswith("iso9283.")
+        if is_maximum or not (results[first].measured and results[second].measured):
+            unbuilt = "a prediction describes robots yet to be built, so it has no sampling error to test with"
+            missing = Interval.missing(confidence, NO_TEST_OF_MAXIMUM if is_maximum else unbuilt)
+            return Difference(figures[1].value - figures[0].value, missing)
         if statistic in RESAMPLED and group in results[first].errors and group in results[second].errors:
             pair = pairing(group, first, second)
             sets = pair or (results[first].errors[group], results[second].errors[group])
@@ -299,11 +303,10 @@ def compare(
         return from_intervals(*figures, confidence)
 
     def match(first: int, second: int) -> Mapping[str, Any]:
-        both, shared = {"first": results[first], "second": results[second]}, 0
+        both = {"first": results[first], "second": results[second]}
         are_listed = all("position" in result.errors for result in both.values())
-        if are_listed:
-            pair = pairing("position", first, second)
-            shared = 0 if pair is None else pair[0].n_groups
+        pair = pairing("position", first, second) if are_listed else None
+        shared = 0 if pair is None else pair[0].n_groups
         return {
             **{place: result.name for place, result in both.items()},
             **{"paired": shared > 0, "n_shared": shared},
@@ -491,9 +494,9 @@ def paired_targets(
     before, after = (_means(file.position, own) for file, own in zip((first, second), rows, strict=True))
     # Without a model, the best guess of the plan is that the whole error goes.
     note = "without a model, the planned displacement is the error before, measurement noise included"
-    planned, promise = wanted - before, None
-    if model is not None:
-        planned, promise = _against_model(model, (first, second), rows, after, noise)
+    planned, promise = (
+        (wanted - before, None) if model is None else _against_model(model, (first, second), rows, after, noise)
+    )
     return PairedTargets(
         tuple(map(" ".join, common)),
         before - wanted,
@@ -569,27 +572,20 @@ def _against_model(
         position, source = size(noise, "length", "`noise`"), "given"
     elif stated is not None:
         position, source = stated, "file"
-    used: dict[str, Any] = {
-        "position_m": position,
-        "source": source,
-        "treatment": "added" if fit.noise_is_separate else "contained",
-    }
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
-    variance = (used["position_m"] ** 2 / np.array([len(own) for own in rows[1]]))[:, None]
+    variance = (position**2 / np.array([len(own) for own in rows[1]]))[:, None]
     values, vectors = np.linalg.eigh(np.moveaxis(separate, 2, 0))
-    values = np.maximum(values, 0.0) + variance if used["treatment"] == "added" else np.maximum(values, variance)
+    values = np.maximum(values, 0.0) + variance if fit.noise_is_separate else np.maximum(values, variance)
     refuse((not np.all(values > 0.0), "the model has no unexplained error: `noise` must be more than 0"))
     total = np.asarray(np.einsum("nik,nk,njk->ijn", vectors, values, vectors))
     predicted = _means(poses.translation, rows[1])
-    return predicted - planned_from, promise_test(
-        measured - predicted, jacobian[:3, :, firsts], covariance, total, used
-    )
+    used = {"position_m": position, "source": source, "treatment": "added" if fit.noise_is_separate else "contained"}
+    promise = promise_test(measured - predicted, jacobian[:3, :, firsts], covariance, total)
+    return predicted - planned_from, {**promise, "noise": used}
 
 
-def promise_test(
-    residual: Array, jacobian: Array, covariance: Array, separate: Array, noise: Mapping[str, Any]
-) -> dict[str, Any]:
+def promise_test(residual: Array, jacobian: Array, covariance: Array, separate: Array) -> dict[str, Any]:
     """Return the normalised square of a residual and its probability, with the keys of the result.
 
     Args:
@@ -597,7 +593,6 @@ def promise_test(
         jacobian: ``(3, P, N)`` of the positions to the model's coefficients.
         covariance: ``(P, P)`` of the coefficients.
         separate: ``(3, 3, N)`` covariance of all that targets do not share, m².
-        noise: Measurement noise in it.
     """
     precision = np.moveaxis(np.linalg.inv(np.moveaxis(separate, 2, 0)), 0, 2)
     weighted = np.einsum("ijn,jn->in", precision, residual)
@@ -619,17 +614,15 @@ def promise_test(
         "degrees_of_freedom": residual.size,
         "p_value": p_value,
         "promised_rms_m": expected,
-        "noise": noise,
     }
 
 
 def noise_doubts(noise: Mapping[str, Any]) -> list[str]:
     """Return a warning where noise is stated that the model's unexplained error may contain."""
-    if noise["treatment"] == "added" or noise["source"] == "model":
-        return []
     stated = "`noise`" if noise["source"] == "given" else "the noise of `after`"
-    return [
+    doubt = (
         f"the model's unexplained error contains the noise of its own measurements, so {stated} of "
         f"{1e3 * noise['position_m']:.3g} mm is not added; the error counts as this noise at least; to separate the "
         "two, fit the model to poses with columns sigma_x, sigma_y, sigma_z or with several rows in a visit"
-    ]
+    )
+    return [] if noise["treatment"] == "added" or noise["source"] == "model" else [doubt]

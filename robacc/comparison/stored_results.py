@@ -81,20 +81,19 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
     if isinstance(value, Mapping):
         stored, value = [value], value.get("value")
     number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
-    interval = None
-    if (entry := next((each for each in stored if isinstance(each, Mapping)), None)) is not None:
-        # Under the names of an interval or of a gain.
-        ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
-        method = entry.get("method") or "interval stored in the result"
-        interval = Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why"))
-    return number, interval, holder, name
+    entry = next((each for each in stored if isinstance(each, Mapping)), None)
+    if entry is None:
+        return number, None, holder, name
+    # Under the names of an interval or of a gain.
+    ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
+    method = entry.get("method") or "interval stored in the result"
+    return number, Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why")), holder, name
 
 
 def finite_number(value: Any) -> float | None:
     """Return a finite number; None for anything else, booleans included."""
-    if isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value):
-        return None
-    return float(value) if math.isfinite(value) else None
+    is_other = isinstance(value, bool | np.bool_ | str | Sequence | Mapping) or value is None or np.ndim(value)
+    return None if is_other or not math.isfinite(value) else float(value)
 
 
 def _at(document: Document, path: str) -> Any:
@@ -289,31 +288,28 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
             GradeStep(step["grade"], step["position_m"], step.get("orientation_rad")) for step in grade["steps"]
         )
         scale = Scale(grade["scale"], grade["statistic"], grade["confidence"], steps, grade["otherwise"])
-    own = grade.get("grade")
-    if own is not None:
-        own += ", predicted" if command == "predict" else f", {'' if grade.get('demonstrated') else 'not '}confirmed"
+    status = "predicted" if command == "predict" else f"{'' if grade.get('demonstrated') else 'not '}confirmed"
+    own = f"{grade['grade']}, {status}" if grade.get("grade") is not None else None
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
-    held_out = fitted_to_these = None
     effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
     alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    if command in FITS:
-        has_holdout, alignment = document.get("poses_apart") is not None, "fitted with the model"
-        held_out = "separate poses" if has_holdout else f"{document.get('n_folds')} groups of poses, each in turn"
-        if _at(document, "after.held_out") is None:
-            held_out = "nothing (errors of calibration poses)"
+    held_out = f"{document.get('n_folds')} groups of poses, each in turn"
+    if _at(document, "after.held_out") is None:
+        held_out = "nothing (errors of calibration poses)"
+    elif document.get("poses_apart") is not None:
+        held_out = "separate poses"
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
-    if fitted_to is not None:
-        same_poses = any(entry["sha256"] in fitted_to for entry in document["inputs"] if entry["kind"] == "poses")
-        fitted_to_these = "fitted to the same poses" if same_poses else "not fitted to these poses"
+    same_poses = any(e["sha256"] in (fitted_to or ()) for e in document["inputs"] if e["kind"] == "poses")
+    fitted = "fitted to the same poses" if same_poses else "not fitted to these poses"
     aspects = {
         "command": command,
         "robacc version": document["robacc"],
         "frame": document.get("frame"),
-        "alignment": alignment,
+        "alignment": "fitted with the model" if command in FITS else alignment,
         "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": held_out,
-        "robot file": fitted_to_these,
+        "held out": held_out if command in FITS else None,
+        "robot file": None if fitted_to is None else fitted,
         "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
     return ComparedResult(
@@ -377,11 +373,9 @@ _SAME_POSITION = 1e-4
 def pair_poses(first: ErrorSet, second: ErrorSet) -> tuple[ErrorSet, ErrorSet] | None:
     """Return the errors of common commanded poses with the same numbers; None with too few common poses."""
     keys = _common_keys(first, second)
-    if keys is None:
-        return None
-    common = np.intersect1d(*keys)
+    common = np.zeros(0) if keys is None else np.intersect1d(*keys)
     # Smallest share of common poses, of either result's poses, for a paired comparison.
-    if common.size < max(2, 0.5 * max(np.unique(numbers).size for numbers in keys)):
+    if keys is None or common.size < max(2, 0.5 * max(np.unique(numbers).size for numbers in keys)):
         return None
     rows = [np.isin(numbers, common) for numbers in keys]
     numbers = [np.searchsorted(common, key[mask]) for key, mask in zip(keys, rows, strict=True)]
@@ -413,9 +407,9 @@ def _common_keys(first: ErrorSet, second: ErrorSet) -> tuple[NDArray[np.int64], 
     if first.commanded is not None and second.commanded is not None:
         # Equal ids have equal commanded positions, as far as both results list positions.
         positions = dict(zip(first.pose.tolist(), first.commanded.T, strict=True))
-        for name, position in zip(second.pose.tolist(), second.commanded.T, strict=True):
-            if not _close(positions.get(name, position), position, _SAME_POSITION):
-                return None
+        same = zip(second.pose.tolist(), second.commanded.T, strict=True)
+        if not all(_close(positions.get(name, position), position, _SAME_POSITION) for name, position in same):
+            return None
     return _numbers_of(first.pose, second.pose)
 
 
@@ -602,9 +596,6 @@ def _resampled_percentile(errors: ErrorSet, seed: int, stream: int) -> Array:
     return percentiles
 
 
-METHOD = "from the intervals of the two results, assumed independent (Zou and Donner)"
-
-
 def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: float) -> Difference:
     """Return ``second`` minus ``first`` of two numbers that have only intervals.
 
@@ -625,4 +616,5 @@ def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: fl
     distance, p_value = value - low if value > 0.0 else high - value, float(value == 0.0)
     if value != 0.0 and distance != 0.0:
         p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * abs(value) / distance)
-    return Difference(value, Interval(low, high, None, levels[0], METHOD), p_value)
+    method = "from the intervals of the two results, assumed independent (Zou and Donner)"
+    return Difference(value, Interval(low, high, None, levels[0], method), p_value)

@@ -451,8 +451,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
     """
     if data.n < ENOUGH or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
         return ()
-    from robacc.modelling.robot_file import read_robot
-    from robacc.robots.library import library
+    from robacc.modelling.robot_file import library, read_robot
 
     def error(arm: Robot) -> float:
         try:
@@ -464,9 +463,9 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
     if (own := error(robot)) <= _USUAL_ERROR:
         return ()
     fits = {
-        arm.key: error(dataclasses.replace(read_robot(arm.path), targets=robot.targets))
+        arm["name"]: error(dataclasses.replace(read_robot(arm["path"]), targets=robot.targets))
         for arm in library()
-        if arm.axes == len(robot.variables)
+        if arm["n_axes"] == len(robot.variables)
     }
     best = min(fits, key=fits.__getitem__, default="")
     if fits.get(best, np.inf) * CLEAR > own:

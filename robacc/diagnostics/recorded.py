@@ -9,8 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import effect_class
-from robacc.effects.campaign import FOLLOWED_SHARE
+from robacc.effects.base import FOLLOWED_SHARE, effect_class
 from robacc.fitting.fit_result import DEPENDENT, Fit
 from robacc.fitting.levels import ALIKE, DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import joint_columns, solved
@@ -104,7 +103,7 @@ class Rounding(NamedTuple):
 
 def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
     """Return the coarsest step of values ``(N,)``, rad or m, and its text; None without one, or with few values."""
-    if np.unique(values).size < ENOUGH:
+    if np.count_nonzero(np.diff(np.sort(values))) + 1 < ENOUGH:
         return None
     # Up to four decimals of degrees, mm, rad or m.
     steps = [(size / 10**digits, digits, unit) for unit, size in _UNITS[kind] for digits in range(5)]

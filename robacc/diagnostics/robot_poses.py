@@ -44,8 +44,7 @@ def read_robot_poses(
     """
     data = read_poses(
         path,
-        robot=dataclasses.replace(
-            joints_of(robot),
+        robot=joints_of(robot)._replace(
             target_names="any" if any_target and not robot.targets else tuple(robot.targets),
             pose_at=lambda q: build_chain(dataclasses.replace(robot, effects=())).forward(q),
         ),

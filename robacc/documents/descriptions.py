@@ -2,12 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
 from hashlib import sha256
-from typing import TYPE_CHECKING, Any
 
 from robacc.documents.keys import (
-    LEFT_OUT,
     OUTSIDE_KEY,
     Key,
     array,
@@ -22,11 +19,8 @@ from robacc.documents.keys import (
     table,
     text,
     vector3,
-    within,
 )
-
-if TYPE_CHECKING:
-    from robacc.effects.specification import CatalogueEntry
+from robacc.effects.specification import coefficients
 
 FRAME = part(
     {"xyz_m": Key(vector3, "Translation, m."), "rpy_rad": Key(vector3, "Angles roll, pitch, yaw, rad.")},
@@ -47,10 +41,10 @@ ROBOTS = part(
             array(
                 part(
                     {
-                        "name": Key(text, "Name that the parameter robot takes.", "key"),
+                        "name": Key(text, "Name that the parameter robot takes."),
                         "maker": Key(text, "Maker of the arm."),
                         "model": Key(text, "The maker's name of the arm."),
-                        "n_axes": Key(ordinal, "Number of joint variables.", "axes"),
+                        "n_axes": Key(ordinal, "Number of joint variables."),
                         "reach_m": Key(size, "Reach as the maker states it, or computed where the source says so, m."),
                         "source": Key(text, "Source of the geometry."),
                     }
@@ -67,30 +61,27 @@ SHOW = part(
         "robot": Key(
             part(
                 {
-                    "name": Key(text, "Name in the file.", "robot.name"),
-                    "convention": Key(
-                        choice("standard", "modified", "urdf"), "Convention of the parameters.", "robot.convention"
-                    ),
-                    "base_link": Key(text | None, "Base link of a URDF.", "robot.base_link"),
-                    "tip_link": Key(text | None, "Tip link of a URDF.", "robot.tip_link"),
-                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s².", "robot.gravity"),
-                    "base": Key(FRAME, "Transform from the measuring frame to the base.", "robot.base"),
+                    "name": Key(text, "Name in the file."),
+                    "convention": Key(choice("standard", "modified", "urdf"), "Convention of the parameters."),
+                    "base_link": Key(text | None, "Base link of a URDF."),
+                    "tip_link": Key(text | None, "Tip link of a URDF."),
+                    "gravity_m_s2": Key(vector3, "Gravity in the measuring frame, m/s².", "gravity"),
+                    "base": Key(FRAME, "Transform from the measuring frame to the base."),
                     "tool": Key(
                         FRAME | None,
                         "Transform from the last link's frame to the target; null if there are several targets.",
-                        lambda summary: None if summary.robot.targets else summary.robot.tool,
+                        lambda robot: None if robot.targets else robot.tool,
                     ),
-                    "targets": Key(table(FRAME), "Several targets by name.", "robot.targets"),
+                    "targets": Key(table(FRAME), "Several targets by name."),
                     "payload_com_m": Key(
                         vector3 | None,
                         "Centre of mass of the payload in the last link's frame, m; null: at the tool.",
-                        "robot.payload_com",
+                        "payload_com",
                     ),
-                    "effects": Key(array(table()), "Effects of the file.", "robot.effects"),
+                    "effects": Key(array(table()), "Effects of the file."),
                     "fitted_to": Key(
                         array(text),
                         "SHA-256 of each file of poses that the robot file was fitted to.",
-                        "robot.fitted_to",
                         optional=True,
                     ),
                     "campaign": Key(
@@ -115,7 +106,6 @@ SHOW = part(
                         )
                         | None,
                         "Facts of the campaign that the model was fitted in; null without one.",
-                        "robot.campaign",
                         optional=True,
                     ),
                     "coefficients": Key(
@@ -129,8 +119,8 @@ SHOW = part(
                             )
                         ),
                         "Coefficients of the effects in the file, SI units.",
-                        lambda summary: [
-                            {"name": name, "value": value, "unit": unit} for name, value, unit in summary.coefficients
+                        lambda robot: [
+                            {"name": name, "value": value, "unit": unit} for name, value, unit in coefficients(robot)
                         ],
                         optional=True,
                     ),
@@ -139,7 +129,7 @@ SHOW = part(
             "Data of the complete arm.",
             "",
         ),
-        "n_joints": Key(count, "Number of joints with a variable.", lambda summary: len(summary.robot.variables)),
+        "n_joints": Key(count, "Number of joints with a variable.", lambda robot: len(robot.variables)),
         "joints": Key(
             array(
                 part(
@@ -172,7 +162,6 @@ SHOW = part(
                 )
             ),
             "Joints in chain order.",
-            "robot.joints",
         ),
         "branches": Key(
             array(
@@ -197,15 +186,14 @@ SHOW = part(
                 )
             ),
             "Joints outside the chain that move mass, such as those of another arm.",
-            "robot.branches",
         ),
-        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown.", "moved_mass"),
+        "moved_mass_kg": Key(size | None, "Mass that the joint moves, kg; null if unknown."),
         "reach": Key(
             table(
                 part(
                     {
-                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m.", "sampled"),
-                        "bound_m": Key(size | None, "Upper bound of the reach, m.", "bound"),
+                        "sampled_m": Key(size | None, "Largest sampled reach over the joint ranges, m."),
+                        "bound_m": Key(size | None, "Upper bound of the reach, m."),
                     }
                 )
             ),
@@ -216,71 +204,40 @@ SHOW = part(
 )
 
 
-def _with_robot(value: Callable[[CatalogueEntry], Any]) -> Callable[[CatalogueEntry], Any]:
-    """Return the source of a key of effects that were compared with a robot."""
-    return lambda entry: value(entry) if entry.for_robot else LEFT_OUT
-
-
 EFFECTS = part(
     {
         "effects": Key(
             array(
                 part(
                     {
-                        "name": Key(text, "Name in files and results.", "effect.name"),
-                        **within(
-                            "effect.about",
-                            {
-                                "summary": Key(text, "Description of the effect."),
-                                "equation": Key(text, "Equation of the effect."),
-                                "unit": Key(text, "Unit of the coefficients."),
-                                "usual_size": Key(text, "Usual size on industrial arms."),
-                                "usual_range": Key(
-                                    array(size, 2),
-                                    (
-                                        "Smallest and largest usual size on industrial arms, in the unit of the "
-                                        "coefficients."
-                                    ),
-                                    optional=True,
-                                ),
-                                "needs": Key(text, "Requirements on the data and the robot file."),
-                                "confused_with": Key(text, "Effects that it can be confused with."),
-                                "source": Key(text, "Source of the equation."),
-                                "example": Key(text, "Example of an entry in a robot file."),
-                            },
+                        "name": Key(text, "Name in files and results."),
+                        "summary": Key(text, "Description of the effect."),
+                        "equation": Key(text, "Equation of the effect."),
+                        "unit": Key(text, "Unit of the coefficients."),
+                        "usual_size": Key(text, "Usual size on industrial arms."),
+                        "usual_range": Key(
+                            array(size, 2),
+                            "Smallest and largest usual size on industrial arms, in the unit of the coefficients.",
+                            optional=True,
                         ),
-                        "per_joint": Key(
-                            flag, "True if the effect acts on each joint by itself.", "effect.traits.per_joint"
-                        ),
+                        "needs": Key(text, "Requirements on the data and the robot file."),
+                        "confused_with": Key(text, "Effects that it can be confused with."),
+                        "source": Key(text, "Source of the equation."),
+                        "example": Key(text, "Example of an entry in a robot file."),
+                        "per_joint": Key(flag, "True if the effect acts on each joint by itself."),
                         "is_constant": Key(
-                            flag,
-                            "True if the effect can be absorbed into the constants of the robot file.",
-                            "effect.traits.is_constant",
+                            flag, "True if the effect can be absorbed into the constants of the robot file."
                         ),
                         "offered": Key(
                             flag,
                             "True if the effect can be fitted to these poses; only with a robot.",
-                            _with_robot(lambda entry: entry.why is None),
                             optional=True,
                         ),
-                        "why": Key(
-                            text | None,
-                            "Reason why it cannot be fitted.",
-                            _with_robot(lambda entry: entry.why),
-                            optional=True,
-                        ),
-                        "joints": Key(
-                            array(text),
-                            "Joints that it can act on.",
-                            _with_robot(lambda entry: entry.joints),
-                            optional=True,
-                        ),
+                        "why": Key(text | None, "Reason why it cannot be fitted.", optional=True),
+                        "joints": Key(array(text), "Joints that it can act on.", optional=True),
                         "coefficients": Key(
                             array(part({"name": Key(text, "Name."), "unit": Key(text, "Unit of the value.")})),
                             "Coefficients that would be fitted.",
-                            _with_robot(
-                                lambda entry: [{"name": name, "unit": unit} for name, unit in entry.coefficients]
-                            ),
                             optional=True,
                         ),
                     }
@@ -370,8 +327,3 @@ EXPORT = part(
     },
     about="Export of a model for a controller, a driver or a simulator.",
 )
-
-
-def urdf_payload(sha256: str, losses: Sequence[str]) -> dict[str, Any]:
-    """Return the keys of a URDF whose numbers are not fitted again."""
-    return {"format": "urdf", "file_sha256": sha256, "urdf_sha256": sha256, "not_carried": [*losses]}

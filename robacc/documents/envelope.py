@@ -13,7 +13,6 @@ import re
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
 from importlib import import_module
 from pathlib import Path, PurePath
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -53,7 +52,7 @@ from robacc.statistics.intervals import ASSURANCE
 from robacc.version import __version__
 
 if TYPE_CHECKING:
-    from robacc.gates import Gate, GateOutcome
+    from robacc.gates import Gate
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
 
@@ -95,13 +94,12 @@ def significant_document(value: Any) -> Any:
 
 def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
     """Return a header and a line for each row of columns by name; a column that is None is left out."""
-    present = {name: map(_cell, column) for name, column in columns.items() if column is not None}
+    present = {
+        name: [number_text(float(value)) if isinstance(value, float) else cell(str(value)) for value in column]
+        for name, column in columns.items()
+        if column is not None
+    }
     return "".join(f"{','.join(row)}\n" for row in (present, *zip(*present.values(), strict=True)))
-
-
-def _cell(value: Any) -> str:
-    """Return a number as in results, or a text as a field of a CSV."""
-    return number_text(float(value)) if isinstance(value, float) else cell(str(value))
 
 
 _SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
@@ -194,10 +192,15 @@ MODULES = {
 """Module of :mod:`robacc.documents` that declares a result, by the result's name, which is the declaration's too."""
 
 
+def own_keys(name: str) -> Kind:
+    """Return the declaration of a result's own keys."""
+    kind: Kind = getattr(import_module(f"robacc.documents.{MODULES[name]}"), name.upper().replace("-", "_"))
+    return kind
+
+
 def result_kind(name: str) -> Kind:
     """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
-    module = import_module(f"robacc.documents.{MODULES[name]}") if name in MODULES else None
-    own = getattr(module, name.upper().replace("-", "_"), part({}))
+    own = own_keys(name) if name in MODULES else part({})
     envelope = {
         "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),
@@ -405,7 +408,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = replace(choice("pass", "fail", "inconclusive", "not_evaluated"), name="outcome")
+OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated")._replace(name="outcome")
 
 GATE_RESULT = part(
     {
@@ -526,12 +529,6 @@ CHECK = part(
     },
     about="Evaluation of a gate on a stored result.",
 )
-
-
-def gate_document(outcome: GateOutcome) -> Document:
-    """Return the outcome of the gate and of each criterion."""
-    document: Document = significant_document(GATE_RESULT.write(outcome))
-    return document
 
 
 # Read a gate file and the baselines that it names.

@@ -28,20 +28,16 @@ def date_text(seconds: float) -> str:
     return datetime.fromtimestamp(seconds, UTC).strftime("%Y-%m-%dT%H:%M:%SZ")
 
 
-def _date(meaning: str, name: str) -> Key:
-    return Key(text, f"{meaning}, ISO 8601, UTC.", lambda record: date_text(getattr(record, name)))
-
-
 TEST = part(
     {
         "arm": Key(text, "Serial number of the arm, else the robot's name."),
-        "at": _date("Time of the test", "at"),
+        "at": Key(text, "Time of the test, ISO 8601, UTC."),
         "name": Key(text, "Name of the result file."),
         "command": Key(text, "Command that made the result."),
         "n_poses": Key(count, "Number of measured poses."),
         "rms_m": Key(number | None, "Rms position error, m; of a fit, of its model on held-out poses."),
         "grade": Key(text | None, "Grade; null without one."),
-        "temperature_c": Key(number | None, "Mean temperature, °C; null where none was recorded.", "temperature"),
+        "temperature_c": Key(number | None, "Mean temperature, °C; null where none was recorded."),
     }
 )
 HISTORY_ADD = part(
@@ -70,7 +66,7 @@ HISTORY_TREND = part(
                             array(
                                 part(
                                     {
-                                        "at": _date("Time of the test", "at"),
+                                        "at": Key(text, "Time of the test, ISO 8601, UTC."),
                                         "value": Key(number, "Value."),
                                         "std": Key(number | None, "Standard deviation; null without one."),
                                     }
@@ -97,9 +93,9 @@ CHANGE = part(
             choice("step", "ramp", "temperature", "setup"),
             "step: from one test to the next. ramp: steadily. temperature: with it. setup: base or target set up anew.",
         ),
-        "at": _date("First test that shows the change; the last test for a temperature", "at"),
-        "earliest": _date("Earliest such test that the data allow, 95 %", "earliest"),
-        "latest": _date("Latest such test that the data allow, 95 %", "latest"),
+        "at": Key(text, "First test that shows the change; the last test for a temperature, ISO 8601, UTC."),
+        "earliest": Key(text, "Earliest such test that the data allow, 95 %, ISO 8601, UTC."),
+        "latest": Key(text, "Latest such test that the data allow, 95 %, ISO 8601, UTC."),
         "size": Key(number, "Step, rise of a ramp until the last test, or change per kelvin."),
         "low": Key(number, "Lower end of the 95 % interval."),
         "high": Key(number, "Upper end of the 95 % interval."),
@@ -131,9 +127,9 @@ def _by_kind(changes: Sequence[Any], limits: Iterable[Any]) -> Document:
         for limit in limits
     }
     for change in reversed(changes):
-        low, high = sorted((abs(change.low), abs(change.high)))
-        low *= change.low * change.high > 0.0
-        known[change.kind, change.key] = (change.unit, abs(change.size), low, high)
+        low, high = sorted((abs(change["low"]), abs(change["high"])))
+        low *= change["low"] * change["high"] > 0.0
+        known[change["kind"], change["key"]] = (change["unit"], abs(change["size"]), low, high)
     sizes: Document = {}
     for (kind, key), (unit, value, low, high) in known.items():
         path = key.split(".")
@@ -153,9 +149,7 @@ HISTORY_CHANGES = part(
         "changes": Key(
             array(CHANGE),
             "Changes of all arms.",
-            lambda result: [
-                CHANGE.write(change, arm=arm) for arm, changes in result.changes.items() for change in changes
-            ],
+            lambda result: [{"arm": arm, **change} for arm, changes in result.changes.items() for change in changes],
         ),
         "arms": Key(
             array(
@@ -190,7 +184,7 @@ HEALTH = part(
         "changes": Key(
             array(CHANGE),
             "Coefficients that moved since the last full test.",
-            lambda result: [CHANGE.write(change, arm=result.arm) for change in result.changes],
+            lambda result: [{"arm": result.arm, **change} for change in result.changes],
         ),
         "detection_limits": LIMITS,
         "hidden": Key(array(text), "Coefficients whose change these poses cannot distinguish from one of the set-up."),

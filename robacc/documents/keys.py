@@ -11,8 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field, replace
-from functools import partial
+from functools import partial, reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -64,11 +63,10 @@ class Later(Mapping[str, Any]):
         return Later({key: partial(lambda value: function(value()), value) for key, value in self._values.items()})
 
 
-@dataclass(frozen=True, slots=True)
-class Kind:
+class Kind(NamedTuple):
     """Kind of a value of a document."""
 
-    words: Mapping[str, Any] = field(default_factory=dict)
+    words: Mapping[str, Any] = {}
     """Words of JSON Schema: the type and its limits."""
     null: bool = False
     """Whether null may stand for a missing value."""
@@ -83,7 +81,7 @@ class Kind:
 
     def __or__(self, other: None) -> Kind:
         """Return the kind of values that may be null."""
-        return replace(self, null=True)
+        return self._replace(null=True)
 
     def write(self, record: Any, **given: Any) -> Document:
         """Return the object of a record; ``given`` are values of keys that the record does not have.
@@ -198,9 +196,8 @@ class Key(NamedTuple):
         if callable(self.source):
             return self.source(record)
         path = _UNIT.sub("", key) if self.source is None else self.source
-        for name in path.split(".") if path else ():
-            record = None if record is None else getattr(record, name)
-        return record
+        names = path.split(".") if path else ()
+        return reduce(lambda owner, name: None if owner is None else getattr(owner, name), names, record)
 
     def schema(self, shared: dict[str, Document]) -> Document:
         """Return the JSON Schema of the key's value."""
@@ -254,9 +251,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = replace(array(number, 3), name="vector3")
-rows3 = replace(array(array(number | None, 3)), name="rows3")
-matrix3 = replace(array(vector3, 3), name="matrix3")
+vector3 = array(number, 3)._replace(name="vector3")
+rows3 = array(array(number | None, 3))._replace(name="rows3")
+matrix3 = array(vector3, 3)._replace(name="matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.
@@ -275,12 +272,6 @@ def rounded(values: Array | None) -> Array | None:
 def texts(column: NDArray[Any] | None) -> list[str] | None:
     """Return a column of names as texts; None without such a column."""
     return None if column is None else [str(value) for value in column]
-
-
-def _outside(result: Any) -> Any:
-    """Return the poses outside the validity ranges of a result's model; nothing without files or a robot."""
-    outside = getattr(getattr(result, "made", None), "outside", None)
-    return LEFT_OUT if outside is None else outside
 
 
 OUTSIDE_KEY = Key(
@@ -304,14 +295,13 @@ OUTSIDE_KEY = Key(
                             "low": Key(number, "Lowest value that the effect was fitted on."),
                             "high": Key(number, "Highest value that the effect was fitted on."),
                             "n_poses": Key(ordinal, "Poses outside this range."),
-                            "largest_excess": Key(size, "Largest distance of a pose from the range.", "excess"),
+                            "largest_excess": Key(size, "Largest distance of a pose from the range."),
                             "rule": Key(
                                 choice("held", "extrapolated"),
                                 (
                                     "held: the effect keeps its value at the end of the range; extrapolated: it "
                                     "follows its law."
                                 ),
-                                lambda item: "held" if item.is_held else "extrapolated",
                             ),
                         }
                     )
@@ -321,7 +311,8 @@ OUTSIDE_KEY = Key(
         }
     ),
     "Poses outside the validity range of the robot file's effects.",
-    _outside,
+    # Poses outside the validity ranges of a result's model; nothing without files or a robot.
+    lambda result: getattr(getattr(result, "made", None), "outside", None) or LEFT_OUT,
     optional=True,
 )
 """Key that the use of a model adds to a result."""

@@ -1,11 +1,15 @@
 """Effects: deviations of an arm from its nominal table, each a class that declares its terms, settings and traits.
 
-Importing the package fills the registry in the order of the catalogue, which is also the order in which parameters keep
-their place if they are not distinguishable on the poses: frames before joints, constants before what varies.
+The registry is in the order of the catalogue, which is also the order in which parameters keep their place if they are
+not distinguishable on the poses: frames before joints, constants before what varies.
 """
 
-from robacc.effects import campaign, elastic, frames, joints, periodic  # noqa: F401
-from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class
+from importlib import import_module
+
+from robacc.effects import base
+from robacc.effects.base import Effect, Part, Term, effect_class
+
+__all__ = ["REGISTRY", "Effect", "Part", "Term", "effect_class"]
 
 _ORDER = (
     "base_frame",
@@ -37,6 +41,14 @@ _ORDER = (
     "target_decentre",
     "joint_correction",
 )
-REGISTRY.update({name: REGISTRY.pop(name) for name in _ORDER})
 
-__all__ = ["REGISTRY", "Effect", "Part", "Term", "effect_class"]
+
+def __getattr__(name: str) -> dict[str, type[Effect]]:
+    """Return ``REGISTRY``, every effect by name; the modules of the effects are loaded when it is first asked for."""
+    if name != "REGISTRY":
+        raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    for module in ("frames", "joints", "elastic", "periodic", "campaign"):
+        import_module(f"robacc.effects.{module}")
+    known = base.REGISTRY
+    known.update({effect: known.pop(effect) for effect in dict.fromkeys((*_ORDER, *known))})
+    return known

@@ -17,12 +17,13 @@ import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from importlib import import_module
 from typing import Any, ClassVar, Literal, NamedTuple, TypeVar, get_args, get_origin, get_type_hints
 
 import numpy as np
 
-from robacc.effects.drivers import Driver, Periods, Validity, columns_of, driver_values, is_of_weight, ranges
-from robacc.errors import MissingColumnError, UsageError, given, refuse
+from robacc.effects.drivers import COLUMNS, Driver, Periods, Validity, driver_values, ranges, split
+from robacc.errors import MissingColumnError, given, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
@@ -43,8 +44,7 @@ _NOUNS = {
 """Singular and plural of a kind of value."""
 
 
-@dataclass(frozen=True, slots=True)
-class Setting:
+class Setting(NamedTuple):
     """Declaration of a setting; see :func:`setting`."""
 
     default: Any
@@ -139,11 +139,9 @@ def settings_of(effect: type) -> Mapping[str, Setting]:
     hints, settings = get_type_hints(effect), []
     for field in dataclasses.fields(effect):
         if declared := field.metadata.get("setting"):
-            kind, choices = hints[field.name], declared.choices
-            if get_origin(kind) is Literal:
-                kind, choices = str, get_args(kind)
-            key = declared.key or field.name
-            settings.append(dataclasses.replace(declared, key=key, choices=choices, field=field.name, kind=kind))
+            kind = hints[field.name]
+            of_names = {"kind": str, "choices": get_args(kind)} if get_origin(kind) is Literal else {"kind": kind}
+            settings.append(declared._replace(key=declared.key or field.name, field=field.name, **of_names))
     return {declared.key: declared for declared in sorted(settings, key=lambda declared: declared.last)}
 
 
@@ -161,14 +159,15 @@ def scaled(value: Any, size: float) -> Any:
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+FOLLOWED_SHARE = 0.5
+"""Share from which the joints read back describe the arm better than those commanded."""
 LEAST_OF_CONSTANT = 1e-3
 """Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
 1 mm and 1 mrad, so that the column itself is known to this share only; a smaller independent part is an error of the
 model. With a tool that stays vertical within 0.5 mrad, its height above the flange is such a length."""
 
 
-@dataclass(frozen=True, slots=True)
-class Part:
+class Part(NamedTuple):
     """One scalar that a term moves: by coefficient x factor, times the load's generalised force where it has a load.
 
     The generalised force is what gravity does to the loads behind the motion along it: N m for a rotation (the load's
@@ -183,8 +182,7 @@ class Part:
     """True if the force is that at the deflected pose, in equilibrium; False at the undeflected pose."""
 
 
-@dataclass(frozen=True, slots=True)
-class Term:
+class Term(NamedTuple):
     """One coefficient of the model."""
 
     name: str
@@ -216,8 +214,7 @@ def compliance_unit(arm: Arm, joint: str) -> str:
 # Catalogue texts of an effect.
 
 
-@dataclass(frozen=True, slots=True)
-class About:
+class About(NamedTuple):
     """Catalogue texts of an effect."""
 
     summary: str
@@ -266,11 +263,11 @@ def driven_by(arm: Arm, data: Measurements, driver: str, effect: str) -> Array:
     Raises:
         UsageError: the data or the robot lack it.
     """
-    values = driver_values(arm, data, driver)
-    if values is None and is_of_weight(arm, driver):
+    values, (kind, _) = driver_values(arm, data, driver), split(arm, driver)
+    if values is None and kind in ("torque", "signed_torque"):
         commanded(data, effect)
         weight_needed(arm, data, effect)
-    return needed(values, columns_of(arm, driver), effect)
+    return needed(values, COLUMNS.get(kind, "q1 … qN"), effect)
 
 
 def varies(column: Array | None) -> bool:
@@ -281,8 +278,7 @@ def varies(column: Array | None) -> bool:
 # What an effect is.
 
 
-@dataclass(frozen=True, slots=True)
-class Need:
+class Need(NamedTuple):
     """Something without which an effect cannot be fitted to a robot and its poses."""
 
     reason: str
@@ -316,9 +312,8 @@ class Beyond(NamedTuple):
     """How far beyond the range 0.6 of the effect is left, SI, where it fades to its level at the end of the range."""
 
 
-@dataclass(frozen=True, slots=True)
-class Traits:
-    """What an effect is, in all its forms."""
+class Traits(NamedTuple):
+    """What an effect is, in all its forms or in one."""
 
     per_joint: bool = True
     """True if the effect acts on named joints, and is a candidate joint by joint."""
@@ -356,13 +351,21 @@ class Traits:
     """True if a coefficient in the effect's unit cannot be negative: nothing rises under its weight."""
     implausible_factor: float = 10.0
     """Multiple of the largest usual size beyond which a coefficient is implausible."""
+    follows_approach: bool = False
+    """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
+    rejects_implausible: bool = False
+    """True if implausible coefficients rule the form out; otherwise it only competes with a handicap."""
+    prior_odds: float = 1.0
+    """Prior odds of the form against the usual form of any effect."""
+    covariance_term: str | None = None
+    """Term of the covariance whose errors it describes; None of an effect with a cause."""
     shared_by: tuple[str, ...] | None = None
     """Fields of which forms have coefficients in common where they agree (orders 1, and 1 and 2); None: all fields."""
 
 
 @dataclass(frozen=True)
 class Effect(abc.ABC):
-    """One effect on named joints. Subclasses are frozen dataclasses; their fields declare the effect's settings."""
+    """One effect on named joints. Subclasses with settings are frozen dataclasses, whose fields declare them."""
 
     joints: tuple[str, ...] = ()
 
@@ -394,19 +397,15 @@ class Effect(abc.ABC):
         return Term(name, unit, typical, (Part(arm.axis_motion(joint), regressor),), **more)
 
     @classmethod
-    def missing(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if the effect cannot be fitted to this robot and these data, in one line; else None."""
-        return next((need.reason for need in cls.traits.needs if not need.is_met(arm, data)), None)
-
-    @classmethod
-    def missing_form(cls, arm: Arm, data: Measurements) -> str | None:
-        """Return the reason if the usual form of a possible effect cannot be fitted, in one line; else None."""
-        return next((need.reason for need in cls.traits.needs_of_usual_form if not need.is_met(arm, data)), None)
+    def missing(cls, arm: Arm, data: Measurements, *, usual: bool = False) -> str | None:
+        """Return the reason if the effect, or its ``usual`` form, cannot be fitted to these data; else None."""
+        needs = (*cls.traits.needs, *(cls.traits.needs_of_usual_form if usual else ()))
+        return next((need.reason for need in needs if not need.is_met(arm, data)), None)
 
     @property
-    def rejects_implausible(self) -> bool:
-        """Return whether implausible coefficients rule this form out; otherwise it only competes with a handicap."""
-        return False
+    def form(self) -> Traits:
+        """Return what this form of the effect is, where it differs from the traits of all forms."""
+        return self.traits
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if fitted coefficients are beyond what the effect can be, in one sentence; else None.
@@ -438,10 +437,12 @@ class Effect(abc.ABC):
         return tuple(name for name in names if cls.traits.only in (None, arm.joint(name).type))
 
     @classmethod
-    def check_joint(cls, arm: Arm, joint: str) -> None:
-        """Raise UsageError for a joint that the effect cannot act on."""
+    def checked_joints(cls, arm: Arm, joints: Sequence[str]) -> tuple[str, ...]:
+        """Return the joints; raise UsageError for one that the effect cannot act on."""
         possible = cls.possible_joints(arm)
-        refuse((joint not in possible, f"{cls.name} cannot act on {joint}; it can on {', '.join(possible)}"))
+        can = f"it can on {', '.join(possible)}"
+        refuse(*((joint not in possible, f"{cls.name} cannot act on {joint}; {can}") for joint in joints))
+        return tuple(joints)
 
     @classmethod
     def default(cls, arm: Arm, data: Measurements, joints: Sequence[str] | None = None) -> Effect:
@@ -490,9 +491,8 @@ class Effect(abc.ABC):
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the effect in SI; its settings are in units of ``length`` m and ``angle`` rad."""
-        sizes = {"length": length, "angle": angle}
         changes = {
-            declared.field: scaled(getattr(self, declared.field), sizes[declared.unit])
+            declared.field: scaled(getattr(self, declared.field), length if declared.unit == "length" else angle)
             for declared in settings_of(type(self)).values()
             if declared.unit
         }
@@ -524,26 +524,18 @@ class Effect(abc.ABC):
         """
         return None
 
-    def chart(self) -> Over | None:
-        """Return the driver of this form over which the residual is drawn; None if it has no single driver."""
-        return self.traits.chart
-
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the driver over which the residual of the effect on ``joint`` is drawn; None if there is none."""
-        chart = self.chart()
+        chart = self.form.chart
         return (
             None
             if chart is None or (joint is None and _JOINT in chart.driver)
             else Driver.at(arm, data, chart.driver.replace(_JOINT, joint or ""), chart.is_only)
         )
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the drivers of this form whose range the model file keeps, with ``{joint}`` for each joint."""
-        return self.traits.drivers
-
     def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
         """Return the drivers whose range the model file keeps; a constant has none."""
-        drivers = () if self.traits.is_constant else self.depends_on(arm)
+        drivers = () if self.traits.is_constant else self.form.drivers
         joints = ((driver, self.joints if _JOINT in driver else ("",)) for driver in drivers)
         return tuple(dict.fromkeys(driver.replace(_JOINT, joint) for driver, names in joints for joint in names))
 
@@ -552,28 +544,16 @@ class Effect(abc.ABC):
         """True if its coefficients multiply torques of the masses as the robot file states them."""
         return MASSES in self.traits.needs or getattr(self, "masses", None) == "known"
 
-    @property
-    def prior_odds(self) -> float:
-        """Prior odds of this form against the usual form of any effect."""
-        return 1.0
-
-    @property
-    def follows_approach(self) -> bool:
-        """True if the direction of approach decides it, so that a joint with a memory shows a part of it."""
-        return False
-
     def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
         """Return what becomes of the effect beyond the range ``limits`` of one of its drivers, SI."""
-        return Beyond(self.traits.extrapolates is None)
+        return Beyond(self.form.extrapolates is None)
 
     def limits(self, arm: Arm, validity: Validity, *, fading: bool = False) -> tuple[Validity, Periods]:
         """Return the ranges of the drivers beyond which it is held, or fades, and the periods of some of them."""
         rules = {name: self.beyond(arm, name, limits) for name, limits in validity.items()}
-        names = [name for name, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)]
-        periods = {name: rules[name].period for name in names}
-        return {name: validity[name] for name in names}, {
-            k: period for k, period in periods.items() if period is not None
-        }
+        chosen = {k: rule for k, rule in rules.items() if (rule.fading is not None if fading else rule.is_held)}
+        periods = {name: rule.period for name, rule in chosen.items() if rule.period is not None}
+        return {name: validity[name] for name in chosen}, periods
 
     def within(self, validity: Validity) -> Effect:
         """Return the effect as it is used on poses beyond ``validity``; an effect of the torque may limit that."""
@@ -601,14 +581,9 @@ class Effect(abc.ABC):
         """
         return None
 
-    @property
-    def term_of_covariance(self) -> str | None:
-        """Return the term of the covariance whose errors it describes; None of an effect with a cause."""
-        return None
-
     def is_profile(self) -> bool:
         """Return whether it is a block of many terms, a candidate only if named terms leave structure."""
-        return self.traits.is_empirical or self.term_of_covariance is not None
+        return self.traits.is_empirical or self.form.covariance_term is not None
 
     def __str__(self) -> str:
         """Return the name with joints, as in ``backlash[j2]``."""
@@ -616,6 +591,7 @@ class Effect(abc.ABC):
 
 
 REGISTRY: dict[str, type[Effect]] = {}
+"""Effects by name, of the modules that are loaded; that of :mod:`robacc.effects` has all."""
 
 E = TypeVar("E", bound=type[Effect])
 
@@ -638,11 +614,9 @@ def effect_class(name: str) -> type[Effect]:
     Raises:
         UsageError: there is no such effect; the message suggests the nearest name and lists all.
     """
-    if name not in REGISTRY:
+    known: dict[str, type[Effect]] = REGISTRY if name in REGISTRY else import_module("robacc.effects").REGISTRY
+    if name not in known:
         load_plug_ins()
-    try:
-        return REGISTRY[name]
-    except KeyError:
-        matches = difflib.get_close_matches(name, REGISTRY, n=1)
-        hint = f", did you mean {matches[0]!r}?" if matches else "."
-        raise UsageError(f"no effect {name!r}{hint} The catalogue: {', '.join(REGISTRY)}") from None
+        hint = "".join(f", did you mean {match!r}?" for match in difflib.get_close_matches(name, known, n=1))
+        refuse((name not in known, f"no effect {name!r}{hint or '.'} The catalogue: {', '.join(known)}"))
+    return known[name]

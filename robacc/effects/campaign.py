@@ -13,15 +13,15 @@ import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import PurePath
-from typing import Any, Literal, cast
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import (
+    FOLLOWED_SHARE,
     SCALE_OF_INSTRUMENT,
     About,
-    Beyond,
     Effect,
     Need,
     Over,
@@ -67,29 +67,21 @@ class LineOfSight(Effect):
             for choice in declared.choices
         )
 
-    @property
     @abc.abstractmethod
-    def labels(self) -> tuple[str, ...]:
-        """Label of each coefficient."""
-
-    @abc.abstractmethod
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
-        """Return ``(P, Q, 3, N)`` shift of the measured point for each of the Q coefficients at 1.
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
+        """Return ``(3, N)`` shift of the measured point for each coefficient at 1, by its label.
 
         Args:
-            position: ``(3, N)`` targets in the measuring frame, m.
+            along: ``(3, N)`` unit vectors from the instrument to the targets, measuring frame.
+            distance: ``(N,)`` distances of the targets from the instrument, m.
             rotation: ``(3, 3, N)`` orientation of the tool.
-            places: ``(P, 3)`` places of the instrument.
         """
-
-    def at(self, place: Place) -> LineOfSight:
-        """Return the same form at another place."""
-        return dataclasses.replace(self, place=place)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients, each of which moves the base along x, y and z of the measuring frame."""
         position, rotation = lines_of_sight(arm, data, self.name)
-        shifts = self.shifts(position, rotation, np.array([self.place]))[0]
+        offset = position - np.array(self.place)[:, None]
+        distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=0)), 1e-9)
         return tuple(
             Term(
                 f"{self.name}.{label}",
@@ -97,12 +89,12 @@ class LineOfSight(Effect):
                 1e-5,
                 tuple(Part(arm.chain.index(BASE, axis), shift[i]) for i, axis in enumerate("xyz")),
             )
-            for label, shift in zip(self.labels, shifts, strict=True)
+            for label, shift in self.shifts(offset / distance, distance, rotation).items()
         )
 
     def stated(self, values: Mapping[str, float]) -> tuple[str, str]:
         """Return the size of the error of fitted ``values``, mm or mrad, and the instrument's place, m, as texts."""
-        size = math.hypot(*(values.get(f"{self.name}.{label}", 0.0) for label in self.labels))
+        size = math.hypot(*(value for name, value in values.items() if name.startswith(f"{self.name}.")))
         return f"{1e3 * size:.2g}", ", ".join(f"{value:.2g}" for value in self.place)
 
 
@@ -110,13 +102,6 @@ def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Ar
     """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses."""
     poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
     return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
-
-
-def beams(position: Array, places: Array) -> tuple[Array, Array]:
-    """Return ``(P, 3, N)`` unit vectors from the places to the targets, and ``(P, N)`` distances."""
-    offset = position - places[:, :, None]
-    distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=1)), 1e-9)
-    return offset / distance[:, None], distance
 
 
 def first_places(position: Array) -> Array:
@@ -191,22 +176,18 @@ class TrackerError(LineOfSight):
         example="{effect: tracker_error, kind: range, instrument: [3, -2, 1], values: {offset: 5e-5}}",
     )
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the offset of the range, or cosine and sine of an angle's error."""
-        return ("offset",) if self.kind == "range" else ("cos", "sin")
-
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
         """Return the line of sight, or the tangents times cosine and sine of the angle."""
-        along, distance = beams(position, places)
         if self.kind == "range":
-            return along[:, None]
-        flat = np.maximum(np.hypot(along[:, 0], along[:, 1]), 1e-9)
-        x, y, z = along[:, 0] / flat, along[:, 1] / flat, along[:, 2]
-        cosine, sine, tangent = x, y, np.stack((-y, x, np.zeros_like(x)), axis=1) * (flat * distance)[:, None]
-        if self.kind == "vertical":
-            cosine, sine, tangent = flat, z, np.stack((-z * x, -z * y, flat), axis=1) * distance[:, None]
-        return np.stack((tangent * cosine[:, None], tangent * sine[:, None]), axis=1)
+            return {"offset": along}
+        flat = np.maximum(np.hypot(along[0], along[1]), 1e-9)
+        x, y, z = along[0] / flat, along[1] / flat, along[2]
+        cosine, sine, tangent = (
+            (flat, z, np.stack((-z * x, -z * y, flat)) * distance)
+            if self.kind == "vertical"
+            else (x, y, np.stack((-y, x, np.zeros_like(x))) * (flat * distance))
+        )
+        return {"cos": tangent * cosine, "sin": tangent * sine}
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
         """Return the reason if an offset, or an angle's error, is more than a tracker can have; else None."""
@@ -267,18 +248,12 @@ class TargetDecentre(LineOfSight):
         example="{effect: target_decentre, axis: x, instrument: [3, -2, 1], values: {across: 1e-4, beyond: 5e-5}}",
     )
 
-    @property
-    def labels(self) -> tuple[str, ...]:
-        """Return the shift along the line of sight, and two across it."""
-        return ("along", "across", "beyond")
-
-    def shifts(self, position: Array, rotation: Array, places: Array) -> Array:
+    def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:
         """Return the line of sight, the tool's axis across it, and their product."""
-        along, _ = beams(position, places)
         axis = rotation[:, "xyz".index(self.axis)]
-        across = axis - along * np.sum(axis * along, axis=1, keepdims=True)
-        across = across / np.maximum(np.sqrt(np.sum(np.square(across), axis=1, keepdims=True)), 1e-9)
-        return np.stack((along, across, np.cross(along, across, axis=1)), axis=1)
+        across = axis - along * np.sum(axis * along, axis=0)
+        across = across / np.maximum(np.sqrt(np.sum(np.square(across), axis=0)), 1e-9)
+        return {"along": along, "across": across, "beyond": np.cross(along, across, axis=0)}
 
     def statement(
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
@@ -314,6 +289,8 @@ class InstrumentScale(Effect):
 
     traits = Traits(
         per_joint=False,
+        drivers=(),
+        chart=Over("distance"),
         extrapolates="a scale acts in proportion to the distance",
         is_of_measurement=True,
         shared_by=("origin", "span"),
@@ -335,29 +312,18 @@ class InstrumentScale(Effect):
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
         """Yield a constant scale, and drifts if the time varies."""
-        if not data.has_length:
-            return
-        yield cls()
-        if data.time is not None and varies(data.time):
+        if data.has_length:
+            yield cls()
+        if data.has_length and data.time is not None and varies(data.time):
             low, high = float(data.time.min()), float(data.time.max())
             yield from (cls(drift=degree, origin=(low + high) / 2, span=(high - low) / 2) for degree in _DEGREES)
 
     @property
-    def rejects_implausible(self) -> bool:
-        """Return whether the scale drifts: shifts of its own let it follow any drift of the frame."""
-        return self.drift > 0
-
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the time of a drift."""
-        return ("time_s",) if self.drift else ()
-
-    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
-        """Return that a drift ends with the poses."""
-        return Beyond(is_held=True)
-
-    def chart(self) -> Over:
-        """Return the distance from the instrument, or the time of a drift."""
-        return Over("time_s", is_only=False) if self.drift else Over("distance")
+    def form(self) -> Traits:
+        """Return what a drift is: it ends with the poses, and its shifts would let it follow any drift of the frame."""
+        over = Over("time_s", is_only=False)
+        changes: dict[str, Any] = {"drivers": ("time_s",), "chart": over, "extrapolates": None}
+        return self.traits._replace(**changes, rejects_implausible=True) if self.drift else self.traits
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term, or four per power of time."""
@@ -378,16 +344,16 @@ class InstrumentScale(Effect):
         scale, shifts, centre = self._curves({term.name: value for term, value in zip(terms, values, strict=True)})
         if centre is None:
             return super().implausible(terms, values)
-        if math.hypot(*centre) > FARTHEST:
-            distance = f"{math.hypot(*centre):.2g} m away"
-            return f"{self.name}: its centre is {distance}, which is implausible: an instrument stands nearer"
         moved, left_over = (float(np.sum(np.square(part))) for part in (shifts, shifts + np.outer(scale, centre)))
+        if (distance := math.hypot(*centre)) > FARTHEST:
+            return (
+                f"{self.name}: its centre is {distance:.2g} m away, which is implausible: an instrument stands nearer"
+            )
         # Share of the shifts' mean square over time that a scale about one point leaves, from which there is no such
         # point: in simulations drifting air leaves at most 0.12 of it (0.48 where hardly noticeable), errors that
         # wander 0.99 and more.
-        if left_over > 0.5 * moved:
-            return f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
-        return super().implausible(terms, values)
+        moves = f"{self.name}: its shifts are not those of a scale about one point: the frame of the poses moves"
+        return moves if left_over > 0.5 * moved else super().implausible(terms, values)
 
     def _curves(self, values: Mapping[str, float]) -> tuple[Array, Array, Array | None]:
         """Return ``(T,)`` the scale and ``(T, 3)`` the shifts over the time of the poses, and ``(3,)`` their centre, m.
@@ -415,12 +381,7 @@ class InstrumentScale(Effect):
         )
 
 
-FOLLOWED_SHARE = 0.5
-"""Share from which the joints read back describe the arm better than those commanded."""
-
-
 @register
-@dataclass(frozen=True)
 class ReadBack(Effect):
     """Joint variables shifted by a share of the difference between the joints read back and those commanded.
 
@@ -442,6 +403,7 @@ class ReadBack(Effect):
         extrapolates="the difference is that of each pose",
         is_of_measurement=True,
         is_nonnegative=True,
+        rejects_implausible=True,  # an arm stands between its command and the joints read back
         implausible_factor=1.5,
     )
     about = About(
@@ -456,11 +418,6 @@ class ReadBack(Effect):
         source="a parameter times a regressor, as every effect here",
         example="{effect: read_back, values: {value: 1}}",
     )
-
-    @property
-    def rejects_implausible(self) -> bool:
-        """Return True: an arm stands between its command and the joints read back, so no share is far above 1."""
-        return True
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the share, common to all joints."""
@@ -546,9 +503,11 @@ class Step(Effect):
         """Return a step in the middle of the run: of the base, or of the zero of ``joints``."""
         return cls(joints, "joint" if joints else "base").starting(float(np.median(sequence_of(data))), data)
 
-    def chart(self) -> Over:
-        """Return the time, or the line."""
-        return Over("line" if self.from_time is None else "time_s", is_only=False)
+    @property
+    def form(self) -> Traits:
+        """Return that it is drawn over the time, or the line."""
+        over = Over("line" if self.from_time is None else "time_s", is_only=False)
+        return self.traits._replace(chart=over)
 
     def starting(self, at: float, data: Measurements) -> Step:
         """Return the same step at a time (s) or line of ``data``."""
@@ -564,6 +523,11 @@ class Step(Effect):
             float(np.ptp(sequence_of(data))),
         )
 
+    @property
+    def place(self) -> float:
+        """Return the place of the step in the sequence, s or line."""
+        return float(self.from_line or 0) if self.from_time is None else self.from_time
+
     def after(self, data: Measurements) -> Array:
         """Return ``(N,)`` 1 for poses after the step, 0 for poses before it."""
         now = np.ones(data.n)
@@ -578,19 +542,16 @@ class Step(Effect):
         """Return one term per joint, or three or six of the base or the target."""
         after = self.after(data)
         if self.part == "payload":
-            after = after * unit_torques(arm, data)
+            torques = dict(zip(arm.names, after * unit_torques(arm, data), strict=True))
             return tuple(
-                self.joint_term(
-                    arm, joint, after[arm.number(joint)], typical=5e-5, unit=f"{compliance_unit(arm, joint)} kg"
-                )
+                self.joint_term(arm, joint, torques[joint], typical=5e-5, unit=f"{compliance_unit(arm, joint)} kg")
                 for joint in self.joints
             )
         if self.part == "joint":
             return tuple(self.joint_term(arm, joint, after) for joint in self.joints)
-        owner = BASE if self.part == "base" else TOOL
-        if self.target is not None:
-            after = after * (data.target == self.target if data.target is not None else 1.0)
-        return frame_terms(arm, owner, self.name, after, turning=self.turning)
+        if self.target is not None and data.target is not None:
+            after = after * (data.target == self.target)
+        return frame_terms(arm, BASE if self.part == "base" else TOOL, self.name, after, turning=self.turning)
 
     @classmethod
     def from_settings(cls, joints: tuple[str, ...], settings: Mapping[str, Any]) -> Effect:
@@ -663,23 +624,20 @@ def sequence_of(data: Measurements) -> Array:
 
 # Steps as a search builds them: every part that can move, and the poses where its step may lie.
 
-CHANGE_POINT = Step.name
-"""Name of the effect that a search over the poses finds."""
 FEWEST = 5
 """Visits on each side of a step that a search demands: fewer deviating visits are outliers."""
 _LEAST_TORQUE = 0.1
 """Least torque of a load on a joint that a search for a changed load includes, over the largest on any joint."""
 
 
-def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
+def step_forms(arm: Arm, data: Measurements) -> Iterator[Step]:
     """Yield every form of a step, before all poses: the base, turning or not, the target or targets, each joint."""
     if Step.missing(arm, data) is not None:
         return
     turns = data.rotation is not None
+    names = [] if data.target is None else np.unique(data.target).tolist()
     forms = [Step((), "base"), Step((), "base", turning=True), Step((), "target", turning=turns)]
-    if data.target is not None:
-        names = np.unique(data.target)
-        forms += [Step((), "target", target=str(name), turning=turns) for name in names if names.size > 1]
+    forms += [Step((), "target", target=str(name), turning=turns) for name in names if len(names) > 1]
     forms += [Step((joint,), "joint") for joint in arm.names]
     # A load that changes is in the column of a payload that is logged. Without masses, the weight that the arm always
     # carries has no effect of one coefficient, and a step of the load near the first pose would stand for it.
@@ -691,36 +649,13 @@ def step_forms(arm: Arm, data: Measurements) -> Iterator[Effect]:
         yield form.starting(float(sequence_of(data).min()), data)
 
 
-def at_place(form: Effect, place: float, data: Measurements) -> Effect:
-    """Return the step of the same form at a place of the sequence."""
-    return cast(Step, form).starting(place, data)
-
-
-def possible_places(form: Effect, between: Array) -> Array:
+def possible_places(form: Step, between: Array) -> Array:
     """Return the places, of ``between`` poses, where a search lets a step of a form lie.
 
     A changed load lies after a quarter of the visits: nearer to the first pose, it would stand for a load that is there
     all the time.
     """
-    return between[between.size // 4 :] if cast(Step, form).part == "payload" else between
-
-
-def is_step(effect: Effect) -> bool:
-    """Return whether an effect is a step, whose place a search finds."""
-    return isinstance(effect, Step)
-
-
-def place_of(effect: Effect) -> float:
-    """Return the place of a step in the sequence, s or line."""
-    step = cast(Step, effect)
-    return float(step.from_line or 0) if step.from_time is None else step.from_time
-
-
-def same_form(first: Effect, second: Effect) -> bool:
-    """Return whether two steps differ in their place at most."""
-    steps = (cast(Step, effect) for effect in (first, second))
-    one, other = (dataclasses.replace(step, from_line=None, from_time=None, file=None) for step in steps)
-    return one == other
+    return between[between.size // 4 :] if form.part == "payload" else between
 
 
 def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.int64], Array]:
@@ -737,9 +672,9 @@ def places(data: Measurements, visits: NDArray[np.int64]) -> tuple[NDArray[np.in
     return number.astype(np.int64), before
 
 
-def place_text(place: float, effect: Effect, data: Measurements) -> str:
+def place_text(place: float, step: Step, data: Measurements) -> str:
     """Return a place of a step as text: the first pose after it, with its time where the step has one."""
     sequence = sequence_of(data)
     after = np.flatnonzero(sequence >= place)
     line = data.place(int(after[np.argmin(sequence[after])])) if after.size else "the end"
-    return line if cast(Step, effect).from_time is None else f"{place:.6g} s ({line})"
+    return line if step.from_time is None else f"{place:.6g} s ({line})"

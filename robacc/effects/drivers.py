@@ -56,7 +56,7 @@ _UNITS = {
 }
 """SI unit of each kind; two where that of a slide differs."""
 _DIRECTIONS = "dir_q1 … (or `ordered`)"
-_COLUMNS = {
+COLUMNS = {
     "speed": "speed_q1 … (or `ordered`)",
     "direction": _DIRECTIONS,
     "signed_torque": _DIRECTIONS,
@@ -70,7 +70,7 @@ MARGIN = 0.01
 """Share of a driver's range by which a pose may exceed it and still count as inside."""
 
 
-def _split(arm: Arm, name: str) -> tuple[str, str]:
+def split(arm: Arm, name: str) -> tuple[str, str]:
     """Return the kind of a driver, ``torque`` for example, and its joint; the kind of a joint's variable is empty."""
     of_joint = ("speed", "direction", "torque", "payload_torque", "signed_torque")
     kind = next((kind for kind in of_joint if name.startswith(f"{kind}_")), name)
@@ -79,7 +79,7 @@ def _split(arm: Arm, name: str) -> tuple[str, str]:
 
 def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
     """Return ``(N,)`` the values of a driver, or None if the poses or the robot do not have it."""
-    kind, joint = _split(arm, name)
+    kind, joint = split(arm, name)
     if kind in _FIELDS:
         column: Array | None = getattr(data, _FIELDS[kind])
         return column if column is None or column.ndim == 1 else column[arm.number(joint)]
@@ -101,19 +101,9 @@ def driver_values(arm: Arm, data: Measurements, name: str) -> Array | None:
 
 def driver_unit(arm: Arm, name: str) -> str:
     """Return the SI unit of a driver."""
-    kind, joint = _split(arm, name)
+    kind, joint = split(arm, name)
     units = _UNITS[kind]
     return units[0] if len(units) == 1 or arm.is_revolute(joint) else units[1]
-
-
-def is_of_weight(arm: Arm, name: str) -> bool:
-    """Return whether a driver is a torque of the arm's own weight."""
-    return _split(arm, name)[0] in ("torque", "signed_torque")
-
-
-def columns_of(arm: Arm, name: str) -> str:
-    """Return the columns of a pose file that a driver follows from, as messages name them."""
-    return _COLUMNS.get(_split(arm, name)[0], "q1 … qN")
 
 
 class Driver(NamedTuple):
@@ -135,7 +125,7 @@ class Driver(NamedTuple):
         values = driver_values(arm, data, name)
         if values is None:
             return None
-        kind, joint = _split(arm, name)
+        kind, joint = split(arm, name)
         unit = "1" if kind == "speed" else driver_unit(arm, name)
 
         def swept(values: Array) -> Measurements:
@@ -153,11 +143,10 @@ class Driver(NamedTuple):
 
 def ranges(arm: Arm, data: Measurements, names: Iterable[str]) -> dict[str, tuple[float, float]]:
     """Return the range of each driver that the poses have."""
-    columns = {name: driver_values(arm, data, name) for name in names}
     return {
         name: (float(np.min(values)), float(np.max(values)))
-        for name, values in columns.items()
-        if values is not None and values.size
+        for name in names
+        if (values := driver_values(arm, data, name)) is not None and values.size
     }
 
 
@@ -195,7 +184,7 @@ def clip_drivers(arm: Arm, data: Measurements, limits: Validity, periods: Period
     """
     changes: dict[str, Any] = {}
     for name, (low, high) in limits.items():
-        kind, joint = _split(arm, name)
+        kind, joint = split(arm, name)
         values = driver_values(arm, data, name) if kind in _FIELDS else None
         if values is None or not np.any((values < low) | (values > high)):
             continue

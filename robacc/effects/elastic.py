@@ -114,7 +114,7 @@ class OwnWeight(Elastic):
                 # Of an unknown mass, and of an unknown first moment of mass.
                 std = stds.get(label, {"kg": 5.0, "kg m": 1.0}[kind])
                 own = Term(f"{name}.{label}", f"{unit} {kind}", typical, self.parts(motions, load), name, std)
-                terms.append(dataclasses.replace(own, stretch=stretch))
+                terms.append(own._replace(stretch=stretch))
         return tuple(terms)
 
 
@@ -148,9 +148,15 @@ class JointCompliance(OwnWeight):
     )
 
     @property
-    def prior_odds(self) -> float:
-        """Odds of masses that are wrong by more than their uncertainty: where both fit, the file's masses hold."""
-        return 1.0 / 150.0 if self.masses == "uncertain" else 1.0
+    def form(self) -> Traits:
+        """Return what it is with these masses.
+
+        It is drawn over gravity's torque, or over the joint's variable where the masses are unknown. Masses that are
+        wrong by more than their uncertainty are rare: where both fit, the file's masses hold.
+        """
+        over = Over("{joint}" if self.masses == "unknown" else "torque_{joint}", self.masses == "known")
+        odds = 1.0 / 150.0 if self.masses == "uncertain" else 1.0
+        return self.traits._replace(chart=over, prior_odds=odds)
 
     @classmethod
     def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -160,10 +166,6 @@ class JointCompliance(OwnWeight):
             yield cls.usual(arm, data, (joint,))
             if arm.chain.bodies and bears[arm.number(joint)]:
                 yield cls((joint,), "uncertain")
-
-    def chart(self) -> Over:
-        """Return gravity's torque on the joint, or its variable if the masses are unknown."""
-        return Over("{joint}" if self.masses == "unknown" else "torque_{joint}", self.masses == "known")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""
@@ -205,9 +207,6 @@ def regressor_stds(arm: Arm, error: float) -> dict[str, float]:
 
 _LEAST_TORQUE = 1e-3
 """N m below which gravity has no moment about a joint."""
-_BEYOND = 1.5
-"""Torque over the largest on the poses of the fit, up to which the law of the spring is used. On simulated arms poses
-that exceed that torque a little are predicted twice as well as with a deflection that is held at it."""
 
 
 @register
@@ -275,38 +274,33 @@ class JointHardening(Effect):
         return super().implausible(terms, values)
 
     def within(self, validity: Validity) -> Effect:
-        """Return the effect with its deflection held beyond :data:`_BEYOND` times the largest torques of ``validity``.
+        """Return the effect with its deflection held beyond 1.5 times the largest torques of ``validity``.
 
-        The cube of a torque that is ten times as large would be a thousand times as large.
+        The cube of a torque that is ten times as large would be a thousand times as large. On simulated arms poses that
+        exceed the torque a little are predicted twice as well as with a deflection that is held at it.
         """
         torques = {joint: validity.get(f"torque_{joint}") for joint in self.joints}
-        largest = {joint: _BEYOND * max(map(abs, limits)) for joint, limits in torques.items() if limits}
+        largest = {joint: 1.5 * max(map(abs, limits)) for joint, limits in torques.items() if limits}
         return dataclasses.replace(self, largest_torques=largest) if largest else self
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
-        torques = {
+        shares = {
             joint: np.clip(driven_by(arm, data, f"torque_{joint}", self.name), -largest, largest)
+            / (self.reference if self.knee is None else self.knee)
             for joint in self.joints
             for largest in [self.largest_torques.get(joint, np.inf)]
         }
         if self.knee is None:
-            cubes = {joint: (torque / self.reference) ** 3 for joint, torque in torques.items()}
-            return tuple(self.joint_term(arm, joint, cube) for joint, cube in cubes.items())
-        # The only real root of z + z^3 = torque / knee.
-        roots = {
-            joint: 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * (torque / self.knee)) / 3.0)
-            for joint, torque in torques.items()
+            return tuple(self.joint_term(arm, joint, share**3) for joint, share in shares.items())
+        # The only real root of z + z^3 = torque / knee, less that ratio.
+        beyond = {
+            joint: 2.0 / np.sqrt(3.0) * np.sinh(np.arcsinh(1.5 * np.sqrt(3.0) * share) / 3.0) - share
+            for joint, share in shares.items()
         }
         return tuple(
-            self.joint_term(
-                arm,
-                joint,
-                self.knee * (roots[joint] - torque / self.knee),
-                typical=1e-5,
-                unit=compliance_unit(arm, joint),
-            )
-            for joint, torque in torques.items()
+            self.joint_term(arm, joint, self.knee * part, typical=1e-5, unit=compliance_unit(arm, joint))
+            for joint, part in beyond.items()
         )
 
     def statement(
@@ -327,16 +321,11 @@ class JointHardening(Effect):
 
 def _largest_torque(arm: Arm, data: Measurements, joints: Sequence[str]) -> float:
     """Return the largest torque of gravity on some joints, N m."""
-    torque = weight_torques(arm, data)
-    return max((float(np.abs(torque[arm.number(joint)]).max(initial=0.0)) for joint in joints), default=0.0)
-
-
-_UPRIGHT = 0.02
-"""Largest sine of the angle between an upright axis and gravity."""
+    torque = weight_torques(arm, data)[[arm.number(joint) for joint in joints]]
+    return float(np.abs(torque).max(initial=0.0))
 
 
 @register
-@dataclass(frozen=True)
 class LateralCompliance(OwnWeight):
     """Each joint's axis tilted by c times the bending moment, the same stiffness in both directions.
 
@@ -388,7 +377,7 @@ def _upright_joints(arm: Arm, data: Measurements) -> tuple[str, ...]:
     return tuple(
         joint
         for i, (joint, value) in enumerate(zip(arm.names, sine, strict=True))
-        if i == 0 or (arm.is_revolute(joint) and value < _UPRIGHT)
+        if i == 0 or (arm.is_revolute(joint) and value < 0.02)  # largest sine of its angle with gravity
     )
 
 
@@ -417,6 +406,8 @@ class PayloadCompliance(Elastic):
                 lambda arm, data: data.payload is not None or bool(_groups(data)),
             ),
         ),
+        drivers=("payload_kg",),
+        chart=Over("payload_torque_{joint}"),
         extrapolates="Hooke's law: deflection in proportion to the payload's torque",
         is_nonnegative=True,
     )
@@ -445,13 +436,10 @@ class PayloadCompliance(Elastic):
         yield cls(joints, groups=_groups(data))
         yield cls(joints, "uncertain", _groups(data))
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the payload, where it is known."""
-        return () if self.groups else ("payload_kg",)
-
-    def chart(self) -> Over | None:
-        """Return the payload's torque on the joint, where it is known."""
-        return None if self.groups else Over("payload_torque_{joint}")
+    @property
+    def form(self) -> Traits:
+        """Return that unknown payloads drive nothing."""
+        return self.traits._replace(drivers=(), chart=None) if self.groups else self.traits
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term for each joint and load, and one for each first moment if the centre is uncertain."""
@@ -499,10 +487,8 @@ class PayloadCompliance(Elastic):
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return the ratios of unknown loads."""
-        if not self.groups:
-            return None
         sizes = {group: values.get(f"{self.name}.{self.joints[0]}.{group}", 0.0) for group in self.groups}
-        largest = max(sizes.values(), key=abs)
+        largest = max(sizes.values(), key=abs, default=0.0)
         if largest == 0.0:
             return None
         shares = ", ".join(f"{group} {size / largest:.2f}" for group, size in sizes.items())

@@ -16,7 +16,6 @@ from robacc.effects.base import (
     LEAST_OF_CONSTANT,
     TIME,
     About,
-    Beyond,
     Effect,
     Need,
     Over,
@@ -65,7 +64,6 @@ def frame_terms(
 
 
 @register
-@dataclass(frozen=True)
 class BaseFrame(Effect):
     """Six coordinates of the base."""
 
@@ -96,7 +94,6 @@ class BaseFrame(Effect):
 
 
 @register
-@dataclass(frozen=True)
 class ToolFrame(Effect):
     """Six coordinates of the tool, or of each of several targets."""
 
@@ -142,7 +139,6 @@ def _terms_of_frames(
 
 
 @register
-@dataclass(frozen=True)
 class JointOffset(Effect):
     """Offset of each joint's zero."""
 
@@ -368,17 +364,12 @@ class ThermalExpansion(Effect):
         for slides in (True, False) if _travels(arm) else (True,):
             yield from (cls(time_constant=constant, slides=slides) for constant in constants)
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the temperature, or the time of a warm-up."""
-        return ("temperature_c" if self.time_constant is None else "time_s",)
-
-    def chart(self) -> Over:
-        """Return the same."""
-        return Over("temperature_c" if self.time_constant is None else "time_s", is_only=False)
-
-    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
-        """Return that a warm-up is held; lengths go on in proportion to temperature (linear expansion)."""
-        return Beyond(is_held=self.time_constant is not None)
+    @property
+    def form(self) -> Traits:
+        """Return what drives it: the temperature, with which lengths go on, or the time of a warm-up, which is held."""
+        driver, law = ("temperature_c", "linear expansion") if self.time_constant is None else ("time_s", None)
+        over = Over(driver, is_only=False)
+        return self.traits._replace(drivers=(driver,), chart=over, extrapolates=law)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term that moves every length."""

@@ -35,7 +35,6 @@ from robacc.robots.arm import Arm
 
 
 @register
-@dataclass(frozen=True)
 class GearRatio(Effect):
     """Joint variable scaled by 1 + k."""
 
@@ -79,13 +78,14 @@ class JointCoupling(Effect):
         example="{effect: joint_coupling, joints: [j6], drivers: [j5], values: {j6.j5: 1e-3}}",
     )
 
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the joints that turn others."""
-        return tuple(driver for joint in self.joints for driver in self._drivers(arm, joint))
+    @property
+    def form(self) -> Traits:
+        """Return that it is drawn over the joint that turns this joint, if there is a single one."""
+        return self.traits._replace(chart=Over(self.drivers[0]) if len(self.drivers) == 1 else None)
 
-    def chart(self) -> Over | None:
-        """Return the joint that turns this joint, if there is a single one."""
-        return Over(self.drivers[0]) if len(self.drivers) == 1 else None
+    def validity_drivers(self, arm: Arm) -> tuple[str, ...]:
+        """Return the joints that turn others."""
+        return tuple(dict.fromkeys(driver for joint in self.joints for driver in self._drivers(arm, joint)))
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per pair of joints."""
@@ -202,13 +202,11 @@ class Backlash(Effect):
             yield from (Backlash(self.joints, "gravity", friction) for friction in frictions.tolist())
 
     @property
-    def follows_approach(self) -> bool:
-        """True unless gravity alone decides the flank."""
-        return self.by == "approach" or self.friction > 0.0
-
-    def chart(self) -> Over:
-        """Return the direction of approach, or gravity's torque if that decides the flank."""
-        return Over("torque_{joint}" if self.by == "gravity" else "direction_{joint}")
+    def form(self) -> Traits:
+        """Return what decides the flank: the direction of approach, gravity's torque, or with friction both."""
+        over = Over("torque_{joint}" if self.by == "gravity" else "direction_{joint}")
+        follows = self.by == "approach" or self.friction > 0.0
+        return self.traits._replace(chart=over, follows_approach=follows)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""
@@ -235,13 +233,12 @@ class Backlash(Effect):
         self, arm: Arm, values: Mapping[str, float], between: tuple[str, str, str] | None = None
     ) -> str | None:
         """Return that the load decides the flank, if it does."""
-        if self.by == "approach":
-            return None
         unit = "N m" if arm.is_revolute(self.joints[0]) else "N"
         friction = f"; below {self.friction:.3g} {unit} it stays on the flank of its approach" if self.friction else ""
-        return (
+        text = (
             f"the gear rests on the flank that gravity presses it to{friction}: it jumps where the torque changes sign"
         )
+        return text if self.by == "gravity" else None
 
 
 def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array:
@@ -255,16 +252,13 @@ def _distinct_frictions(number: int, torque: Array, data: Measurements) -> Array
     direction, size = data.direction[number], np.abs(torque)
     # Largest friction that a search tries, over the largest torque of gravity on the joint.
     opposed = np.unique(size[(np.sign(torque) * direction < 0) & (size < 0.3 * size.max())])
-    if opposed.size == 0:
-        return np.zeros(0)
-    between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1]))
+    between = np.sqrt(opposed * np.append(opposed[1:], 1.2 * opposed[-1:]))
     if between.size > _MOST_FRICTIONS:
         between = between[np.linspace(0, between.size - 1, _MOST_FRICTIONS).round().astype(int)]
     return np.array([float(f"{friction:.6g}") for friction in between.tolist()])
 
 
 @register
-@dataclass(frozen=True)
 class FrictionWindup(Effect):
     """Joint variable shifted against the approach by c times the size of gravity's torque.
 
@@ -274,6 +268,7 @@ class FrictionWindup(Effect):
     traits = Traits(
         needs=(DIRECTION, MASSES),
         chart=Over("signed_torque_{joint}"),
+        follows_approach=True,
         extrapolates="friction acts in proportion to the load",
     )
     about = About(
@@ -287,11 +282,6 @@ class FrictionWindup(Effect):
         source="Armstrong-Helouvry, Dupont, Canudas de Wit, Automatica 30 (1994) 1083: friction that grows with load",
         example="{effect: friction_windup, joints: [j2], values: {j2: -2e-6}}",
     )
-
-    @property
-    def follows_approach(self) -> bool:
-        """Return True: friction acts against the approach."""
-        return True
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint."""

@@ -122,9 +122,8 @@ def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | N
     """
     if len(orders) == 1:
         return 2.0 * math.pi / orders[0]
-    if not all(float(number).is_integer() for number in (*orders, gear_ratio or 1.0)):
-        return None
-    return 2.0 * math.pi / math.gcd(*(int(order) for order in orders))
+    are_whole = all(float(number).is_integer() for number in (*orders, gear_ratio or 1.0))
+    return 2.0 * math.pi / math.gcd(*map(int, orders)) if are_whole else None
 
 
 def supported_orders(angle: Array) -> Array:
@@ -158,9 +157,27 @@ def orders_setting(default: tuple[float, ...]) -> Any:
     return setting(default, written=True, above=0.0, most=1000.0, different=True)
 
 
+@dataclass(frozen=True)
+class Periodic(Effect):
+    """An error with a cosine and a sine of n q_j for each order n."""
+
+    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
+
+    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
+        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself.
+
+        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range. It
+        fades over a quarter of a period of its finest order: so far the poses say something of a profile.
+        """
+        period = exact_period(self.orders, arm.joint(driver).gear_ratio)
+        if self.form.covariance_term is not None and period:
+            return Beyond(False, period, 0.5 * math.pi / max(self.orders))
+        return Beyond(limits[1] - limits[0] < common_period(self.orders), period)
+
+
 @register
 @dataclass(frozen=True)
-class TransmissionError(Effect):
+class TransmissionError(Periodic):
     """Joint variable plus cosine and sine of n q_j for each order n, whole or not.
 
     The order of a slide is 2 pi over the period of its screw, pinion or scale (rad/m).
@@ -169,7 +186,6 @@ class TransmissionError(Effect):
     deviation is estimated, so that a profile is shrunk if the poses determine little of it.
     """
 
-    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
     shrunk: bool = setting(False)
 
     traits = Traits(chart=Over("{joint}"), is_bounded=True, shared_by=())
@@ -201,21 +217,10 @@ class TransmissionError(Effect):
         """Return orders 1 and 2 of ``joints``, or of all that turn: a slide has no orders per turn."""
         return cls(tuple(filter(arm.is_revolute, arm.names) if joints is None else joints))
 
-    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
-        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself.
-
-        A profile that repeats itself after a turn is not held, since its prior says what is likely beyond the range. It
-        fades over a quarter of a period of its finest order: so far the poses say something of a profile.
-        """
-        period = exact_period(self.orders, arm.joint(driver).gear_ratio)
-        if self.shrunk and period:
-            return Beyond(False, period, 0.5 * math.pi / max(self.orders))
-        return Beyond(limits[1] - limits[0] < common_period(self.orders), period)
-
     @property
-    def term_of_covariance(self) -> str | None:
-        """Return the profiles of joints."""
-        return "profile" if self.shrunk else None
+    def form(self) -> Traits:
+        """Return that a profile describes errors without a cause."""
+        return self.traits._replace(covariance_term="profile" if self.shrunk else None)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint and order."""
@@ -352,7 +357,13 @@ class Counterbalance(Effect):
     ratio: float = setting(0.6, written=True, above=0.0, below=1.0)
     """r, above 0 and below 1."""
 
-    traits = Traits(only="revolute", is_searched=True, chart=Over("{joint}"), is_bounded=True)
+    traits = Traits(
+        only="revolute",
+        is_searched=True,
+        chart=Over("{joint}"),
+        is_bounded=True,
+        prior_odds=1.0 / (150.0 * len(_CENTRES) * len(_RATIOS)),  # one in 150 joints has a spring at any place
+    )
     about = About(
         summary="a spring or cylinder across the joint carries a part of the weight, and its torque turns the joint",
         equation="theta_j + s sin(q_j - q_0) + l sin(q_j - q_0) / sqrt(1 + r cos(q_j - q_0))",
@@ -365,11 +376,6 @@ class Counterbalance(Effect):
         example="{effect: counterbalance, joints: [j2], centre_deg: 90, ratio: 0.6, "
         "values: {j2.spring: 2e-3, j2.length: -1e-3}}",
     )
-
-    @property
-    def prior_odds(self) -> float:
-        """Prior odds of one place of a spring, of which one in 150 joints has any."""
-        return 1.0 / (150.0 * len(_CENTRES) * len(_RATIOS))
 
     @classmethod
     def beside(cls, other: Effect, arm: Arm, data: Measurements) -> Iterator[Effect]:
@@ -412,10 +418,9 @@ def _tilt_labels(arm: Arm) -> tuple[str, ...]:
 
 @register
 @dataclass(frozen=True)
-class AxisWobble(Effect):
+class AxisWobble(Periodic):
     """Tilt of a joint's axis: alpha_j and the rotation about y, each plus cosine and sine of n q_j."""
 
-    orders: tuple[float, ...] = orders_setting((1.0, 2.0))
     tilts: tuple[str, ...] = setting((), choices=("alpha", "beta", *FLEXURES))
     """Directions that tilt; empty for both."""
 
@@ -438,11 +443,6 @@ class AxisWobble(Effect):
         """Yield orders 1, 2 and both; in each direction and in both."""
         tilts = [(label,) for label in _tilt_labels(arm)]
         yield from (cls(joints, *form) for form in itertools.product(((1.0,), (2.0,), (1.0, 2.0)), (*tilts, ())))
-
-    def beyond(self, arm: Arm, driver: str, limits: tuple[float, float]) -> Beyond:
-        """Return that it is held if the joint moved less than a period of all orders: a whole one repeats itself."""
-        is_held = limits[1] - limits[0] < common_period(self.orders)
-        return Beyond(is_held, exact_period(self.orders, arm.joint(driver).gear_ratio))
 
     def driver(self, arm: Arm, data: Measurements, joint: str | None) -> Driver | None:
         """Return the variable of the joint that turns about the tilting axis."""
@@ -504,13 +504,12 @@ class JointCorrection(Effect):
         q = commanded(data, cls.name)[[arm.number(joint) for joint in joints]]
         return cls(joints, ("own",), ((float(q.min()), float(q.max())),), 8)
 
-    def chart(self) -> Over:
-        """Return the first of the correction's drivers."""
-        return Over(_OF_JOINT.get(self.drivers[0], self.drivers[0]), len(self.drivers) == 1)
-
-    def depends_on(self, arm: Arm) -> tuple[str, ...]:
-        """Return the joints, torques and circumstances that drive it."""
-        return tuple(_OF_JOINT.get(driver, driver) for driver in self.drivers if driver != "direction")
+    @property
+    def form(self) -> Traits:
+        """Return what drives it: joints, torques and circumstances; it is drawn over the first."""
+        names = tuple(_OF_JOINT.get(driver, driver) for driver in self.drivers if driver != "direction")
+        over = Over(_OF_JOINT.get(self.drivers[0], self.drivers[0]), len(self.drivers) == 1)
+        return self.traits._replace(drivers=names, chart=over)
 
     def validity(self, arm: Arm, data: Measurements) -> Validity:
         """Return the ranges that its polynomials are scaled to, whatever the poses."""
@@ -553,10 +552,9 @@ class JointCorrection(Effect):
 
     def from_units(self, arm: Arm, length: float, angle: float) -> Effect:
         """Return the correction in SI; ranges of joints are in the file's unit of length or angle."""
-        sizes = []
-        for driver in self.drivers:
-            units = {arm.unit(joint) for joint in (self.joints if driver == "own" else (driver,)) if joint in arm.names}
-            sizes.append(1.0 if not units else angle if units == {"rad"} else length)
+        of_driver = [self.joints if driver == "own" else (driver,) for driver in self.drivers]
+        units = [{arm.unit(joint) for joint in joints if joint in arm.names} for joints in of_driver]
+        sizes = [1.0 if not unit else angle if unit == {"rad"} else length for unit in units]
         return dataclasses.replace(self, ranges=tuple(map(scaled, self.ranges, sizes)))
 
     @classmethod
@@ -666,11 +664,10 @@ class PoseCorrection(Effect):
         """Return the reason if lengths or centres have not a number for each joint."""
         if len(self.lengths) != len(self.joints):
             return f"lengths must be a positive number for each joint, found {list(self.lengths)!r}"
-        if any(len(centre) != len(self.joints) for centre in self.centres):
-            return f"centres must be lists of a number for each joint, found {as_plain(self.centres)!r}"
-        return None
+        text = f"centres must be lists of a number for each joint, found {as_plain(self.centres)!r}"
+        return text if any(len(centre) != len(self.joints) for centre in self.centres) else None
 
     @property
-    def term_of_covariance(self) -> str | None:
-        """Return the process over all joints."""
-        return "smooth" if self.moves == "joints" else "field"
+    def form(self) -> Traits:
+        """Return which process it is."""
+        return self.traits._replace(covariance_term="smooth" if self.moves == "joints" else "field")

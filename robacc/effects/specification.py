@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.effects.base import REGISTRY, Effect, Part, Term, effect_class, load_plug_ins
+from robacc.effects.base import Effect, Part, Term, effect_class, load_plug_ins
 from robacc.effects.drivers import (
     Validity,
     clip_drivers,
@@ -24,7 +24,7 @@ from robacc.effects.drivers import (
     range_excess,
     read_validity,
 )
-from robacc.errors import Problem, UsageError, refuse
+from robacc.errors import Problem, UsageError, given, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import IMAGES, Measurements
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -119,8 +119,8 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
         refuse((is_turn, f"values.{key} is more than a turn; expected a small angle, found {value:g}"))
     if "validity" not in entry:
         return Known(effect, values, effect.validity(arm, Measurements(position=np.zeros((3, 0)))))
-    drivers = effect.validity_drivers(arm)
-    return Known(effect, values, read_validity(arm, drivers, entry["validity"], *arm.robot.effect_units))
+    ranges = read_validity(arm, effect.validity_drivers(arm), entry["validity"], *arm.robot.effect_units)
+    return Known(effect, values, ranges)
 
 
 def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
@@ -135,9 +135,7 @@ def _joints(cls: type[Effect], arm: Arm, joints: Any) -> tuple[str, ...]:
         return ()
     some = f"some of {', '.join(possible)}; found {list(joints)!r}"
     refuse((not joints or len(set(joints)) < len(joints), f"{cls.name} needs joints, each once: {some}"))
-    for joint in joints:
-        cls.check_joint(arm, joint)
-    return tuple(joints)
+    return cls.checked_joints(arm, joints)
 
 
 def every_column(arm: Arm) -> Measurements:
@@ -172,12 +170,10 @@ def _short_name(effect: Effect, name: str) -> str:
 
 def entry_of(effect: Effect, values: Mapping[str, float], validity: Validity | None = None) -> dict[str, Any]:
     """Return the entry of a robot file for an effect with values, and the ranges of its drivers if they are known."""
-    entry: dict[str, Any] = {"effect": effect.name}
-    if effect.joints:
-        entry["joints"] = list(effect.joints)
+    joints = {"joints": list(effect.joints)} if effect.joints else {}
     short = {_short_name(effect, name): value for name, value in values.items()}
-    entry = {**entry, **effect.settings(), "values": short}
-    return {**entry, "validity": {name: list(pair) for name, pair in validity.items()}} if validity else entry
+    ranges = {"validity": {name: list(pair) for name, pair in validity.items()}} if validity else {}
+    return {"effect": effect.name, **joints, **effect.settings(), "values": short, **ranges}
 
 
 # Entries of a robot file's effects in other units of length and angle.
@@ -192,16 +188,13 @@ def with_effect_units(robot: Robot, length: float = 1.0, angle: float = 1.0) -> 
     campaign = robot.campaign
     if robot.effect_units == (length, angle):
         return robot
-    if not (robot.effects or (campaign and campaign.effects)):
-        return dataclasses.replace(robot, effect_units=(length, angle))
-    arm = Arm.of(robot)
 
     def converted(effects: Sequence[Mapping[str, Any]]) -> tuple[Mapping[str, Any], ...]:
         stated = known_effects(dataclasses.replace(robot, effects=tuple(effects)))
-        return tuple(_entry(arm, entry, length, angle) for entry in stated)
+        return tuple(_entry(Arm.of(robot), entry, length, angle) for entry in stated)
 
     if campaign is not None:
-        campaign = dataclasses.replace(campaign, effects=converted(campaign.effects))
+        campaign = campaign._replace(effects=converted(campaign.effects))
     return dataclasses.replace(robot, effects=converted(robot.effects), effect_units=(length, angle), campaign=campaign)
 
 
@@ -217,9 +210,6 @@ def _entry(arm: Arm, stated: Known, length: float, angle: float) -> dict[str, An
     return entry_of(stated.effect.from_units(arm, 1 / length, 1 / angle), values, validity)
 
 
-_LEVEL_LENGTHS = 4.0
-"""Fading lengths at the end of a range over which an effect's level there is its mean: for a profile, one period of its
-finest order. On parts of a real arm's poses, half and twice as much predict as well."""
 _POINTS = 32
 """Places at which the level is sampled."""
 
@@ -232,27 +222,24 @@ def held_at_ends(effect: Effect, arm: Arm, data: Measurements, validity: Validit
 def faded(effect: Effect, arm: Arm, data: Measurements, validity: Validity) -> tuple[Term, ...]:
     """Return the terms of an effect, less and less of them the farther a fading joint is beyond its range.
 
-    What remains is the effect's level at that end of the range, its mean there over :data:`_LEVEL_LENGTHS` fading
-    lengths: beyond the range, slow waves of a profile are still as they were, and fine ones are unknown.
+    What remains is the effect's level at that end of the range, its mean there over 4 fading lengths, for a profile one
+    period of its finest order: beyond the range, slow waves of a profile are still as they were, and fine ones are
+    unknown. On parts of a real arm's poses, half and twice as many lengths predict as well.
     """
     effect = effect.within(validity)
     terms = effect.terms(arm, data)
     for joint, (low, high) in effect.limits(arm, validity, fading=True)[0].items():
         values = driver_values(arm, data, joint)
         _, period, length = effect.beyond(arm, joint, (low, high))
-        if values is None or length is None:
+        if values is None or length is None or not np.any(excess := range_excess(values, low, high, period)):
             continue
-        excess = range_excess(values, low, high, period)
         share = np.exp(-0.5 * np.square(excess / length))
-        if np.all(share == 1.0):
-            continue
         # Across the gap of a joint that turns on, the level passes from one end to the other.
         of_other = excess / (math.inf if period is None else max(period - (high - low), 1e-12))
         of_low = np.where(nearest_image(values, low, high, period) < low, 1.0 - of_other, of_other)
-        near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, _LEVEL_LENGTHS * length))
+        near_ends = effect.terms(arm, _near_ends(arm, joint, data, low, high, 4.0 * length))
         terms = tuple(
-            dataclasses.replace(
-                term,
+            term._replace(
                 parts=tuple(
                     _left(part, near, share, of_low) if part.motion == arm.axis_motion(joint) else part
                     for part, near in zip(term.parts, near_end.parts, strict=True)
@@ -274,7 +261,7 @@ def _left(part: Part, near: Part, share: Array, of_low: Array) -> Part:
     """
     at_low, at_high = np.broadcast_to(near.factor, (2 * _POINTS,)).reshape(2, _POINTS).mean(axis=1)
     level = of_low * at_low + (1.0 - of_low) * at_high
-    return dataclasses.replace(part, factor=share * part.factor + (1.0 - share) * level)
+    return part._replace(factor=share * part.factor + (1.0 - share) * level)
 
 
 def _near_ends(arm: Arm, joint: str, data: Measurements, low: float, high: float, depth: float) -> Measurements:
@@ -304,7 +291,7 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
         moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
     for (owner, name), changes in moved.items():
         if owner == BASE and name:
-            fixtures[name] = dataclasses.replace(fixtures[name], base=_moved_frame(fixtures[name].base, changes))
+            fixtures[name] = fixtures[name]._replace(base=_moved_frame(fixtures[name].base, changes))
             if len(fixtures) == 1 and fixtures[name].kind in IMAGES:
                 # The board, or the camera beside the arm, is the measuring frame of a model fitted to photos.
                 robot = dataclasses.replace(robot, base=fixtures[name].base)
@@ -362,21 +349,19 @@ def parse_requests(text: str) -> tuple[Request, ...]:
     Raises:
         UsageError: the text is not that, or a name is not in the catalogue.
     """
+    from robacc.effects import REGISTRY
+
     requests, position = [], 0
     while position < len(text):
-        match = _ITEM.match(text, position)
-        if match is None:
-            raise UsageError(f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]")
+        unreadable = f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]"
+        match = given(_ITEM.match(text, position), unreadable)
         name, inside = match.groups()
         effect_class(name)
-        joints = None
-        if inside is not None:
-            joints = tuple(part.strip() for part in inside.split(",") if part.strip())
-            refuse((not joints, f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
+        joints = None if inside is None else tuple(part.strip() for part in inside.split(",") if part.strip())
+        refuse((joints == (), f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
         requests.append(Request(name, joints))
         position = match.end()
-    unique = {(request.name, request.joints): request for request in requests}
-    return tuple(sorted(unique.values(), key=lambda request: list(REGISTRY).index(request.name)))
+    return tuple(sorted(dict.fromkeys(requests), key=lambda request: list(REGISTRY).index(request.name)))
 
 
 def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Effect, ...]:
@@ -399,8 +384,7 @@ def build(requests: Sequence[Request], arm: Arm, data: Measurements) -> tuple[Ef
         joints = cls.possible_joints(arm) if joints == ("all",) else joints
         for joint in joints or ():
             arm.number(joint)
-            cls.check_joint(arm, joint)
-        effects.append(cls.default(arm, data, joints))
+        effects.append(cls.default(arm, data, None if joints is None else cls.checked_joints(arm, joints)))
     return tuple(effects)
 
 
@@ -435,61 +419,49 @@ class Baseline(NamedTuple):
 
 def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     """Return the effects of every arm that poses in ``n_places`` different places support."""
-    reasons: dict[str, str | None] = {}
     per_pose = 3 if data.rotation is None else 6
     revolute = sum(map(arm.is_revolute, arm.names))
-    # Identifiable coefficients of the baseline up to each effect.
+    # Identifiable coefficients of the baseline up to each effect, without those of the targets.
     zeros, links = 6 + len(arm.names), 4 * revolute + 2 * (len(arm.names) - revolute)
-    for name, coefficients in zip((*FRAMES, *CONSTANTS), (0, 0, zeros, links), strict=True):
-        why = effect_class(name).missing(arm, data)
-        if coefficients:
-            coefficients += per_pose * max(len(arm.robot.targets), 1)
-            least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
-            if why is None and n_places * per_pose < least:
-                why = (
-                    f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
-                    f"coefficients of the baseline with it need {least}"
-                )
-        reasons[name] = why
+    reasons = {name: effect_class(name).missing(arm, data) for name in (*FRAMES, *CONSTANTS)}
+    for name, own in zip(CONSTANTS, (zeros, links), strict=True):
+        coefficients = own + per_pose * max(len(arm.robot.targets), 1)
+        least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
+        few = (
+            f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
+            f"coefficients of the baseline with it need {least}"
+        )
+        reasons[name] = reasons[name] or (few if n_places * per_pose < least else None)
     names = tuple(name for name, why in reasons.items() if why is None)
     return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
 
 
-class CatalogueEntry(NamedTuple):
-    """One effect of the catalogue."""
-
-    effect: type[Effect]
-    for_robot: bool
-    """True if it was compared with a robot, which the following are of."""
-    why: str | None = None
-    """Reason if it is not available; None if it is."""
-    joints: tuple[str, ...] = ()
-    """Joints that it can act on."""
-    coefficients: tuple[tuple[str, str], ...] = ()
-    """Name and unit of each coefficient of the effect in its default form."""
-
-
 def catalogue(
     name: str | None = None, robot: Robot | None = None, data: Measurements | None = None
-) -> tuple[CatalogueEntry, ...]:
-    """Return every effect, or the effect called ``name``, with its availability for ``robot`` and its poses if given.
+) -> list[dict[str, Any]]:
+    """Return every effect, or the effect called ``name``, with the keys of the result.
+
+    With a ``robot``, and its poses if given, it says what of the effect is available for it.
 
     Raises:
         UsageError: there is no such effect.
     """
+    from robacc.effects import REGISTRY
+
     load_plug_ins()
-    classes = tuple(REGISTRY.values()) if name is None else (effect_class(name),)
-    if robot is None:
-        return tuple(CatalogueEntry(cls, False) for cls in classes)
-    arm = Arm.of(robot)
-    # Without poses, every column is assumed to be present.
-    poses = every_column(arm) if data is None else data
+    arm = None if robot is None else Arm.of(robot)
     entries = []
-    for cls in classes:
-        joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
-        if why is None and cls.traits.per_joint and not joints:
-            why = "no joint that it can act on"
-        terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
-        names = tuple((term.name, term.unit) for term in terms)
-        entries.append(CatalogueEntry(cls, True, why, () if why else joints, names))
-    return tuple(entries)
+    for cls in REGISTRY.values() if name is None else (effect_class(name),):
+        own = {"per_joint": cls.traits.per_joint, "is_constant": cls.traits.is_constant}
+        entries.append({"name": cls.name, **cls.about._asdict(), **own})
+        if arm is not None:
+            # Without poses, every column is assumed to be present.
+            poses = every_column(arm) if data is None else data
+            joints, why = cls.possible_joints(arm), cls.missing(arm, poses)
+            if why is None and cls.traits.per_joint and not joints:
+                why = "no joint that it can act on"
+            terms = cls.default(arm, poses).terms(arm, poses) if why is None else ()
+            names = [{"name": term.name, "unit": term.unit} for term in terms]
+            available = {"offered": why is None, "why": why, "joints": () if why else joints, "coefficients": names}
+            entries[-1] |= available
+    return entries

@@ -123,7 +123,7 @@ def with_error_structure(
     linear, rows = beside(fitted, data)
     log_std = np.log(np.maximum(fitted.misfit[: linear.y.shape[1] // 3], RESOLUTION))
     start = estimated(CovarianceParameters(log_std, np.ones(rows.size)), linear)
-    present = {effect.term_of_covariance for effect in fitted.model.free}
+    present = {effect.form.covariance_term for effect in fitted.model.free}
     noise = with_terms_that_gain(start, linear, [name for name in names if name not in present])
     if data.position_variance is not None:
         alone = dataclasses.replace(

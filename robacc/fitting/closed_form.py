@@ -151,11 +151,11 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
         poses = data.subset((data.fixture == name) & np.isin(data.kind, IMAGES)).each_photo()
         if poses is not None:
             robot, tool = register_frames(robot, poses, base=True, tool=tool), False
-        fixtures[name] = dataclasses.replace(fixtures[name], base=robot.base)
+        fixtures[name] = fixtures[name]._replace(base=robot.base)
     for name, fixture in fixtures.items():
         if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any():
             base = _base_seen_from(fixture.kind, position[:, rows], data.position[2, rows])
-            fixtures[name] = dataclasses.replace(fixture, base=base)
+            fixtures[name] = fixture._replace(base=base)
     if (rows := data.kind == "position").sum() >= 3:
         robot = register_frames(robot, bare.subset(rows), base=True, tool=False)
     elif robot.base != before.base:

@@ -122,7 +122,7 @@ def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float)
         return dataclasses.replace(joint, mass=(joint.mass or 0.0) * factor) if joint.name == name else joint
 
     joints = tuple(map(changed, robot.joints))
-    branches = tuple(dataclasses.replace(branch, joint=changed(branch.joint)) for branch in robot.branches)
+    branches = tuple(branch._replace(joint=changed(branch.joint)) for branch in robot.branches)
     arm = Arm.of(dataclasses.replace(robot, joints=joints, branches=branches))
     return residuals(data, dataclasses.replace(fit.model, arm=arm).bind(data).poses(fit.theta))
 

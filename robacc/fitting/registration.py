@@ -16,7 +16,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects import effect_class
-from robacc.effects.elastic import JointCompliance
 from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.closed_form import gravity_turned, register_frames
 from robacc.fitting.fit_result import Fit, Options, held_out_poses
@@ -109,7 +108,7 @@ def _with_springs(model: Model, data: Measurements, like: Fit | None) -> Fit | N
 
     With the misfit of the fit ``like`` and of all rows if it is given, else with its own and without outliers.
     """
-    springs = dataclasses.replace(JointCompliance.default(model.arm, data), deflection="rigid")  # type: ignore[call-arg]
+    springs = dataclasses.replace(effect_class("joint_compliance").default(model.arm, data), deflection="rigid")  # type: ignore[call-arg]
     free = (*(effect for effect in model.free if effect.name != springs.name), springs)
     options = Options() if like is None else Options(misfit=like.misfit, robust=False)
     try:
@@ -125,7 +124,7 @@ def _log_likelihood(one: Fit, weight: Array) -> float:
     known. The cost is that of setting each to zero.
     """
     squares = float(np.sum(np.square(one.residual * weight)))
-    compliances = {f"{JointCompliance.name}.{joint}" for joint in one.model.arm.names if one.model.arm.chain.bodies}
+    compliances = {f"joint_compliance.{joint}" for joint in one.model.arm.names if one.model.arm.chain.bodies}
     values = zip(one.names, one.theta.tolist(), np.diag(one.covariance).tolist(), strict=True)
     cost = math.fsum(value**2 / var for name, value, var in values if name in compliances and value < 0.0 < var)
     return -0.5 * (float(np.count_nonzero(weight)) * math.log(max(squares, 1e-300)) + cost)

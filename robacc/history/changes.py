@@ -17,10 +17,11 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
+from robacc.documents.history import date_text
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.effects.specification import absorbed
 from robacc.errors import Problem, refuse
@@ -35,8 +36,6 @@ from robacc.statistics.distributions import chi2_quantile, f_sf, normal_cdf, nor
 
 YEAR = 365.25 * 86400.0
 """s"""
-FALSE_ALARMS = 1.0
-"""Expected false alarms of an arm in a year, at most."""
 _MOST_LEVEL = 0.05
 """Level of tests that are rare."""
 POWER = 0.95
@@ -50,7 +49,8 @@ _SAME = 1e-9
 """Share of a column's square below which the other columns make it up."""
 SETUP = ("base_frame.", "tool_frame.")
 """Coefficients of the set-up."""
-ChangeKind = Literal["step", "ramp", "temperature", "setup"]
+Entry = Mapping[str, Any]
+"""Change, limit, coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
 _SHAPES = ("step", "ramp", "single test")
 
 
@@ -75,30 +75,6 @@ class ArmSeries:
     def is_of_setup(self) -> bool:
         """Whether a change is one of the set-up: where the robot stands, or where the target sits."""
         return self.key.startswith(SETUP)
-
-
-class ArmChange(NamedTuple):
-    """A change of a series."""
-
-    key: str
-    kind: ChangeKind
-    at: float
-    """First test that shows it, s since 1970; the last test for a temperature."""
-    earliest: float
-    latest: float
-    """Tests between which the data place the first one that shows it."""
-    size: float
-    """Step, rise of a ramp until the last test, or change per kelvin."""
-    low: float
-    high: float
-    """Ends of the 95 % interval."""
-    unit: str
-    p_value: float
-    """Probability of such a change in any series of the arm without one, at most."""
-    confirmed: bool
-    """Whether two tests or more show it."""
-    alternatives: tuple[str, ...]
-    """Other kinds, and other coefficients, that explain the values as well."""
 
 
 class Spread(NamedTuple):
@@ -184,24 +160,24 @@ class _Fit:
 
 
 def level_of(times: Array) -> float:
-    """Return the probability of a false alarm in a test: :data:`FALSE_ALARMS` in a year of tests."""
+    """Return the probability of a false alarm in a test: one is expected in a year of tests."""
     gaps = np.diff(np.unique(times))
-    return min(_MOST_LEVEL, FALSE_ALARMS * float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
+    return min(_MOST_LEVEL, float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[ArmChange], list[Entry]]:
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry]]:
     """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits.
 
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
     """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    changes: list[ArmChange] = []
+    changes: list[Entry] = []
     limits: list[Entry] = []
     for one in series:
         found, limit = _changes(one, level, len(series), spread)
         changes += found
         limits.append({"key": one.key, "limit": limit, "unit": one.unit})
-    return sorted(changes, key=lambda change: change.p_value), limits
+    return sorted(changes, key=lambda change: float(change["p_value"])), limits
 
 
 def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, float]:
@@ -212,7 +188,7 @@ def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, fl
     return value, value - half, value + half
 
 
-def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[ArmChange], float]:
+def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[Entry], float]:
     """Return the changes of a series and its detection limit.
 
     The most probable change is taken until none is improbable without a change.
@@ -253,14 +229,14 @@ def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> 
             for i in range(len(found)):
                 found[i] = best(fitted(found[:i] + found[i + 1 :])) or found[i]
             whole = fitted(found)
-    changes: list[ArmChange] = []
+    changes: list[Entry] = []
     for i, (shape, at) in enumerate(found):
         if shape == _SHAPES.index("single test"):
             continue
         gains = fitted(found[:i] + found[i + 1 :]).gains(times) / whole.factor
         near = np.flatnonzero(gains[shape] > gains[shape, at] - _NEAR)
         others = [_SHAPES[row] for row in (1 - shape, 2) if np.max(gains[row]) > gains[shape, at] - 2.0 * RIVAL]
-        kind: ChangeKind = "setup" if series.is_of_setup else "ramp" if shape else "step"
+        kind = "setup" if series.is_of_setup else "ramp" if shape else "step"
         length = -float(start[at]) if shape else 1.0
         tests = series.times[[at, near[0], near[-1]]]
         others = [*others, *(["temperature"] if shape and not has_heat else []), *series.rivals]
@@ -280,28 +256,25 @@ def _change(
     fit: _Fit,
     column: int,
     length: float,
-    kind: ChangeKind,
+    kind: str,
     tests: Array,
     count: int,
     confirmed: bool,
     alternatives: Sequence[str],
-) -> ArmChange:
+) -> Entry:
     value, half = float(fit.coefficients[column]), student_quantile(0.975, max(fit.dof, 1.0)) * fit.std(column)
-    at, earliest, latest = map(float, tests)
-    return ArmChange(
-        key=series.key,
-        kind=kind,
-        at=at,
-        earliest=earliest,
-        latest=latest,
-        size=length * value,
-        low=length * (value - half),
-        high=length * (value + half),
-        unit=f"{series.unit}/K" if kind == "temperature" else series.unit,
-        p_value=min(1.0, fit.p_value(column) * count),
-        confirmed=confirmed,
-        alternatives=tuple(alternatives),
-    )
+    return {
+        "key": series.key,
+        "kind": kind,
+        **dict(zip(("at", "earliest", "latest"), map(date_text, tests.tolist()), strict=True)),
+        "size": length * value,
+        "low": length * (value - half),
+        "high": length * (value + half),
+        "unit": f"{series.unit}/K" if kind == "temperature" else series.unit,
+        "p_value": min(1.0, fit.p_value(column) * count),
+        "confirmed": confirmed,
+        "alternatives": tuple(alternatives),
+    }
 
 
 # Quick test of an arm: a few poses against the model of its last full fit show whether one of its coefficients moved.
@@ -319,7 +292,7 @@ _MOST_POSES = 1000
 
 def quick_test(
     robot: Robot, record: ModelFit, data: Measurements, level: float, factor: float, dates: tuple[float, float]
-) -> tuple[tuple[ArmChange, ...], Sequence[Entry], tuple[str, ...], float]:
+) -> tuple[tuple[Entry, ...], Sequence[Entry], tuple[str, ...], float]:
     """Return which coefficients of the model ``robot`` moved since its fit.
 
     Beside them are the change of each coefficient that such poses show with a probability of 95 %, the coefficients
@@ -397,21 +370,22 @@ def quick_test(
     values = np.linalg.solve(triangle, basis.T @ rest[:, 0])
     stds = np.sqrt(variance * np.sum(np.square(np.linalg.inv(triangle)), axis=1))
     half = student_quantile(0.975, dof + 1) * stds
+    before, now = map(date_text, dates)
     changes = tuple(
-        ArmChange(
-            key=name,
-            kind="step",
-            at=dates[1],
-            earliest=dates[0],
-            latest=dates[1],
-            size=float(values[i]),
-            low=float(values[i] - half[i]),
-            high=float(values[i] + half[i]),
-            unit=terms[name].unit,
-            p_value=min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, dof + 1)),
-            confirmed=False,
-            alternatives=rivals[name],
-        )
+        {
+            "key": name,
+            "kind": "step",
+            "at": now,
+            "earliest": before,
+            "latest": now,
+            "size": float(values[i]),
+            "low": float(values[i] - half[i]),
+            "high": float(values[i] + half[i]),
+            "unit": terms[name].unit,
+            "p_value": min(1.0, len(columns) * f_sf(float(values[i] / stds[i]) ** 2, 1.0, dof + 1)),
+            "confirmed": False,
+            "alternatives": rivals[name],
+        }
         for i, name in enumerate(found, setup.shape[1])
     )
     least = (critical + normal_quantile(POWER)) * math.sqrt(variance)
@@ -431,13 +405,6 @@ def quick_test(
 # Statistics in Medicine 26, 2007; G. Knapp and J. Hartung, Statistics in Medicine 22, 2003 (interval of the mean);
 # B. Rosner, "Percentage points for a generalized ESD many-outlier procedure", Technometrics 25, 1983.
 
-_FEWEST = 4
-"""Arms from which one can be unlike the others."""
-
-
-Entry = Mapping[str, Any]
-"""Coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
-
 
 class ArmFit(NamedTuple):
     """Coefficients of one arm."""
@@ -456,11 +423,10 @@ def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
         if entry["std"] is not None and not entry["name"].startswith(SETUP)
     }
     stored = document.get("parameter_covariance") or {"names": [], "lower_triangle": []}
-    names = stored["names"]
     covariance = {
-        (names[i], names[j]): float(value)
-        for i, row in enumerate(stored["lower_triangle"])
-        for j, value in enumerate(row)
+        (first, second): float(value)
+        for first, row in zip(stored["names"], stored["lower_triangle"], strict=True)
+        for second, value in zip(stored["names"], row, strict=False)
     }
     return ArmFit(arm, values, covariance)
 
@@ -514,15 +480,13 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
         while True:
             values, variances = np.array([(arm.values[key][0], arm.values[key][1] ** 2) for arm in own]).T
             found = _coefficient(key, unit, values, variances)
-            if len(own) < _FEWEST:
+            if len(own) < 4:  # arms from which one can be unlike the others
                 break
             far = int(np.argmax(np.abs(values - found["mean"]) / np.sqrt(variances + found["std"] ** 2)))
             rest = np.arange(len(own)) != far
             others = _coefficient(key, unit, values[rest], variances[rest])
-            spread = others["std"] ** 2
-            square = (values[far] - others["mean"]) ** 2 / (
-                variances[far] + spread + 1.0 / np.sum(1.0 / (variances[rest] + spread))
-            )
+            spreads = variances + others["std"] ** 2
+            square = (values[far] - others["mean"]) ** 2 / (spreads[far] + 1.0 / np.sum(1.0 / spreads[rest]))
             p_value = len(own) * len(keys) * f_sf(float(square), 1.0, len(own) - 2.0)
             # Probability that any arm of a fleet without a stranger is called one.
             if p_value >= 0.05:
@@ -555,10 +519,9 @@ def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dic
     found: dict[str, dict[str, float]] = {}
     for one in coefficients:
         effect, joint, *label = one["key"].split(".")
-        if effect == "joint_offset":
-            found.setdefault(joint, {})["offset" if urdf else "theta" if one["unit"] == "rad" else "d"] = one["std"]
-        elif effect == "link_geometry" and len(label) == 1:
-            found.setdefault(joint, {})[label[0]] = one["std"]
+        zero = "offset" if urdf else "theta" if one["unit"] == "rad" else "d"
+        if effect == "joint_offset" or (effect == "link_geometry" and len(label) == 1):
+            found.setdefault(joint, {})[zero if effect == "joint_offset" else label[0]] = one["std"]
     return found
 
 

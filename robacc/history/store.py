@@ -22,7 +22,7 @@ import sqlite3
 import zlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import closing, contextmanager
-from typing import Any, NamedTuple
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -60,21 +60,9 @@ _COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low A
 """Figures that are series of their own: the others say the same of the same poses."""
 
 
-class Test(NamedTuple):
-    """A result of the database."""
-
-    id: int
-    at: float
-    """s since 1970"""
-    name: str
-    arm: str
-    model: str
-    """Command, robot file and effects: results are compared where they are the same."""
-    command: str
-    n_poses: int
-    grade: str | None
-    temperature: float | None
-    """°C"""
+Test = Mapping[str, Any]
+"""A result of the database, by :data:`_TEST`."""
+_TEST = ("id", "at", "name", "arm", "model", "command", "n_poses", "grade", "temperature_c")
 
 
 @contextmanager
@@ -155,20 +143,22 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
         if not added.rowcount:
             return False
         number = added.lastrowid
-        for key, figure in figures.items():
-            ends = (None, None) if figure.interval is None else (figure.interval.lower, figure.interval.upper)
-            row = (number, key, figure.value, *ends, unit_of(key))
-            db.execute("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", row)
-        for entry in coefficients:
-            cells = (
+        of_figures = [
+            (
                 number,
-                entry["name"],
-                None if entry["std"] is None else entry["value"],
-                entry["std"],
-                entry["unit"],
-                entry.get("why"),
+                key,
+                figure.value,
+                *(getattr(figure.interval, end, None) for end in ("lower", "upper")),
+                unit_of(key),
             )
-            db.execute("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", cells)
+            for key, figure in figures.items()
+        ]
+        of_coefficients = [
+            (number, e["name"], e["value"] if e["std"] is not None else None, e["std"], e["unit"], e.get("why"))
+            for e in coefficients
+        ]
+        db.executemany("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", of_figures)
+        db.executemany("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", of_coefficients)
     return True
 
 
@@ -178,9 +168,9 @@ def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
     Raises:
         UsageError: The database has no such arm.
     """
-    names = ", ".join(name if name != "temperature" else "temperature_c" for name in Test._fields)
     where, values = ("", []) if arm is None else ("WHERE arm = ?", [arm])
-    found = [Test(*row) for row in db.execute(f"SELECT {names} FROM results {where} ORDER BY arm, at, id", values)]
+    own = db.execute(f"SELECT {', '.join(_TEST)} FROM results {where} ORDER BY arm, at, id", values)
+    found: list[Test] = [dict(zip(_TEST, row, strict=True)) for row in own]
     arms = ", ".join(name for (name,) in db.execute("SELECT DISTINCT arm FROM results ORDER BY arm LIMIT 20"))
     refuse((arm is not None and not found, f"the database has no arm {arm!r}; it has {arms or 'no results'}"))
     return found
@@ -188,7 +178,7 @@ def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
 
 def document_of(db: sqlite3.Connection, test: Test) -> dict[str, Any]:
     """Return the stored document of a test."""
-    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test.id]).fetchone()
+    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test["id"]]).fetchone()
     document: dict[str, Any] = json.loads(zlib.decompress(packed))
     return document
 
@@ -211,13 +201,13 @@ def rows(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> lis
 
 def counted(own: Sequence[Test]) -> list[Test]:
     """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
-    latest = {test.command in FITS or test.command: test.model for test in own}
-    return [test for test in own if test.model == latest[test.command in FITS or test.command]]
+    latest = {test["command"] in FITS or test["command"]: test["model"] for test in own}
+    return [test for test in own if test["model"] == latest[test["command"] in FITS or test["command"]]]
 
 
 def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     """Return the series of tests of one arm: coefficients, and errors that estimates and ISO 9283 tests measured."""
-    ids = json.dumps([test.id for test in own])
+    ids = json.dumps([test["id"] for test in own])
     of_tests = "t JOIN results r ON r.id = t.result WHERE r.id IN (SELECT value FROM json_each(?)) AND"
     columns = "t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {}"
     query = f"SELECT {columns} {of_tests} {{}} ORDER BY t.key, r.at, r.id"
@@ -229,9 +219,12 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     for key, why in db.execute(f"SELECT DISTINCT t.key, t.why FROM coefficients {of_tests} t.std IS NULL", [ids]):
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
-    series = []
-    for (key, unit), group in itertools.groupby(found, key=lambda row: row[:2]):
-        times, values, stds, temperatures = np.array([row[2:] for row in group], dtype=float).T
-        if len(times) > 1:
-            series.append(ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ())))))
-    return series
+    columns_of = {
+        name: np.array([row[2:] for row in group], dtype=float).T
+        for name, group in itertools.groupby(found, key=lambda row: row[:2])
+    }
+    return [
+        ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ()))))
+        for (key, unit), (times, values, stds, temperatures) in columns_of.items()
+        if len(times) > 1
+    ]

@@ -10,7 +10,7 @@ import csv
 import itertools
 import re
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass, field, replace
+from typing import NamedTuple
 
 # Number in a field of a text table: its value, or what to do about a field that is no number.
 
@@ -155,8 +155,7 @@ _UNIT_FIELD = re.compile(
 )
 
 
-@dataclass(frozen=True, slots=True)
-class TableDialect:
+class TableDialect(NamedTuple):
     """Form of one text table."""
 
     separator: str | None = ","
@@ -170,9 +169,9 @@ class TableDialect:
     """0-based index of the first row of measurements below the header."""
     names: tuple[str, ...] = ()
     """Names of the columns, with their units where a line of its own gives them; empty without a header."""
-    preamble: tuple[str, ...] = field(default=(), repr=False)
+    preamble: tuple[str, ...] = ()
     """Lines above the rows that are neither names nor blank."""
-    sample: tuple[tuple[str, ...], ...] = field(default=(), repr=False)
+    sample: tuple[tuple[str, ...], ...] = ()
     """Fields of the first rows."""
     is_documented: bool = False
     """Whether the table has the documented form: commas, points, and documented names in its first line."""
@@ -244,7 +243,7 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
         is_known: Whether a name is a documented column name.
     """
     at = next(i for i, line in enumerate(lines) if PLAIN.is_row(line))
-    documented = replace(PLAIN, header_line=at, first_row=at + 1)
+    documented = PLAIN._replace(header_line=at, first_row=at + 1)
     if any(map(is_known, PLAIN.fields(lines[at]))):
         return documented
     declared = re.fullmatch(r"\s*sep=(.)\s*", lines[0])  # by a spreadsheet program
@@ -257,8 +256,8 @@ def find_dialect(lines: Sequence[str], is_known: Callable[[str], bool]) -> Table
         if scored:
             return max(scored, key=lambda table: table[0])[1]
     # A header without rows is judged by its names.
-    headers = (replace(documented, separator=sign, is_documented=False) for sign in _SEPARATORS)
-    named = (replace(header, names=tuple(header.fields(lines[at]))) for header in headers)
+    headers = (documented._replace(separator=sign, is_documented=False) for sign in _SEPARATORS)
+    named = (header._replace(names=tuple(header.fields(lines[at]))) for header in headers)
     return next(
         (item for item in named if len(item.names) > 1 and sum(map(is_known, item.names)) > len(item.names) / 2),
         documented,
@@ -276,7 +275,7 @@ def _table(
         texts = [split_cell(text)[0] for text in itertools.chain.from_iterable(rows)]
         points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in texts)
         commas = sum(_NUMBER_COMMA.fullmatch(text) is not None for text in texts)
-        dialect = replace(dialect, decimal_comma=commas > points)
+        dialect = dialect._replace(decimal_comma=commas > points)
     tables: dict[tuple[int, int], list[int]] = {}  # rows by the line without numbers above them, and their width
     above = 0
     for i, (line, fields) in enumerate(zip(lines, grid, strict=True)):
@@ -327,7 +326,7 @@ def _with_header(
         names = tuple(f"{name} [{unit}]" if unit.strip("-") else name for name, unit in zip(names, stems, strict=True))
     preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
     rows = tuple(tuple(grid[i]) for i in range(start, min(start + _SAMPLED, len(lines))) if dialect.is_row(lines[i]))
-    return replace(dialect, header_line=header_line, first_row=first_row, names=names, preamble=preamble, sample=rows)
+    return dialect._replace(header_line=header_line, first_row=first_row, names=names, preamble=preamble, sample=rows)
 
 
 def _names_in(

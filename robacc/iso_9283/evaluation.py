@@ -23,6 +23,7 @@ from robacc.accuracy.estimation import (
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses, rotation_about
+from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
     SAME_COMMAND,
     Characteristic,
@@ -165,12 +166,6 @@ def reachable_centres(arm: Arm, edge: float) -> Array:
 
 Orientation = Literal["down", "forward", "own", "free"]
 ORIENTATIONS: tuple[Orientation, ...] = ("down", "forward", "own", "free")
-ORIENTATION_TEXT: dict[Orientation, str] = {
-    "down": "the tool's z axis pointing straight down",
-    "forward": "the tool's z axis pointing level, away from the base",
-    "own": "the tool's orientation constant, as the arm reaches the cube's centre",
-    "free": "the tool's orientation different at each pose",
-}
 _STARTS = 8
 _ROLLS = 8
 

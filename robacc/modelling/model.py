@@ -219,16 +219,10 @@ def _moved(scalars: Sequence[Scalar], deflections: Mapping[int, NDArray[Any]]) -
 # Model bound to poses: it has every regressor evaluated, and predicts and linearises for any coefficients.
 
 
-class _Layout(NamedTuple):
-    """Columns of requested coefficients in a Jacobian."""
-
-    column: dict[int, int]
-    """Number of a term to column."""
-    parts: list[TermPart]
-    motions: list[int]
-    """Motions that a sweep follows: that of each column if all are plain, else each motion once."""
-    is_plain: bool
-    """Whether each coefficient moves one motion by just as much, so that its column is that of the motion."""
+_Layout = tuple[dict[int, int], list[TermPart], list[int], bool]
+"""Columns of requested coefficients in a Jacobian: of each term by its number; their parts; the motions that a sweep
+follows, that of each column if all are plain, else each motion once; and whether all are plain: each coefficient moves
+one motion by just as much, so that its column is that of the motion."""
 
 
 @dataclass(frozen=True)
@@ -334,10 +328,9 @@ class BoundModel:
                     _is_rigid(e.part) and isinstance(e.part.factor, float) and e.part.factor == 1.0 for e in requested
                 )
             )
-            motions = [part.motion for number in numbers for part in self.terms[number].parts]
-            if not is_plain:
-                motions = sorted({*motions, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
-            self._layouts[key] = _Layout(column, requested, motions, is_plain)
+            own = [part.motion for number in numbers for part in self.terms[number].parts]
+            motions = own if is_plain else sorted({*own, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
+            self._layouts[key] = (column, requested, motions, is_plain)
         return self._layouts[key]
 
     @cached_property
@@ -360,13 +353,10 @@ class BoundModel:
         for entry in self._entries:
             if _is_rigid(entry.part) and isinstance(entry.part.factor, np.ndarray):
                 by_motion.setdefault(entry.part.motion, []).append(entry)
-        result = []
-        for motion, entries in by_motion.items():
-            factors = np.empty((len(entries), self.n))
-            for row, entry in zip(factors, entries, strict=True):
-                row[:] = entry.part.factor
-            result.append((motion, np.array([entry.number for entry in entries]), factors))
-        return result
+        return [
+            (motion, np.array([entry.number for entry in entries]), np.stack([entry.part.factor for entry in entries]))
+            for motion, entries in by_motion.items()
+        ]
 
     @cached_property
     def _constants(self) -> list[TermPart]:
@@ -392,10 +382,9 @@ class BoundModel:
         for motion, numbers, factors in self._regressors:
             if np.any(coefficients[numbers]):
                 scalars[motion] = scalars[motion] + coefficients[numbers] @ factors
-        for entry in self._constants:
-            part, value = entry.part, values[entry.number]
-            if value != 0:
-                added = value * part.factor
+        for number, part in self._constants:
+            if values[number] != 0:
+                added = values[number] * part.factor
                 scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars
 
@@ -440,12 +429,15 @@ class Model:
         n_joints = self.arm.chain.n_joints
         refuse((len(q) != n_joints, f"the robot has {n_joints} joints, but the poses have {len(q)}"))
         limits = validity if validity is not None else ({},) * len(self.free)
-        known_limits = [known.validity for known in self.known]
-        keys = [effect.key() for effect in self.free]
-        for i, known in enumerate(self.known):
-            if (key := known.effect.key()) in keys:
-                own = None if validity is None else validity[keys.index(key)]
-                known_limits[i] = {} if own is None else united(known.validity, own)
+        own = dict(zip((effect.key() for effect in self.free), limits, strict=True))
+        known_limits = [
+            known.validity
+            if (key := known.effect.key()) not in own
+            else {}
+            if validity is None
+            else united(known.validity, own[key])
+            for known in self.known
+        ]
         fixed = [
             (term, known.values.get(term.name, 0.0))
             for known, limit in zip(self.known, known_limits, strict=True)
@@ -492,12 +484,10 @@ def predict(robot: Robot, data: Measurements) -> Poses:
 def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
     """Replace the tool by the measured target of each row."""
     targets = arm.robot.targets
-    if not targets:
-        return scalars
-    if data.target is None:
-        refuse((len(targets) > 1, f"the robot has the targets {', '.join(targets)}; add a column target to the poses"))
-    chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
-    return _with_frames(arm, scalars, TOOL, targets, chosen)
+    lacking = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
+    refuse((len(targets) > 1 and data.target is None, lacking))
+    chosen = np.full(data.n, next(iter(targets), "")) if data.target is None else data.target
+    return _with_frames(arm, scalars, TOOL, targets, chosen) if targets else scalars
 
 
 def _with_frames(

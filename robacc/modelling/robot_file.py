@@ -1,13 +1,15 @@
-"""Read a robot from a robot file (YAML) or URDF, and write a fitted robot in the layout of its file."""
+"""Read a robot from a robot file (YAML), a URDF or the arms of the package, and write a fitted robot as its file is."""
 
 from __future__ import annotations
 
+import difflib
 import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
-from pathlib import PurePath
+from functools import cache
+from pathlib import Path, PurePath
 from typing import Any
 
 from robacc.effects.specification import known_effects, with_effect_units
@@ -15,7 +17,6 @@ from robacc.errors import InputError, Problem, refuse
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
 from robacc.robots.description import STANDARD_GRAVITY, Robot
-from robacc.robots.library import find_arm, similar_arms
 from robacc.robots.yaml_robot import (
     Units,
     comment_lines,
@@ -28,6 +29,63 @@ from robacc.robots.yaml_robot import (
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML) or a URDF"
+_DATA = Path(__file__).parents[1] / "data"
+_SHOWN = 4
+"""Names that a message suggests."""
+
+
+@cache
+def library() -> tuple[Mapping[str, Any], ...]:
+    """Return the arms of the package by maker and name, each by the keys of the result.
+
+    The ``name`` stands for the file at its ``path``, which is without suffix the same.
+    """
+    import yaml
+
+    text = read_text(_DATA / "robots.yaml")
+    # The package's own file, so the fast reader is safe.
+    entries = yaml.load(text, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))["robots"]
+    return tuple(
+        {
+            "name": name,
+            "maker": entry["maker"],
+            "model": entry["name"],
+            "n_axes": entry["axes"],
+            "reach_m": entry["reach"] * 1e-3,
+            "source": entry["source"],
+            "path": _DATA / "robots" / f"{name}.yaml",
+        }
+        for name, entry in entries.items()
+    )
+
+
+def find_arm(name: str) -> Mapping[str, Any] | None:
+    """Return the arm with a name, or with the maker's name of it; capitals, blanks and hyphens do not matter.
+
+    A name that fits several arms stands for none: variants of one arm differ by decimetres.
+    """
+    wanted = _plain(name)
+    matches = [arm for arm in library() if wanted in map(_plain, _names(arm))]
+    return matches[0] if len(matches) == 1 else None
+
+
+def similar_arms(name: str) -> tuple[str, ...]:
+    """Return the names of arms that a name may mean, the likeliest first."""
+    wanted = _plain(name)
+    by_name = {_plain(name): arm["name"] for arm in library() for name in _names(arm)}
+    variants = [key for plain, key in by_name.items() if wanted and wanted in plain]
+    if variants:
+        return tuple(dict.fromkeys(variants))[:_SHOWN]
+    near = [by_name[plain] for plain in difflib.get_close_matches(wanted, by_name, _SHOWN, 0.6)]
+    return tuple(dict.fromkeys(near))
+
+
+def _names(arm: Mapping[str, Any]) -> tuple[str, str, str]:
+    return arm["maker"] + arm["model"], arm["model"], arm["name"]
+
+
+def _plain(name: str) -> str:
+    return re.sub(r"[^a-z0-9]", "", name.lower())
 
 
 def robot_path(source: str | os.PathLike[str]) -> str:
@@ -36,10 +94,8 @@ def robot_path(source: str | os.PathLike[str]) -> str:
     A file of that name in the working folder comes first. Any other text is returned as it is.
     """
     name = os.fspath(source)
-    if not _may_be_arm(name):
-        return name
-    arm = find_arm(name)
-    return name if arm is None else os.fspath(arm.path)
+    arm = find_arm(name) if _may_be_arm(name) else None
+    return name if arm is None else os.fspath(arm["path"])
 
 
 def _may_be_arm(name: str) -> bool:

@@ -14,7 +14,7 @@ import numpy as np
 
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
-from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, nearest_rotation, rms_length
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, predict
@@ -36,16 +36,12 @@ def resolve_campaign(
     before its step, and their clock may start anew.
     """
     campaign = robot.campaign
-    if campaign is None:
-        return robot, ()
-    if use == "drop":
-        return _before(robot, campaign), ()
-    if not campaign.effects:
-        return robot, ()
+    if campaign is None or use == "drop" or not campaign.effects:
+        return robot if campaign is None or use != "drop" else _before(robot, campaign), ()
     with_effects = dataclasses.replace(
         robot,
         effects=(*robot.effects, *campaign.effects),
-        campaign=dataclasses.replace(campaign, effects=(), kept=True),
+        campaign=campaign._replace(effects=(), kept=True),
     )
     names = ", ".join(str(effect.get("effect")) for effect in campaign.effects)
     if use == "keep" or set(digests) & set(campaign.poses):
@@ -123,11 +119,9 @@ def with_campaign(robot: Robot, before: Robot, digests: Sequence[str]) -> Robot:
     facts: list[Mapping[str, Any]] = []
     arm = Arm.of(robot)
     for entry, known in zip(robot.effects, known_effects(robot), strict=True):
-        effect = known.effect
+        effect, traits = known.effect, known.effect.traits
         # Of the time of a campaign, or of its instrument.
-        of_campaign = (
-            effect.traits.is_of_measurement or effect.traits.is_event or "time_s" in effect.validity_drivers(arm)
-        )
+        of_campaign = traits.is_of_measurement or traits.is_event or "time_s" in effect.validity_drivers(arm)
         (facts if of_campaign and effect.key() not in own_effects else effects).append(entry)
     return dataclasses.replace(
         robot,
@@ -168,24 +162,6 @@ _LISTED = 6
 """Drivers that a message lists; the others are counted."""
 
 
-class OutsideRange(NamedTuple):
-    """Poses outside one validity range of one effect."""
-
-    effect: str
-    driver: str
-    """Joint, or ``time_s``, ``temperature_c``, ``payload_kg``, ``speed_JOINT``, ``torque_JOINT``."""
-    unit: str
-    low: float
-    high: float
-    n_poses: int
-    excess: float
-    """Largest distance of a pose from the range."""
-    first_row: int
-    """Index of the first such pose."""
-    is_held: bool
-    """True if the effect keeps its value at the end of the range, False if it extrapolates."""
-
-
 class OutsideValidity(NamedTuple):
     """Poses outside the validity ranges of a model."""
 
@@ -193,20 +169,21 @@ class OutsideValidity(NamedTuple):
     """Poses outside at least one range."""
     n: int
     """All poses."""
-    ranges: tuple[OutsideRange, ...]
-    """Ranges that some pose exceeds, by number of poses."""
+    ranges: tuple[Mapping[str, Any], ...]
+    """Ranges that some pose exceeds, by number of poses, with the keys of the result."""
     std_max: float
     """Largest standard deviation (m) of the position that held effects and profiles add outside their ranges."""
+    first_row: int = 0
+    """Index of the first pose outside."""
 
     def warnings(self) -> tuple[str, ...]:
         """Return one sentence with the drivers and how far the poses exceed their ranges; empty if all are inside."""
-        if not self.n_poses:
-            return ()
         listed = "; ".join(_sentence(item) for item in self.ranges[:_LISTED])
         more = f"; and {len(self.ranges) - _LISTED} more" if len(self.ranges) > _LISTED else ""
         verb = "pose is" if self.n == 1 else f"of {self.n} poses are"
         added = f", which adds up to {self.std_max * 1e3:.2g} mm to its standard deviation" if self.std_max > 0 else ""
-        return (f"{self.n_poses} {verb} outside the validity range of the model{added}: {listed}{more}",)
+        text = f"{self.n_poses} {verb} outside the validity range of the model{added}: {listed}{more}"
+        return (text,) if self.n_poses else ()
 
     def refuse(self, data: Measurements) -> None:
         """Raise an error if a pose is outside.
@@ -214,21 +191,18 @@ class OutsideValidity(NamedTuple):
         Raises:
             InputError: With the first pose and the ranges.
         """
-        if self.n_poses:
-            fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
-            line = data.line(min(item.first_row for item in self.ranges))
-            raise InputError(Problem(self.warnings()[0], data.source, line, fix=fix))
+        fix = "leave these poses out, fit the model to poses that include them, or drop `strict_range`"
+        refuse(*((True, Problem(text, data.source, data.line(self.first_row), fix=fix)) for text in self.warnings()))
 
 
 def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity | None:
     """Return the poses outside the validity ranges of a robot file's effects; None if no effect has a range."""
-    if robot is None or not robot.effects or data.q is None:
+    known = () if robot is None or data.q is None else known_effects(robot)
+    known = tuple(item for item in known if item.validity and any(item.values.values()))
+    if robot is None or not known:
         return None
     arm = Arm.of(robot)
-    known = [item for item in known_effects(robot) if item.validity and any(item.values.values())]
-    if not known:
-        return None
-    outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[OutsideRange]()
+    outside, position_var, items = np.zeros(data.n, dtype=bool), np.zeros(data.n), list[dict[str, Any]]()
     for effect in known:
         share = np.zeros(data.n)
         for driver, (low, high) in effect.validity.items():
@@ -244,26 +218,25 @@ def outside_validity(robot: Robot | None, data: Measurements) -> OutsideValidity
             if is_held or fading is not None:
                 share = np.maximum(share, is_outside * excess / max(high - low, _ROUNDING))
             items.append(
-                OutsideRange(
-                    effect=str(effect.effect),
-                    driver=driver,
-                    unit=driver_unit(arm, driver),
-                    low=low,
-                    high=high,
-                    n_poses=int(np.count_nonzero(is_outside)),
-                    excess=float(excess.max()),
-                    first_row=int(np.argmax(is_outside)),
-                    is_held=is_held,
-                )
+                {
+                    "effect": str(effect.effect),
+                    "driver": driver,
+                    "unit": driver_unit(arm, driver),
+                    "low": low,
+                    "high": high,
+                    "n_poses": int(np.count_nonzero(is_outside)),
+                    "largest_excess": float(excess.max()),
+                    "rule": "held" if is_held else "extrapolated",
+                }
             )
         if share.any():
             # The effect is unknown there: its own size is reached at a tenth of the range, and grows in proportion from
             # a whole range on.
             growth = np.maximum(np.minimum(10.0 * share, 1.0), share)
             position_var += growth**2 * _mean_square_size(arm, effect, data)
-    ranked = tuple(sorted(items, key=lambda item: (-item.n_poses, item.effect, item.driver)))
+    ranked = tuple(sorted(items, key=lambda item: (-item["n_poses"], item["effect"], item["driver"])))
     std_max = float(np.sqrt(position_var.max(initial=0.0)))
-    return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max)
+    return OutsideValidity(int(np.count_nonzero(outside)), data.n, ranked, std_max, int(np.argmax(outside)))
 
 
 def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
@@ -279,10 +252,8 @@ def _mean_square_size(arm: Arm, known: Known, data: Measurements) -> float:
     return float(np.mean(np.sum(np.square(with_effect - without), axis=0)))
 
 
-def _sentence(item: OutsideRange) -> str:
-    poses = "1 pose" if item.n_poses == 1 else f"{item.n_poses} poses"
-    rule = "held at the end" if item.is_held else "extrapolated"
-    return (
-        f"{item.effect} {rule} by {item.driver}, {poses} up to {item.excess:.3g} {item.unit} beyond "
-        f"[{item.low:.4g}, {item.high:.4g}]"
-    )
+def _sentence(item: Mapping[str, Any]) -> str:
+    poses = "1 pose" if item["n_poses"] == 1 else f"{item['n_poses']} poses"
+    rule = "held at the end" if item["rule"] == "held" else "extrapolated"
+    most = f"up to {item['largest_excess']:.3g} {item['unit']} beyond [{item['low']:.4g}, {item['high']:.4g}]"
+    return f"{item['effect']} {rule} by {item['driver']}, {poses} {most}"

@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import REGISTRY, Effect, Term
+from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.levels import ACCEPTED, ROUNDS
@@ -397,7 +397,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
 
 def usual_size(effect: str) -> float:
     """Return the geometric mean of the catalogue's usual range of a coefficient."""
-    low, high = REGISTRY[effect].about.usual_range
+    low, high = effect_class(effect).about.usual_range
     return math.sqrt(low * high)
 
 
@@ -495,7 +495,7 @@ def power_problem(
     if already is not None:
         available = _catalogue(named_candidates(model.arm, already, model.free)[0])
         # A term that the poses measured already do not have is zero there.
-        terms = [available.get(key, (replace(term, parts=()),))[0] for key, (term, _) in catalogue.items()]
+        terms = [available.get(key, (term._replace(parts=()),))[0] for key, (term, _) in catalogue.items()]
         information += information_of(whitened_rows(model, already, noise, terms)[:, :, used] * scale)
     dof = float(rows.shape[1] * max(30 + (0 if already is None else already.n), 60) - n_free)
     log_priors = [candidate.log_prior_of_size for _, candidate in catalogue.values()]

@@ -293,7 +293,7 @@ def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None
     ]
 
     def doubts(trial: Values) -> frozenset[str]:
-        stated = trial._replace(layout=replace(layout, without_unit=()), log=ProblemLog(""))
+        stated = trial._replace(layout=layout._replace(without_unit=()), log=ProblemLog(""))
         return check_units(stated, robot.limits)[1]
 
     index = np.arange(0, values.lines.size, -(-values.lines.size // _SAMPLE) or 1)
@@ -333,8 +333,7 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
     new = {c.key: replace(c, unit=units[QUANTITY[c.kind]]) for c in columns if QUANTITY[c.kind] in units}
     for key, column in new.items():
         numbers[values.row_index[key]] /= column.divisor / column.coverage
-    layout = replace(
-        layout,
+    layout = layout._replace(
         columns={**layout.columns, **new},
         without_unit=tuple(column for column in layout.without_unit if column.key not in new),
         unit_of_position=layout.unit_of_position or tuple(key for key in SIGMAS if key in new),

@@ -7,7 +7,8 @@ import itertools
 import re
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field, replace
+from dataclasses import replace
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -125,8 +126,7 @@ class Names(NamedTuple):
         return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
 
 
-@dataclass(frozen=True, slots=True)
-class Layout:
+class Layout(NamedTuple):
     """Columns in use, by key, and what the names of an export leave open."""
 
     columns: Mapping[str, Column]
@@ -135,7 +135,7 @@ class Layout:
     names: Names
     unused: Sequence[str] = ()
     """Names in the file that are not read."""
-    angles: Mapping[str, tuple[str, ...]] = field(default_factory=dict)
+    angles: Mapping[str, tuple[str, ...]] = MappingProxyType({})
     """Conventions that the angles may belong to, by the prefix of their keys: ``""`` or ``cmd_``; without an entry they
     are documented."""
     without_unit: tuple[Column, ...] = ()
@@ -209,7 +209,7 @@ def read_layout(
             name = next(filter(says, filter(None, layout.unused)), None)
             if name is not None and documented not in layout.columns:
                 columns = {**layout.columns, key: Column(name, table.names.index(name), key, "text", None)}
-                layout = replace(layout, columns=columns, unused=[other for other in layout.unused if other != name])
+                layout = layout._replace(columns=columns, unused=[other for other in layout.unused if other != name])
         unknown = Counter(filter(None, layout.unused))
         for name in [name for name, count in unknown.items() if count > 1]:
             log.add("the column is a duplicate", line, clip(name), "keep one of them")
@@ -524,7 +524,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         reading: Statements of the user.
     """
     headings, rivals = measured_position(table, known.names)
-    known = replace(known, columns={key: item for key, item in known.columns.items() if item.index not in rivals})
+    known = known._replace(columns={key: item for key, item in known.columns.items() if item.index not in rivals})
     chosen = _chosen(known, table, headings, rivals)
     is_open = {key: item.meaning.expanded and reading.coverage is None for key, item in chosen.items()}
     expanded = dict.fromkeys(item.heading.name for key, item in chosen.items() if is_open[key])

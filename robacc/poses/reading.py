@@ -6,7 +6,7 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol
 
@@ -654,8 +654,7 @@ KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
 None for what it does not give."""
 
 
-@dataclass(frozen=True, slots=True)
-class KnownRobot:
+class KnownRobot(NamedTuple):
     """Names, limits and targets of a robot, which the columns of its poses are checked against."""
 
     joint_names: Sequence[str] | None = None
@@ -669,7 +668,7 @@ class KnownRobot:
     ``any``: several targets are valid although the robot has one tool, as columns ``x1 … z2`` too."""
     branches: Sequence[BranchColumn] = ()
     """Joints outside the chain that move mass; each stands at its position where it has no column."""
-    outside: Mapping[str, str] = field(default_factory=dict)
+    outside: Mapping[str, str] = {}
     """Joints outside the chain that a joint variable follows, and the rule by which it does."""
     pose_at: Callable[[Array], Poses] | None = None
     """Nominal poses of the robot at joint variables ``(J, N)``, which show units and the convention of angles that

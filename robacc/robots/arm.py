@@ -1,4 +1,4 @@
-"""Arm for computations: a chain of elementary motions, its poses, exact Jacobian, and inverse kinematics.
+"""Arm for computations: a chain of elementary motions, its poses, exact Jacobian, inverse kinematics, and reach.
 
 A chain is a product of elementary motions, each a rotation or a translation along a coordinate axis by one scalar:
 
@@ -22,7 +22,7 @@ from __future__ import annotations
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -166,11 +166,9 @@ class Chain:
                     jacobian[:3, slot, block] = origin if is_rotation else axis
                     jacobian[3:, slot, block] = axis if is_rotation else 0.0
                 scalar = scalars[k]
-                if isinstance(scalar, float):
-                    if scalar != 0.0:
-                        origin = _advance(columns, origin, motion, scalar)
-                else:
-                    origin = _advance(columns, origin, motion, scalar[block])
+                value = scalar if isinstance(scalar, float) else scalar[block]
+                if not isinstance(value, float) or value != 0.0:
+                    origin = _advance(columns, origin, motion, value)
             if len(self.motions) in stored:
                 _store(stored[len(self.motions)], columns, origin, block)
             _store(tip, columns, origin, block)
@@ -192,10 +190,9 @@ def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
 
 def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
     """Replace rotations' origins ``jacobian[:3, rotations]`` by the displacement of the tool, z x (p - o)."""
-    n = jacobian.shape[-1]
     # Few poses: many motions per call; many poses: a motion at a time, which fits the first-level cache.
     # Numbers per row in a NumPy call: with fewer, the call takes longer than the computation.
-    step = max(1, 2048 // max(n, 1))
+    step = max(1, 2048 // max(jacobian.shape[-1], 1))
     for first in range(0, len(rotations), step):
         chunk = rotations[first : first + step]
         columns: Any = chunk if step > 1 else slice(chunk[0], chunk[0] + 1)
@@ -309,12 +306,14 @@ def _links(
         first = len(motions)
         motions += _joint_motions(joint, owner, convention)
         # Movement per unit of each joint variable that drives the joint, before its sign.
-        ratios = ({joint.name: 1.0} if joint.is_variable else {}) | dict(joint.coupling)
-        if joint.mimic is not None:
-            ratios = {joint.mimic.master: joint.mimic.multiplier}
-        for axis in range(first, len(motions)) if joint.type != "fixed" else ():
-            if motions[axis].label == joint.offset_parameter:
-                drives += [JointDrive(axis, number[name], joint.sign * c) for name, c in ratios.items()]
+        own, mimic = {joint.name: 1.0} if joint.is_variable else {}, joint.mimic
+        ratios = own | dict(joint.coupling) if mimic is None else {mimic.master: mimic.multiplier}
+        drives += [
+            JointDrive(axis, number[name], joint.sign * ratio)
+            for axis in range(first, len(motions) if joint.type != "fixed" else first)
+            if motions[axis].label == joint.offset_parameter
+            for name, ratio in ratios.items()
+        ]
         if joint.mass:
             bodies.append(Body(len(motions), owner, joint.com or ZERO, joint.mass))
     return motions, drives, bodies
@@ -572,15 +571,15 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
         InputError: A prismatic joint has no limits.
     """
     length = _length(arm)
-    if isinstance(starts, int):
-        q0 = _nearest(arm, desired, starts, oriented, length)
-    else:
-        q0 = np.repeat(starts[:, None, :], desired.translation.shape[1], axis=1)
+    q0 = (
+        _nearest(arm, desired, starts, oriented, length)
+        if isinstance(starts, int)
+        else np.repeat(starts[:, None, :], desired.translation.shape[1], axis=1)
+    )
     joints, n, s = q0.shape
     repeated = Poses(np.repeat(desired.rotation, s, axis=2), np.repeat(desired.translation, s, axis=1))
     low, high = joint_ranges(arm)
-    scale = np.array([1.0 if joint.type == "revolute" else length for joint in arm.robot.variables])
-    space = JointSpace(low, high, scale, length, np.repeat([1.0, length][: 1 + oriented], 3))
+    space = JointSpace.of(arm, length, length, oriented)
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
         poses, jacobian = pose_jacobian(arm, q)
@@ -596,9 +595,12 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
 
 def _length(arm: Arm) -> float:
     """Return the arm's size, m, which weighs radians against lengths independently of the unit of length."""
-    poses = arm.chain.forward(spread_configurations(arm, 64))
-    base = np.array(arm.robot.base.xyz)[:, None]
-    return max(rms_length(poses.translation - base), 1e-9)
+    return max(reach(arm, spread_configurations(arm, 64)), 1e-9)
+
+
+def reach(arm: Arm, q: Array) -> float:
+    """Return the rms distance, m, of the target from the base at joints ``q`` ``(J, N)``."""
+    return rms_length(arm.chain.forward(q).translation - np.array(arm.robot.base.xyz)[:, None])
 
 
 def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float) -> Array:
@@ -620,9 +622,8 @@ def _nearest(arm: Arm, desired: Poses, count: int, oriented: bool, length: float
 def pose_error(wanted: Poses, poses: Poses, oriented: bool) -> Array:
     """Return the way from ``poses`` to ``wanted``: m, and for oriented targets a rotation vector in rad."""
     position = wanted.translation - poses.translation
-    if not oriented:
-        return position
-    return np.concatenate((position, log_so3(compose(wanted.rotation, transpose(poses.rotation)))))
+    turn = log_so3(compose(wanted.rotation, transpose(poses.rotation))) if oriented else position[:0]
+    return np.concatenate((position, turn))
 
 
 def part_of(poses: Poses, index: NDArray[np.int64]) -> Poses:
@@ -644,8 +645,7 @@ Evaluate = Callable[[Array, NDArray[np.int64]], tuple[Array, Array]]
 """Errors ``(R, M)`` and their Jacobian ``(R, J, M)`` at joints ``(J, M)`` of the targets with numbers ``(M,)``."""
 
 
-@dataclass(frozen=True, slots=True)
-class JointSpace:
+class JointSpace(NamedTuple):
     """Joints of an arm and errors of its pose, as the solver scales and limits them."""
 
     low: Array
@@ -658,9 +658,16 @@ class JointSpace:
     weights: Array
     """``(R,)`` weight of each component of the error: 1 for m, a length for rad."""
 
+    @classmethod
+    def of(cls, arm: Arm, length: float, turn: float, oriented: bool) -> JointSpace:
+        """Return the joints of an arm of some size; 1 rad counts as the length ``turn``."""
+        joints = arm.robot.variables
+        low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in joints]).T
+        scale = np.array([1.0 if joint.type == "revolute" else length for joint in joints])
+        return cls(low, high, scale, length, np.repeat([1.0, turn][: 1 + oriented], 3))
 
-@dataclass(frozen=True, slots=True)
-class JointSolution:
+
+class JointSolution(NamedTuple):
     """Joints at the end of the iteration, for N problems, or for N poses from S starts each with starts last."""
 
     q: Array
@@ -746,3 +753,62 @@ def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Ar
     remaining = error - np.einsum("ijm,jm->im", matrix, back)
     normal = stacked @ transposed + weak * np.eye(rows)
     return np.asarray(back + (transposed @ np.linalg.solve(normal, remaining.T[..., None]))[..., 0].T)
+
+
+# Reach and moved mass of an arm.
+
+SAMPLES = 8192
+"""Joint configurations searched for the reach, before the best is refined."""
+_TRIALS = 65
+"""Positions tried along each joint's range in a step of the refinement."""
+_ROUNDS = 4
+
+
+def summarise(robot: Robot) -> dict[str, Any]:
+    """Return the reach and the moved mass of a robot, by the keys of the result.
+
+    The reach is that of each target; a robot without named targets has the target ``tool``. The mass is that of all
+    links that have a mass, kg; None where no link has one.
+    """
+    targets = dict(robot.targets) or {"tool": robot.tool}
+    moved = [branch.joint for branch in robot.branches if robot.carrier(branch) is not None]
+    masses = [joint.mass for joint in (*robot.joints, *moved) if joint.mass is not None]
+    reaches = {name: find_reach(robot, frame) for name, frame in targets.items()}
+    return {"moved_mass_kg": sum(masses) if masses else None, "reach": reaches}
+
+
+def find_reach(robot: Robot, target: Frame) -> dict[str, float | None]:
+    """Return the reach of a target from the base's origin within the joint limits (one turn for a joint without).
+
+    By the keys of the result: ``sampled_m`` is the reach or slightly less, ``bound_m`` the reach or more; None where a
+    prismatic joint has no limits. The best of low-discrepancy samples is improved one joint at a time. The bound adds
+    up the lengths between the axes, each prismatic joint at its longest.
+    """
+    chain = build_chain(replace(robot, base=Frame(), tool=target))
+    if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
+        return {"sampled_m": None, "bound_m": None}
+    low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
+    best = q[:, [int(np.argmax(_distance(chain, q)))]]
+    for _ in range(_ROUNDS):
+        for i in range(low.size):
+            trial = np.repeat(best, _TRIALS + 1, axis=1)
+            # The best so far stays among the trials, so a step never reduces the reach.
+            trial[i, 1:] = np.linspace(low[i], high[i], _TRIALS)
+            best = trial[:, [int(np.argmax(_distance(chain, trial)))]]
+    travel: dict[int, list[float]] = {}
+    for drive in chain.drives:
+        limits = sorted(drive.coefficient * float(value) for value in (low[drive.joint], high[drive.joint]))
+        ends = travel.get(drive.motion, [0.0, 0.0])
+        travel[drive.motion] = [end + limit for end, limit in zip(ends, limits, strict=True)]
+    total, run = 0.0, np.zeros(3)
+    for k, motion in enumerate(chain.motions):
+        if motion.kind == "translation":
+            run[motion.axis] += max(abs(motion.value + limit) for limit in travel.get(k, [0.0]))
+        elif motion.value != 0.0 or k in travel:
+            total, run = total + float(np.hypot.reduce(run)), np.zeros(3)
+    return {"sampled_m": float(_distance(chain, best)[0]), "bound_m": total + float(np.hypot.reduce(run))}
+
+
+def _distance(chain: Chain, q: Array) -> Array:
+    return np.asarray(np.sqrt(np.sum(np.square(chain.forward(q).translation), axis=0)))

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -34,8 +34,6 @@ _LIMITS_IN_DEGREES = (4 * math.pi, 1000.0)
 """rad: limits beyond two turns are rare, for all joints of an arm unknown; much larger ones mean "no limit"."""
 TRAVEL_IN_MM = (MAX_LENGTH, 1e4)
 """m: a travel between these values was written in mm; a longer travel means "no limit"."""
-_NO_LIMIT = {"revolute": _LIMITS_IN_DEGREES[1], "prismatic": TRAVEL_IN_MM[1]}
-"""rad or m: a limit beyond this value means "no limit"."""
 
 
 def unit_axis(xyz: Sequence[float]) -> Vector | None:
@@ -44,10 +42,8 @@ def unit_axis(xyz: Sequence[float]) -> Vector | None:
     An axis that is nearly of unit length keeps its numbers, so that a file written and read again is the same.
     """
     length = math.hypot(*xyz)
-    if length < 1e-9:
-        return None
-    x, y, z = xyz if abs(length - 1) < 1e-12 else (value / length for value in xyz)
-    return x, y, z
+    x, y, z = xyz if abs(length - 1) < 1e-12 else (value / max(length, 1e-9) for value in xyz)
+    return (x, y, z) if length >= 1e-9 else None
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,8 +66,7 @@ class Frame:
         return Poses.from_xyz_rpy(np.array(self.xyz), np.array(self.rpy))
 
 
-@dataclass(frozen=True, slots=True)
-class Mimic:
+class Mimic(NamedTuple):
     """Rule of a joint that follows another: ``q = multiplier * q_master + offset``."""
 
     master: str
@@ -116,13 +111,10 @@ class Joint:
     @property
     def offset_parameter(self) -> str:
         """Name of the parameter that is added to the joint's variable."""
-        if "offset" in self.parameters:
-            return "offset"
-        return "theta" if self.type == "revolute" else "d"
+        return "offset" if "offset" in self.parameters else "theta" if self.type == "revolute" else "d"
 
 
-@dataclass(frozen=True, slots=True)
-class BranchJoint:
+class BranchJoint(NamedTuple):
     """Joint outside the chain that moves mass: the other arm of a torso, a slide with a tool."""
 
     joint: Joint
@@ -133,8 +125,7 @@ class BranchJoint:
     """Its variable where the poses do not have it, rad or m."""
 
 
-@dataclass(frozen=True, slots=True)
-class Campaign:
+class Campaign(NamedTuple):
     """Facts of the measuring campaign that a model was fitted in."""
 
     poses: tuple[str, ...]
@@ -143,7 +134,7 @@ class Campaign:
     """Base before it was registered in the campaign; None if it was not."""
     tool: Frame | None = None
     """Tool before it was registered in the campaign; None if it was not."""
-    targets: Mapping[str, Frame] = field(default_factory=dict)
+    targets: Mapping[str, Frame] = {}
     """Targets before they were registered in the campaign."""
     effects: tuple[Mapping[str, Any], ...] = ()
     """Entries of effects that hold for the campaign alone, in the units of the robot's effects."""
@@ -151,8 +142,7 @@ class Campaign:
     """True once the effects stand among the robot's own, for poses of the campaign."""
 
 
-@dataclass(frozen=True, slots=True)
-class Fixture:
+class Fixture(NamedTuple):
     """What poses are measured from: a socket, a plane or an anchor."""
 
     kind: str
@@ -232,12 +222,11 @@ class Robot:
 
 def finite_limits(kind: str, limits: tuple[float, float]) -> tuple[tuple[float, float] | None, str | None]:
     """Return a joint's limits, rad or m, None where large numbers mean "no limit", and a problem of them or None."""
-    beyond = [abs(value) > _NO_LIMIT[kind] for value in limits]
+    beyond = [abs(value) > (_LIMITS_IN_DEGREES if kind == "revolute" else TRAVEL_IN_MM)[1] for value in limits]
     if not any(beyond):
         return limits, None
-    if all(beyond) and limits[0] < 0 < limits[1]:
-        return None, None
-    return None, f"the limits {limits[0]:g} and {limits[1]:g} are too large for a joint"
+    too_large = f"the limits {limits[0]:g} and {limits[1]:g} are too large for a joint"
+    return None, None if all(beyond) and limits[0] < 0 < limits[1] else too_large
 
 
 def limits_likely_degrees(joints: Sequence[Joint]) -> bool:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
@@ -13,7 +14,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, UsageError, refuse
+from robacc.errors import InputError, Problem, refuse
 from robacc.geometry import Array, Poses, exp_so3, rotate, rpy_from_rotation
 from robacc.io.files import ProblemLog
 from robacc.robots.description import (
@@ -149,8 +150,10 @@ def _parsed(text: str, file: str) -> tuple[Element, dict[Element, int]]:
         if tag.startswith("xacro:") or has_formula:
             fail("this is xacro, not URDF", "run xacro first: xacro robot.xacro > robot.urdf")
         if len(selected) == 1 and not is_read:
-            model = _OTHER_MODELS.get(tag, "not a URDF")
-            fail(f"the root element is <{tag}>, so this is {model}; a URDF's root is <robot>")
+            fail(
+                f"the root element is <{tag}>, so this is {_OTHER_MODELS.get(tag, 'not a URDF')}; a URDF's root is "
+                "<robot>"
+            )
         selected.append(_ELEMENTS.get(tag, ()) if is_read else None)
         if is_read:
             lines[builder.start(tag, attributes)] = parser.CurrentLineNumber
@@ -188,9 +191,8 @@ def _check(tree: _Tree) -> None:
             for attribute, count in _NUMBERS.get(element.tag, {}).items():
                 text = element.get(attribute, " ".join("0" * count))
                 if not _are_numbers(text, count, infinite=element.tag == "limit"):
-                    expected = "a number" if count == 1 else f"{count} numbers"
-                    found = f"expected {expected}, found {text[:60]!r}"
-                    tree.report(element, name, f"<{element.tag} {attribute}>: {found}")
+                    expected = f"expected {'a number' if count == 1 else f'{count} numbers'}, found {text[:60]!r}"
+                    tree.report(element, name, f"<{element.tag} {attribute}>: {expected}")
         for tag in ("parent", "child") if owner.tag == "joint" else ():
             if owner.find(tag) is None:
                 tree.report(owner, name, f"the joint has no <{tag}>")
@@ -274,27 +276,21 @@ def _choose_chain(
 
 def _flange(tree: _Tree, link: _Link) -> _Link:
     """Return the link behind the fixed joints that follow ``link``, in front of a gripper and of a fork."""
-    while True:
-        joints = tree.below[link]
-        fixed = [
-            joint.link
-            for joint in joints
-            if joint.type == "fixed" and all(behind.type == "fixed" for behind in tree.below[joint.link])
-        ]
-        named = [name for name in _FLANGES if name in fixed]
-        if named:
-            return named[0]
-        if len(fixed) != 1 or len(joints) > 1:
-            return link
-        link = fixed[0]
+    joints = tree.below[link]
+    fixed = [
+        joint.link
+        for joint in joints
+        if joint.type == "fixed" and all(behind.type == "fixed" for behind in tree.below[joint.link])
+    ]
+    following = _flange(tree, fixed[0]) if len(fixed) == len(joints) == 1 and fixed[0] not in _FLANGES else link
+    return next((name for name in _FLANGES if name in fixed), following)
 
 
 def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:
-    if name in tree.links:
-        return name
     known = [str(link) for link in tree.links]
     names = difflib.get_close_matches(name, known, 3, 0.5) or known
-    raise UsageError(f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}")
+    refuse((name not in known, f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}"))
+    return name
 
 
 def _listing(names: Sequence[_Link]) -> str:
@@ -346,9 +342,8 @@ def _stated_limits(element: Element) -> tuple[float, float] | None:
 def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
     """Report joints that no chain can have, and sizes that no arm has."""
     for joint in joints:
-        element, limits = tree.elements[joint.name], None
-        if joint.type in ("revolute", "prismatic") and not joint.is_continuous:
-            limits = _stated_limits(element)
+        element, has_limits = tree.elements[joint.name], joint.type in ("revolute", "prismatic")
+        limits = _stated_limits(element) if has_limits and not joint.is_continuous else None
         lower, upper = limits or (0.0, 0.0)
         too_large = finite_limits(joint.type, limits)[1] if limits else None
         unknown = (
@@ -442,12 +437,10 @@ def _carried(tree: _Tree, link: _Link, frame: Poses, on_chain: Collection[_Link]
 
 def _movable_moment(tree: _Tree, joint: Joint) -> float:
     """Return the most by which a joint can move the first moment of the mass behind it, kg m."""
-    behind = list(_behind(tree, joint, 0.0))
-    if joint.type != "prismatic":
-        return sum(mass * distance for mass, distance in behind)
     limit = tree.elements[joint.name].find("limit")
     travel = abs(_numbers(limit, "upper", "0")[0] - _numbers(limit, "lower", "0")[0])
-    return travel * sum(mass for mass, _ in behind)
+    behind = _behind(tree, joint, 0.0)
+    return sum(mass * (travel if joint.type == "prismatic" else distance) for mass, distance in behind)
 
 
 def _behind(tree: _Tree, joint: Joint, distance: float) -> Iterator[tuple[float, float]]:
@@ -475,8 +468,8 @@ def _branches(tree: _Tree, carried: Sequence[_Carried], parent: str | None) -> I
         joint = replace(moving, limits=None)
         if (frame.matrices() != _origin(moving).matrices()).any():
             origin = Frame.of(frame)
-            values = (*origin.xyz, *origin.rpy, 0.0)
-            joint = replace(joint, parameters=dict(zip(ORIGIN_PARAMETERS, values, strict=True)))
+            values = zip(ORIGIN_PARAMETERS, (*origin.xyz, *origin.rpy, 0.0), strict=True)
+            joint = replace(joint, parameters=dict(values))
         behind = list(_carried(tree, moving.link, Poses.identity()))
         yield BranchJoint(_loaded(joint, behind), parent)
         yield from _branches(tree, behind, joint.name)
@@ -512,7 +505,7 @@ def _resolve_mimics(
         ratio = rule.multiplier / leader.multiplier
         return replace(joint, mimic=Mimic(name, ratio, rule.offset - ratio * leader.offset))
 
-    beside = [replace(branch, joint=resolved(_direct_mimic(tree, branch.joint), known)) for branch in branches]
+    beside = [branch._replace(joint=resolved(_direct_mimic(tree, branch.joint), known)) for branch in branches]
     return [resolved(joint, inside) for joint in chain], beside
 
 
@@ -522,9 +515,9 @@ def _direct_mimic(tree: _Tree, joint: Joint) -> Joint:
     while mimic is not None:
         master = tree.joints.get(mimic.master)
         if master is None or master.type == "fixed" or master.name in visited:
-            problem = "which follows it in turn: none of these joints moves by itself"
-            if master is None or master.type == "fixed":
-                problem = "which is fixed" if master else "which is not a joint of this file"
+            is_circle = master is not None and master.type != "fixed"
+            circle = "which follows it in turn: none of these joints moves by itself"
+            problem = circle if is_circle else "which is fixed" if master else "which is not a joint of this file"
             tree.report(tree.elements[joint.name], joint.name, f"follows {mimic.master!r}, {problem}")
             break
         if master.mimic is None:
@@ -658,9 +651,8 @@ class _Writer:
 
     def unused_name(self, name: str) -> str:
         """Return the name, with a number behind it where the name is in use."""
-        unique, number = name, 2
-        while unique in self.used_names:
-            unique, number = f"{name}_{number}", number + 1
+        numbered = (f"{name}_{number}" for number in itertools.count(2))
+        unique = next(each for each in itertools.chain([name], numbered) if each not in self.used_names)
         self.used_names.add(unique)
         return unique
 

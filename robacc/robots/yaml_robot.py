@@ -214,8 +214,9 @@ def _campaign(poses: tuple[str, ...] = (), before: Mapping[str, Any] = MappingPr
 
 def read_units(top: YamlSection) -> Units | None:
     """Return the units of the key ``units`` of a file, which they now are of; None where they cannot be read."""
-    kinds = {"units": partial(read_section, kinds=_UNITS, required=_UNITS)}
-    names = read_fields(top, kinds, ["units"]).get("units", {})
+    names = read_fields(top, {"units": partial(read_section, kinds=_UNITS, required=_UNITS)}, ["units"]).get(
+        "units", {}
+    )
     is_whole = len(names) == len(_UNITS)
     units = top.source.units = Units(_LENGTHS[names["length"]], _ANGLES[names["angle"]]) if is_whole else None
     return units
@@ -226,8 +227,6 @@ def read_units(top: YamlSection) -> Units | None:
 FORMAT_VERSION = 1
 BASE_LINK = "base"
 """Parent of a branch that the base carries."""
-_MAX_GRAVITY = 50.0
-"""m/s^2: five times the earth's gravity; a larger number is likely in mm/s^2."""
 _COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
@@ -263,7 +262,8 @@ _ROBOT: dict[str, Kind] = {
         kind=partial(Source.numbers, count=3),
         checks=[
             (
-                lambda value: math.hypot(*value) <= _MAX_GRAVITY,
+                # Five times the earth's gravity; a larger number is likely in mm/s^2.
+                lambda value: math.hypot(*value) <= 50.0,
                 "[{value[0]}, {value[1]}, {value[2]}] is too large for gravity",
                 "it is always in m/s^2",
             )
@@ -421,19 +421,22 @@ def _read_joints(top: YamlSection, convention: Convention) -> tuple[Joint, ...]:
     if isinstance(node, yaml.SequenceNode) and not node.value:
         top.report("joints", "a robot needs at least one joint")
     lines: dict[str, int] = {}
-    links: set[str | None] = {None}
-    for section, joint in read:
-        if joint.name in lines:
-            section.report("name", f"{joint.name!r} is already the name of the joint in line {lines[joint.name]}")
-        if joint.link in links - {None}:
-            section.report("link", f"an earlier joint already moves {joint.link!r}")
-        lines.setdefault(joint.name, section.node.start_mark.line + 1)
-        links.add(joint.link)
-    if not is_whole:
-        return ()
-    if read and not any(joint.is_variable for _, joint in read):
+    links = [joint.link for _, joint in read]
+    for i, (section, joint) in enumerate(read):
+        line = lines.setdefault(joint.name, section.node.start_mark.line + 1)
+        is_moved = joint.link is not None and joint.link in links[:i]
+        section.report_if(
+            (
+                joint.name in [earlier.name for _, earlier in read[:i]],
+                "name",
+                f"{joint.name!r} is already the name of the joint in line {line}",
+                None,
+            ),
+            (is_moved, "link", f"an earlier joint already moves {joint.link!r}", None),
+        )
+    if is_whole and read and not any(joint.is_variable for _, joint in read):
         top.report("joints", "no joint moves: all are fixed or follow another")
-    return tuple(_followers(read))
+    return tuple(_followers(read)) if is_whole else ()
 
 
 def _followers(read: Sequence[tuple[YamlSection, Joint]], masters: Sequence[Joint] = ()) -> Iterator[Joint]:
@@ -459,10 +462,8 @@ def _followers(read: Sequence[tuple[YamlSection, Joint]], masters: Sequence[Join
                 reason = "is fixed" if master.type == "fixed" else "follows another joint itself"
             section.report("mimic.joint", f"{joint.name!r} follows {mimic.master!r}, which {reason}")
         for name in joint.coupling.keys() - (sizes.keys() - {joint.name}):
-            known = ", ".join(other for other in sizes if other != joint.name)
-            section.report(
-                f"coupling.{name}", f"{name!r} is not another joint with a variable; there are {known or 'none'}"
-            )
+            known = ", ".join(other for other in sizes if other != joint.name) or "none"
+            section.report(f"coupling.{name}", f"{name!r} is not another joint with a variable; there are {known}")
         ratios = {name: ratio * sizes[name] for name, ratio in joint.coupling.items() if name in sizes}
         yield replace(joint, mimic=mimic, coupling=ratios)
 
@@ -480,20 +481,26 @@ def _read_branches(top: YamlSection, joints: Sequence[Joint]) -> tuple[BranchJoi
         kinds: dict[str, Kind] = {"parent": Source.text, "position": _length if joint.type == "prismatic" else _angle}
         values = read_fields(section, kinds, ["parent"])
         parent = values.get("parent", BASE_LINK)
-        if joint.mimic and section.get("position") is not None:
-            section.report("position", "a joint that follows another has no position of its own")
-        if joint.name in names or joint.name == BASE_LINK:
-            section.report("name", f"{joint.name!r} is already the name of a joint or of the base")
-        if parent != BASE_LINK and parent not in names:
-            section.report(
+        in_use, neither = f"{joint.name!r} is already the name of a joint or of the base", f"{parent!r} is neither"
+        section.report_if(
+            (
+                joint.mimic is not None and section.get("position") is not None,
+                "position",
+                "a joint that follows another has no position of its own",
+                None,
+            ),
+            (joint.name in {*names, BASE_LINK}, "name", in_use, None),
+            (
+                parent not in {*names, BASE_LINK},
                 "parent",
-                f"{parent!r} is neither {BASE_LINK} nor a joint in front of it",
+                f"{neither} {BASE_LINK} nor a joint in front of it",
                 f"there are {', '.join(sorted(names))}",
-            )
+            ),
+        )
         names.add(joint.name)
         branches.append(BranchJoint(joint, None if parent == BASE_LINK else parent, values.get("position", 0.0)))
     beside = _followers(read, joints)
-    return tuple(replace(branch, joint=joint) for branch, joint in zip(branches, beside, strict=True))
+    return tuple(branch._replace(joint=joint) for branch, joint in zip(branches, beside, strict=True))
 
 
 def parse_robot(document_text: str, file: str) -> Robot:

@@ -166,10 +166,8 @@ def f_sf(x: float, dof1: float, dof2: float) -> float:
 @lru_cache(maxsize=256)
 def student_quantile(probability: float, dof: float) -> float:
     """Return the t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``; infinite: normal."""
-    if math.isinf(dof):
+    if math.isinf(dof) or probability == 0.5:
         return normal_quantile(probability)
-    if probability == 0.5:
-        return 0.0
     size = math.sqrt(f_critical(2.0 * min(probability, 1.0 - probability), 1.0, dof))
     return math.copysign(size, probability - 0.5)
 

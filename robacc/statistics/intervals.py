@@ -108,14 +108,12 @@ class StudentCurve(NamedTuple):
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
         """See :class:`ConfidenceCurve`; the error falls with the root of the number of poses."""
         margin = (math.sqrt(limit) if self.is_root else limit) - self.mean
-        if margin <= 0.0:
-            return None
         bound = student_quantile(confidence, self.size - 1.0)
         if self.bootstrap_t is not None:
             ordered = np.sort(self.bootstrap_t)
             bound = max(bound, -float(ordered[int((1.0 - confidence) * (ordered.size - 1))]))
-        poses = math.ceil(n * ((bound + normal_quantile(ASSURANCE)) * self.error / margin) ** 2)
-        return max(poses, 2) if poses <= MOST_POSES else None
+        needed = n * ((bound + normal_quantile(ASSURANCE)) * self.error / max(margin, 1e-300)) ** 2
+        return max(math.ceil(needed), 2) if margin > 0.0 and needed <= MOST_POSES else None
 
 
 class WiderCurve(NamedTuple):
@@ -147,8 +145,7 @@ class RootCurve(NamedTuple):
         return self.square.poses_for(limit * limit, confidence, n)
 
 
-@dataclass(frozen=True, slots=True, eq=False)
-class PercentileCurve:
+class PercentileCurve(NamedTuple):
     """Confidence curve of the ``p`` quantile of lengths: order statistics, and beyond the largest a fitted Gaussian."""
 
     lengths: Array

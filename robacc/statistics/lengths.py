@@ -167,9 +167,8 @@ def mean_lengths(variances: Array) -> Array:
     Carlson's duplication of R_F and R_D (DLMF 19.26.18 and 19.26.20). scipy.special has it, but its import takes longer
     than all criteria of ISO 9283.
     """
-    largest = np.where(variances[2] > 0.0, variances[2], 1.0)
     # Without a floor R_F and R_D are infinite where two variances are zero; R_G changes by less than 1e-18.
-    x, y, z = first, second, third = np.maximum(variances / largest, 1e-20)
+    x, y, z = first, second, third = np.maximum(variances / np.where(variances[2] > 0.0, variances[2], 1.0), 1e-20)
     r_d, weight = np.zeros_like(z), 1.0
     while np.any(z - x > 1e-7 * z):
         roots = np.sqrt((x, y, z))
@@ -338,8 +337,6 @@ _LEAST, _MOST = 0.2, 1.0 - 1e-8
 """Shares between which F is interpolated: the second largest of ten lengths is below the first in 1 of 200,000 sets."""
 _LEAST_WEIGHT = 1e-6
 """Weight below which an order statistic counts as absent from the percentile."""
-_NEGLIGIBLE = 40.0
-"""Fall of the integrand's logarithm at which an integral ends."""
 _GAUSS = np.polynomial.legendre.leggauss(32)
 """Nodes and weights."""
 
@@ -416,7 +413,8 @@ class ScaledPercentileCurve:
             return below
         # The logarithm of F is concave: F(y)^k falls at least as fast as its tangent at the value.
         fall = k * density / share * w / (1.0 - w)
-        reach = min(self._ends[1], value / w, value + _NEGLIGIBLE / fall) - value
+        # The integral ends where the integrand's logarithm has fallen by 40.
+        reach = min(self._ends[1], value / w, value + 40.0 / fall) - value
         nodes, weights = _GAUSS
         lengths = value + 0.5 * reach * (1.0 + nodes)
         lower, _ = self._distribution((value - w * lengths) / (1.0 - w))

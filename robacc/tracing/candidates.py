@@ -18,16 +18,13 @@ from scipy.special import log_ndtr
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term, commanded
 from robacc.effects.campaign import (
-    CHANGE_POINT,
     FEWEST,
     LineOfSight,
     Place,
-    at_place,
+    Step,
     first_places,
-    is_step,
     lines_of_sight,
     neighbours,
-    place_of,
     places,
     possible_places,
     step_forms,
@@ -125,7 +122,7 @@ def named_candidates(
         if cls.traits.is_empirical or (only is not None and name not in only):
             continue
         reason = cls.missing(arm, data)
-        if (partly := reason or cls.missing_form(arm, data)) is not None:
+        if (partly := cls.missing(arm, data, usual=True)) is not None:
             missing[name] = partly
         if reason is not None:
             continue
@@ -147,7 +144,7 @@ def named_candidates(
             missing[effect.name] = str(error)
             continue
         share = len(units) * units[effect.name, effect.joints]
-        candidates.append(Candidate(effect, terms, math.log(effect.prior_odds / share)))
+        candidates.append(Candidate(effect, terms, math.log(effect.form.prior_odds / share)))
     return candidates, missing
 
 
@@ -219,20 +216,22 @@ class Pool:
         """Yield steps at places over the campaign, and lines of sight from places where the instrument may stand."""
         _, between = places(self.data, visit_numbers(self.data))
         between = between[FEWEST - 1 : len(between) - FEWEST + 1]
-        if CHANGE_POINT in self._names and between.size:
+        if Step.name in self._names and between.size:
             for form in step_forms(self.arm, self.data):
                 possible = possible_places(form, between)
                 # Those between them are tried beside a step that is found.
                 chosen = np.linspace(0, possible.size - 1, min(possible.size, 40)).round().astype(int)
                 few = possible[np.unique(chosen)].tolist()
                 log_prior = -math.log(3.0 * max(units, 1) * len(few))
-                yield from ((at_place(form, place, self.data), log_prior) for place in few)
+                yield from ((form.starting(place, self.data), log_prior) for place in few)
         grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
         for name, cls in REGISTRY.items():
             if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
                 forms = list(cls().forms())
                 log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
-                yield from ((form.at(_rounded(place)), log_prior) for form in forms for place in grid)
+                yield from (
+                    (dataclasses.replace(form, place=_rounded(place)), log_prior) for form in forms for place in grid
+                )
 
     def add(self, forms: Iterable[tuple[Effect, float]]) -> None:
         """Add effects with their log priors, unless they are candidates already."""
@@ -255,7 +254,7 @@ class Pool:
         for name, cls in REGISTRY.items():
             if name in self._names:
                 beside = cls.beside(effect, self.arm, self.data)
-                forms += [(form, math.log(form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
+                forms += [(form, math.log(form.form.prior_odds / TYPICAL_CANDIDATES)) for form in beside]
         self.add(forms)
 
     def _settings_near(self, effect: Effect) -> Iterator[Effect]:
@@ -265,11 +264,12 @@ class Pool:
             centre = lines_of_sight(self.arm, self.data, effect.name)[0].mean(axis=1)
             # rad and log distance; the grid's spacing is twice the first.
             for step in 0.25 ** np.arange(1, 4):
-                yield from (effect.at(_rounded(place)) for place in neighbours(np.array(effect.place), centre, step))
-        elif is_step(effect):
+                near_places = neighbours(np.array(effect.place), centre, step)
+                yield from (dataclasses.replace(effect, place=_rounded(place)) for place in near_places)
+        elif isinstance(effect, Step):
             between = possible_places(effect, places(self.data, visit_numbers(self.data))[1])
-            nearest = between[np.argsort(np.abs(between - place_of(effect)), kind="stable")[:20]]
-            yield from (at_place(effect, place, self.data) for place in nearest.tolist())
+            nearest = between[np.argsort(np.abs(between - effect.place), kind="stable")[:20]]
+            yield from (effect.starting(place, self.data) for place in nearest.tolist())
         elif (constant := getattr(effect, "time_constant", None)) is not None:
             # The first tried are a factor of 2 apart.
             near_constants = [

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
-from robacc.effects.campaign import is_step, place_of, same_form
+from robacc.effects.campaign import Step
 from robacc.effects.periodic import PoseCorrection, are_separable, of_order, orders_of, profile, searched_order
 from robacc.error_model.covariance import (
     TERMS,
@@ -502,7 +502,7 @@ class _Search:
                 continue
             effect, multiples = candidate.effect, scores.fitted(number)
             implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
-            if implausible is None or not effect.rejects_implausible:
+            if implausible is None or not effect.form.rejects_implausible:
                 return [int(number)]
         return []
 
@@ -515,7 +515,7 @@ class _Search:
             return False
         if any(searched_order(one.effect) is not None for one in (candidate, other)):
             return not self._are_separable(candidate, other)
-        return not is_step(candidate.effect) or candidate.key == other.key
+        return not isinstance(candidate.effect, Step) or candidate.key == other.key
 
     def _are_separable(self, one: Candidate, other: Candidate) -> bool:
         """Return whether the poses separate every order of one periodic error of a joint from those of another."""
@@ -552,9 +552,9 @@ class _Search:
             rival, behind = self.pool.all[number], float(scores.log_odds[own] - scores.log_odds[number])
             if behind > ACCEPTED:
                 break
-            effect = rival.effect
-            if is_step(effect) and is_step(candidate.effect) and same_form(effect, candidate.effect):
-                at += [place_of(effect)] if behind <= 0.5 * NORMAL_95**2 else []
+            effect, forms = rival.effect, [each.effect for each in (rival, candidate) if isinstance(each.effect, Step)]
+            if len(forms) == 2 and forms[0].starting(0.0, self.data) == forms[1].starting(0.0, self.data):
+                at += [forms[0].place] if behind <= 0.5 * NORMAL_95**2 else []
             elif rival.effect_name == candidate.effect_name:
                 if searched_order(effect) is not None and self._are_separable(rival, candidate):
                     aliases.append(orders_of(effect)[0])
@@ -642,7 +642,7 @@ def _forms(found: SearchResult) -> Iterator[tuple[Candidate, NDArray[np.int64]]]
         if (own := names.get(candidate.key)) is not None:
             if not any(other < own for other in names.values()):
                 yield candidate, columns
-        elif is_step(candidate.effect) and len({term.unit for term in candidate.terms}) == 1:
+        elif isinstance(candidate.effect, Step) and len({term.unit for term in candidate.terms}) == 1:
             form = (candidate.effect.joints, *(term.name for term in candidate.terms))
             steps.setdefault(form, []).append((candidate, columns))
     for same in steps.values():

@@ -16,7 +16,7 @@ from robacc.diagnostics.data_mistakes import check_data
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import Rounding, memory_of_play, unlogged_loads
 from robacc.effects.base import Effect, effect_class
-from robacc.effects.campaign import place_of, place_text
+from robacc.effects.campaign import Step, place_text
 from robacc.effects.periodic import order_tolerance, orders_of, origin_of
 from robacc.effects.specification import CONSTANTS
 from robacc.error_model.covariance import ErrorPart
@@ -214,8 +214,8 @@ def describe_finding(
             before = _rms(pose_metrics(without[:, judged.after.held_out_inliers_mask]))
     coefficients = tuple(judged.parameters[i] for i in columns)
     change = between = None
-    if identified.places is not None:
-        place, low, high = change = (place_of(effect), *identified.places)
+    if isinstance(effect, Step) and identified.places is not None:
+        place, low, high = change = (effect.place, *identified.places)
         between = (place_text(place, effect, data), place_text(low, effect, data), place_text(high, effect, data))
     values = {parameter.name: parameter.value for parameter in coefficients}
     statement, harmonics = fitted.statement(arm, values, between), tuple[Harmonic, ...]()
@@ -339,7 +339,7 @@ def remaining_error(
                 f"{','.join(absent)} to the effects of `declared`"
             )
     p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
-    playing = {joint: effect for effect in final.model.free if effect.follows_approach for joint in effect.joints}
+    playing = {joint: effect for effect in final.model.free if effect.form.follows_approach for joint in effect.joints}
     memories = memory_of_play(final, data, tuple(playing))
     for joint, p_value in memories.items():
         if p_value * len(memories) <= SIGNIFICANT:

@@ -1,6 +1,5 @@
 """Grades: the scale file with every message, the grade, and when it counts as demonstrated."""
 
-import dataclasses
 import math
 from importlib.resources import files
 from pathlib import Path
@@ -40,7 +39,7 @@ def errors_of(value: float, bound: float | None, unit: str = "m", why: str | Non
     """Statistics whose RMS and its upper bound are as given, or why there is no bound."""
     result = error_statistics(np.random.default_rng(0).normal(size=(3, 30)), unit)
     interval = Interval(None, None, bound, 0.95, "given", why if bound is None else None)
-    return dataclasses.replace(result, rms=value, intervals=dataclasses.replace(result.intervals, rms=interval))
+    return result._replace(rms=value, intervals=result.intervals._replace(rms=interval))
 
 
 def graded(
@@ -121,7 +120,7 @@ def test_reasons_in_words() -> None:
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
 def test_the_scale_says_which_statistic(statistic: str) -> None:
     statistics = error_statistics(1e-4 * np.random.default_rng(0).normal(size=(3, 100)), "m")
-    result = grade(statistics, None, dataclasses.replace(SCALE, statistic=statistic))
+    result = grade(statistics, None, SCALE._replace(statistic=statistic))
     assert result.position.value == getattr(statistics, statistic)
     assert result.position.interval.upper_bound == getattr(statistics.intervals, statistic).upper_bound
 
@@ -158,7 +157,7 @@ def test_a_scale_of_ones_own() -> None:
 
 
 def test_a_free_orientation_limits_nothing() -> None:
-    scale = dataclasses.replace(load_scale(GOOD, "mine.yaml"), confidence=0.95)
+    scale = load_scale(GOOD, "mine.yaml")._replace(confidence=0.95)
     result = grade(errors_of(2e-4, 2.5e-4), errors_of(0.5, None, "rad", "few"), scale)
     assert (result.grade, result.demonstrated, result.demonstrated_grade) == ("B", True, "B")
     assert result.orientation.limit is None
@@ -320,7 +319,7 @@ def test_one_pose_gives_a_grade_of_unknown_probability_and_confirms_nothing() ->
 
 def test_the_maximum_is_never_confirmed() -> None:
     largest = error_statistics(1e-6 * np.random.default_rng(0).normal(size=(3, 500)), "m")
-    result = grade(largest, None, dataclasses.replace(SCALE, statistic="max"))
+    result = grade(largest, None, SCALE._replace(statistic="max"))
     assert (result.grade, result.demonstrated) == ("A", False)
     assert "the largest error of all poses has no interval" in result.reason
     assert (result.probability, result.poses_to_demonstrate) == (None, None)

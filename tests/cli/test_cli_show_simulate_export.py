@@ -27,6 +27,7 @@ from sample_files import (
     saved,
 )
 
+from robacc.documents.descriptions import SHOW
 from robacc.effects import REGISTRY
 from robacc.io.files import sha256_of
 from robacc.modelling.model import predict
@@ -35,9 +36,8 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.render.text import lines_of
 from robacc.render.views.robot import robot_view
-from robacc.robots.arm import build_chain, low_discrepancy
+from robacc.robots.arm import build_chain, find_reach, low_discrepancy, summarise
 from robacc.robots.description import Frame, Joint, Mimic, Robot
-from robacc.robots.library import Reach, find_reach, summarise
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
@@ -47,7 +47,7 @@ _, show, shown, refused_show = commands.calls_of("show")
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
-    return "\n".join(line for line, _ in lines_of(robot_view(summarise(robot)), width))
+    return "\n".join(line for line, _ in lines_of(robot_view(robot, SHOW.write(robot, **summarise(robot))), width))
 
 
 def row(text: str, heading: str, name: str) -> list[str]:
@@ -94,33 +94,33 @@ def test_exit_statuses() -> None:
 def test_reach_of_arms_that_can_be_worked_out() -> None:
     # A SCARA stretched out: 0.8 m across; its hand lowest is 0.877 - 0.2 - 0.195 up, highest 0.677.
     scara = find_reach(read_robot(CONFIGS / "scara.yaml"), Frame())
-    assert scara.sampled == pytest.approx(np.hypot(0.8, 0.677), abs=1e-6)
+    assert scara["sampled_m"] == pytest.approx(np.hypot(0.8, 0.677), abs=1e-6)
     # The bound knows no directions: (0.425, 0.877), (0.375), (slide 0.195 and hand 0.2 along one axis).
-    assert scara.bound == pytest.approx(np.hypot(0.425, 0.877) + np.hypot(0.375, 0.195) + 0.2)
+    assert scara["bound_m"] == pytest.approx(np.hypot(0.425, 0.877) + np.hypot(0.375, 0.195) + 0.2)
     # A slide counts with the end that lies farther out.
     slide = Joint("s", "prismatic", dict.fromkeys(("theta", "d", "a", "alpha"), 0.0), limits=(-0.3, 0.1))
-    assert find_reach(Robot("r", "standard", (slide,)), Frame()) == Reach(0.3, 0.3)
+    assert find_reach(Robot("r", "standard", (slide,)), Frame()) == {"sampled_m": 0.3, "bound_m": 0.3}
     robot = read_robot(CONFIGS / "ur10.yaml")
     reach = find_reach(robot, Frame())
     # Against a search that shares nothing with it but the chain.
     q = np.random.default_rng(0).uniform(-np.pi, np.pi, (6, 20_000))
     found = np.linalg.norm(build_chain(robot).forward(q).translation, axis=0).max()
-    assert found - 1e-3 < reach.sampled <= reach.bound
+    assert found - 1e-3 < reach["sampled_m"] <= reach["bound_m"]
 
 
 def test_reach_is_measured_from_the_robots_base_and_per_target() -> None:
     robot = read_robot(CONFIGS / "scara.yaml")
     moved = replace(robot, base=Frame((5.0, 0, 0)), targets={"a": Frame(), "b": Frame((0, 0, 0.1))})
-    summary = summarise(moved)
-    assert summary.reach["a"] == find_reach(robot, Frame())
-    assert summary.reach["b"].sampled == pytest.approx(np.hypot(0.8, 0.577), abs=1e-6)
+    reach = summarise(moved)["reach"]
+    assert reach["a"] == find_reach(robot, Frame())
+    assert reach["b"]["sampled_m"] == pytest.approx(np.hypot(0.8, 0.577), abs=1e-6)
     assert missing(drawn(moved), "reach    b: 986 mm", "target   a: (0, 0, 0) mm, rpy (0, 0, 0)°") == []
 
 
 def test_a_slide_without_limits_has_no_reach() -> None:
     robot = read_robot(CONFIGS / "stanford.yaml")
     robot = replace(robot, joints=tuple(replace(joint, limits=None) for joint in robot.joints))
-    assert find_reach(robot, Frame()).sampled is None
+    assert find_reach(robot, Frame())["sampled_m"] is None
     assert "reach    unknown: a prismatic joint has no limits" in drawn(robot)
 
 
@@ -147,7 +147,7 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
         ),
         Joint("copy", "revolute", zero, mimic=Mimic("turn", -2.0), mass=1.25, com=(0.1, 0.0, 0.0)),
     )
-    effects = ({"effect": "backlash"}, {"effect": "gear_ratio"})
+    effects = tuple({"effect": e, "joints": ["turn"], "values": {"turn": 1e-4}} for e in ("backlash", "gear_ratio"))
     text = drawn(Robot("u", "urdf", joints, base_link="foot", tip_link="hand", effects=effects))
     assert "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis; 1 joint, foot to hand" in text
     for heading, cells in (

@@ -19,7 +19,7 @@ from slow_parameters import some_fast
 import robacc
 from robacc.comparison.comparing import promise_test, rows_of_targets
 from robacc.correction import Evaluate, JointSolution, length_bound, solve
-from robacc.effects.base import REGISTRY
+from robacc.effects import REGISTRY
 from robacc.effects.specification import absorbed, entry_of, with_effect_units
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, log_between
@@ -705,7 +705,7 @@ def test_promise_is_kept_as_often_as_it_claims() -> None:
     for _ in range(300):
         shared = np.einsum("ipn,p->in", jacobian, root @ rng.normal(size=count))
         own = np.sqrt([[1.0], [2.0], [0.5]]) * rng.normal(size=(3, n))
-        squares.append(promise_test(shared + own, jacobian, root @ root.T, separate, {})["chi_square"])
+        squares.append(promise_test(shared + own, jacobian, root @ root.T, separate)["chi_square"])
     # Mean 36 with a standard error of sqrt(72 / 300) = 0.5.
     assert (np.mean(squares), np.var(squares)) == (pytest.approx(3 * n, abs=2.0), pytest.approx(6 * n, rel=0.35))
 

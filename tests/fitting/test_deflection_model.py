@@ -15,7 +15,7 @@ from scipy import stats
 import robacc.fitting.masses
 import robacc.tracing.calibrating
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
-from robacc.effects.base import REGISTRY
+from robacc.effects import REGISTRY
 from robacc.effects.specification import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.masses import BETTER, choose_form, with_deflection

@@ -14,7 +14,7 @@ from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale, grade
 from robacc.comparison.stored_results import NoValueError, errors_behind, value_at
 from robacc.documents.accuracy import GRADE
-from robacc.documents.envelope import gate_document
+from robacc.documents.envelope import GATE_RESULT
 from robacc.documents.keys import STATISTICS
 from robacc.gates import KEYS, Evaluation, GateOutcome, evaluate_gate, figure_at, is_known, load_gate
 from robacc.io.json_text import json_text
@@ -577,8 +577,8 @@ def test_the_worst_outcome_is_the_gates(outcomes: tuple[str, ...], expected: str
 
 def test_the_document_says_everything_and_is_the_same_each_time() -> None:
     entry = "  - {key: position.p95, limit: 1.5 mm, reason: because}\n"
-    document = gate_document(outcome(entry, estimate()))
-    assert json_text(document) == json_text(gate_document(outcome(entry, estimate())))
+    document = GATE_RESULT.write(outcome(entry, estimate()))
+    assert json_text(document) == json_text(GATE_RESULT.write(outcome(entry, estimate())))
     (entry_document,) = document["criteria"]
     assert set(entry_document) >= {
         *("name", "key", "outcome", "why", "unit", "value", "limit", "at_least", "rule", "confidence", "lower_bound"),

@@ -8,7 +8,7 @@ from xml.etree import ElementTree
 import pytest
 from commands import missing
 
-from robacc.documents.envelope import gate_document
+from robacc.documents.envelope import GATE_RESULT, significant_document
 from robacc.gates import Evaluation, Gate, GateCriterion, GateOutcome, evaluated
 from robacc.outcomes import FileOutcome
 from robacc.render.text import draw
@@ -43,7 +43,7 @@ def stored(*arguments: Any, **more: Any) -> dict[str, Any]:
 
 def gate(*evaluations: Evaluation, name: str = "g") -> dict[str, Any]:
     """The outcome of a gate as in the JSON document."""
-    return gate_document(GateOutcome(Gate(name, ()), evaluations))
+    return significant_document(GATE_RESULT.write(GateOutcome(Gate(name, ()), evaluations)))
 
 
 ALL = gate(

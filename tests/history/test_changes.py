@@ -5,6 +5,7 @@ import itertools
 import numpy as np
 import pytest
 
+from robacc.documents.history import date_text
 from robacc.history.changes import ArmSeries, find_changes, level_of, slope_of
 
 WEEK = 7 * 86400.0
@@ -51,7 +52,7 @@ def test_a_life_without_a_change_gives_at_most_one_false_alarm_a_year(kind):
         series = life(rng, **kind)
         for n in range(2, 81):
             found, _ = find_changes(cut(series, n), LEVEL)
-            alarms |= {(arm, c.key, c.kind) for c in found if c.kind in ("step", "ramp") and c.confirmed}
+            alarms |= {(arm, c["key"], c["kind"]) for c in found if c["kind"] in ("step", "ramp") and c["confirmed"]}
         years += 80 * LEVEL
     assert len(alarms) <= years
 
@@ -63,13 +64,13 @@ def test_a_step_of_twice_the_limit_is_found_within_two_tests_and_named_with_its_
         series, at = life(rng, heat=heat), int(rng.integers(20, 70))
         size = 2.0 * limit_of(cut(series, at), "joint_offset.j3")
         series = moved(series, "joint_offset.j3", size * (np.arange(80) >= at))
-        soon = [c for c in find_changes(cut(series, at + 2), LEVEL)[0] if c.key == "joint_offset.j3"]
-        assert any(c.kind == "step" and c.at == at * WEEK for c in soon)
-        steps = [c for c in find_changes(series, LEVEL)[0] if c.kind in ("step", "ramp")]
-        assert [(c.key, c.kind, c.at) for c in steps] == [("joint_offset.j3", "step", at * WEEK)]
-        assert steps[0].earliest <= at * WEEK <= steps[0].latest
-        assert steps[0].p_value < LEVEL
-        inside += steps[0].low <= size <= steps[0].high
+        soon = [c for c in find_changes(cut(series, at + 2), LEVEL)[0] if c["key"] == "joint_offset.j3"]
+        assert any(c["kind"] == "step" and c["at"] == date_text(at * WEEK) for c in soon)
+        steps = [c for c in find_changes(series, LEVEL)[0] if c["kind"] in ("step", "ramp")]
+        assert [(c["key"], c["kind"], c["at"]) for c in steps] == [("joint_offset.j3", "step", date_text(at * WEEK))]
+        assert steps[0]["earliest"] <= date_text(at * WEEK) <= steps[0]["latest"]
+        assert steps[0]["p_value"] < LEVEL
+        inside += steps[0]["low"] <= size <= steps[0]["high"]
     assert inside >= 17  # 19 expected; fewer than 17 of 20 has a probability of 0.3 % where intervals hold 95 %
 
 
@@ -80,10 +81,10 @@ def test_wear_is_a_ramp_and_its_interval_holds_the_rise():
         size = 3.0 * limit_of(cut(series, at), "joint_offset.j1")
         rise = np.maximum(np.arange(80) - at + 1, 0) / (80 - at)
         series = moved(series, "joint_offset.j1", size * rise)
-        (ramp,) = [c for c in find_changes(series, LEVEL)[0] if c.kind in ("step", "ramp")]
-        assert (ramp.key, ramp.kind) == ("joint_offset.j1", "ramp")
-        assert "temperature" in ramp.alternatives  # none was recorded
-        inside += ramp.low <= size <= ramp.high
+        (ramp,) = [c for c in find_changes(series, LEVEL)[0] if c["kind"] in ("step", "ramp")]
+        assert (ramp["key"], ramp["kind"]) == ("joint_offset.j1", "ramp")
+        assert "temperature" in ramp["alternatives"]  # none was recorded
+        inside += ramp["low"] <= size <= ramp["high"]
     assert inside >= 12
 
 
@@ -91,29 +92,29 @@ def test_a_dependence_on_temperature_is_no_ramp():
     series = life(np.random.default_rng(4), heat=2.0)
     found = find_changes(series, LEVEL)[0]
     heated = {*(f"joint_offset.j{k}" for k in (0, 4, 8, 12)), "base_frame.16"}
-    assert {c.key for c in found if c.kind == "temperature"} == heated
-    assert all(c.unit == "rad/K" for c in found if c.kind == "temperature")
-    assert not [c for c in found if c.kind in ("step", "ramp")]
+    assert {c["key"] for c in found if c["kind"] == "temperature"} == heated
+    assert all(c["unit"] == "rad/K" for c in found if c["kind"] == "temperature")
+    assert not [c for c in found if c["kind"] in ("step", "ramp")]
 
 
 def test_a_base_set_up_anew_is_no_change_of_the_arm():
     series = moved(life(np.random.default_rng(5)), "base_frame.15", 1e-3 * (np.arange(80) >= 40))
-    assert [(c.key, c.kind) for c in find_changes(series, LEVEL)[0]] == [("base_frame.15", "setup")]
+    assert [(c["key"], c["kind"]) for c in find_changes(series, LEVEL)[0]] == [("base_frame.15", "setup")]
 
 
 def test_one_bad_test_is_no_change_once_others_follow():
     series = moved(life(np.random.default_rng(6)), "joint_offset.j2", 1e-3 * (np.arange(80) == 40))
     assert not find_changes(series, LEVEL)[0]
     (last,) = find_changes(cut(series, 41), LEVEL)[0]
-    assert (last.key, last.kind, last.confirmed) == ("joint_offset.j2", "step", False)
+    assert (last["key"], last["kind"], last["confirmed"]) == ("joint_offset.j2", "step", False)
 
 
 def test_two_changes_of_one_coefficient_are_both_found():
     series = life(np.random.default_rng(7))
     order = np.arange(80)
     series = moved(series, "joint_offset.j5", 5e-4 * (order >= 30) - 8e-4 * (order >= 60))
-    found = sorted((c.at / WEEK, c.size) for c in find_changes(series, LEVEL)[0])
-    assert [at for at, _ in found] == [30, 60]
+    found = sorted((c["at"], c["size"]) for c in find_changes(series, LEVEL)[0])
+    assert [at for at, _ in found] == [date_text(30 * WEEK), date_text(60 * WEEK)]
     assert [size for _, size in found] == pytest.approx([5e-4, -8e-4], abs=2e-4)
 
 

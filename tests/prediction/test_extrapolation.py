@@ -75,7 +75,7 @@ def test_beyond_the_range_the_joint_is_uncertain_by_the_size_of_the_effect() -> 
 def test_the_uncertainty_grows_with_the_distance(periodic: bool, monkeypatch: pytest.MonkeyPatch) -> None:
     model = Model.of(ripple())
     effect = type(model.known[0].effect)
-    monkeypatch.setattr(effect, "traits", dataclasses.replace(effect.traits, is_bounded=periodic))
+    monkeypatch.setattr(effect, "traits", effect.traits._replace(is_bounded=periodic))
     if not periodic:
         monkeypatch.setattr(effect, "beyond", lambda *_: Beyond(is_held=True))
     sizes = []
@@ -243,7 +243,7 @@ def test_the_profile_fades_to_its_level_within_a_quarter_of_its_finest_period(be
     assert turned_by(robot, angle) == pytest.approx(np.abs(left(angle) @ values), rel=1e-3)
     outside = outside_validity(robot, poses_at(angle))
     assert (outside.std_max > 0.0) is (beyond > 0.016)
-    assert all(not item.is_held for item in outside.ranges)
+    assert all(item["rule"] != "held" for item in outside.ranges)
 
 
 def test_the_level_passes_from_end_to_end_without_a_jump() -> None:

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 import robacc
-from robacc.modelling.robot_file import read_robot
+from robacc.modelling.robot_file import find_arm, read_robot
 from robacc.render.text import (
     decimals,
     draw,
@@ -23,7 +23,6 @@ from robacc.render.text import (
     p_value,
     three_digits,
 )
-from robacc.robots.library import find_arm
 from robacc.simulation.simulate import Plan, simulate
 
 
@@ -110,7 +109,7 @@ def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
 def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     entry = find_arm("irb120_3_58")
     assert entry is not None
-    robot = read_robot(entry.path)
+    robot = read_robot(entry["path"])
     data = simulate(robot, Plan(50, seed=2, noise_position=5e-5, orientation=False)).data
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
     result = robacc.calibrate(data, robot=robot, fit=fit)

@@ -11,8 +11,7 @@ from homogeneous import dh
 
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError
-from robacc.robots.arm import Arm, build_chain, inverse_kinematics, pose_jacobian
-from robacc.robots.library import find_reach
+from robacc.robots.arm import Arm, build_chain, find_reach, inverse_kinematics, pose_jacobian
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
@@ -113,7 +112,7 @@ def test_inverse_kinematics_and_reach_of_coupled_joints() -> None:
     reach = find_reach(arm.robot, arm.robot.tool)
     slide = find_reach(parse_robot(SPINDLE, "s.yaml"), arm.robot.tool)
     for each in (reach, slide):
-        assert 0.3 < (each.sampled or 0.0) <= (each.bound or 0.0) + 1e-12
+        assert 0.3 < (each["sampled_m"] or 0.0) <= (each["bound_m"] or 0.0) + 1e-12
 
 
 @pytest.mark.parametrize(

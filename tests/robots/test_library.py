@@ -17,13 +17,12 @@ import robacc
 from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
-from robacc.modelling.robot_file import read_robot, robot_path
+from robacc.modelling.robot_file import find_arm, library, read_robot, robot_path, similar_arms
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
-from robacc.robots.library import find_arm, library, similar_arms
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
-KEYS = [arm.key for arm in library()]
+KEYS = [arm["name"] for arm in library()]
 
 
 def about(axis: str, angle: np.ndarray) -> np.ndarray:
@@ -90,7 +89,7 @@ def test_reach_is_the_published_one(key: str) -> None:
     # KUKA's large arms cannot lie flat either and are published up to 5 mm shorter; ABB rounds to a centimetre.
     facts = URDF_FACTS[key]
     assert reach_of(facts, read_robot(key)) == pytest.approx(facts.reach, abs=5.0 if key[:2] in ("kr", "ir") else 1.5)
-    assert next(arm for arm in library() if arm.key == key).reach * 1e3 == pytest.approx(facts.reach)
+    assert next(arm for arm in library() if arm["name"] == key)["reach_m"] * 1e3 == pytest.approx(facts.reach)
 
 
 # UFACTORY publishes two tables. The files hold the standard one; this is the modified one: alpha, a, theta, d; mm, deg.
@@ -223,7 +222,7 @@ def test_the_mycobot_reaches_its_working_radius_with_axis_6() -> None:
     assert joints[1]["a"] + joints[2]["a"] + joints[4]["d"] == pytest.approx(0.28, abs=5e-4)
 
 
-@pytest.mark.parametrize("key", [arm.key for arm in library() if "computed" in arm.source])
+@pytest.mark.parametrize("key", [arm["name"] for arm in library() if "computed" in arm["source"]])
 def test_computed_reach_is_the_greatest_distance_from_axis_1(key: str) -> None:
     facts, robot = URDF_FACTS[key], read_robot(key)
     low, high = np.array([joint.limits or (-math.pi, math.pi) for joint in robot.joints]).T
@@ -239,7 +238,7 @@ def test_computed_reach_is_the_greatest_distance_from_axis_1(key: str) -> None:
         trials = np.repeat(q, 2001, axis=1)
         trials[joint, 1:] = np.linspace(low[joint], high[joint], 2000)
         q = trials[:, [int(np.argmax(distance(trials)))]]
-    reach = next(arm for arm in library() if arm.key == key).reach
+    reach = next(arm for arm in library() if arm["name"] == key)["reach_m"]
     assert float(distance(q)[0]) == pytest.approx(1e3 * reach, abs=0.6)
 
 
@@ -262,19 +261,19 @@ def test_a_fanuc_forearm_stays_level_while_joint_2_turns() -> None:
 
 def test_every_file_is_in_the_list_with_its_source() -> None:
     assert len(KEYS) >= 50
-    folder = library()[0].path.parent
+    folder = library()[0]["path"].parent
     assert sorted(path.stem for path in folder.glob("*.yaml")) == sorted(KEYS)
     for arm in library():
-        robot = read_robot(arm.path)
-        text = arm.path.read_text(encoding="utf-8")
-        assert (robot.name, len(robot.variables)) == (f"{arm.maker} {arm.model}", arm.axes)
+        robot = read_robot(arm["path"])
+        text = arm["path"].read_text(encoding="utf-8")
+        assert (robot.name, len(robot.variables)) == (f"{arm['maker']} {arm['model']}", arm["n_axes"])
         assert "# Source: " in text
         assert "# Base: " in text
         # Base, targets and effects are left to the user.
         assert (robot.base, robot.targets, robot.effects) == (Frame(), {}, ())
         # The longest stretch to the flange is at least the published reach of the wrist, but for limits and heights.
         stretch = robacc_reach(robot)
-        assert 0.95 * arm.reach < stretch < 2.1 * arm.reach, arm.key
+        assert 0.95 * arm["reach_m"] < stretch < 2.1 * arm["reach_m"], arm["name"]
 
 
 def robacc_reach(robot: robacc.Robot) -> float:
@@ -286,8 +285,8 @@ def robacc_reach(robot: robacc.Robot) -> float:
 @pytest.mark.parametrize("name", ["ur10e", "UR10e", "Universal Robots UR10e", "kr6_r900_sixx", "KR 6 R900 sixx"])
 def test_names_of_an_arm(name: str) -> None:
     arm = find_arm(name)
-    assert read_robot(name).name == f"{arm.maker} {arm.model}"
-    assert robot_path(name) == str(arm.path)
+    assert read_robot(name).name == f"{arm['maker']} {arm['model']}"
+    assert robot_path(name) == str(arm["path"])
 
 
 def test_unknown_and_ambiguous_names_get_suggestions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -305,7 +304,7 @@ def test_unknown_and_ambiguous_names_get_suggestions(tmp_path: Path, monkeypatch
         read_robot("ur10e.yaml")
     # A file of that name comes first.
     monkeypatch.chdir(tmp_path)
-    Path("ur10e").write_text(find_arm("ur5").path.read_text())  # type: ignore[union-attr]
+    Path("ur10e").write_text(find_arm("ur5")["path"].read_text())  # type: ignore[index]
     assert read_robot("ur10e").name == "Universal Robots UR5"
 
 
@@ -322,7 +321,7 @@ def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:
     done = CliRunner().invoke(app, ["init", "KR 6 R900 sixx", "--folder", str(tmp_path)])
     assert done.exit_code == 0, done.output
     arm = find_arm("kr6_r900_sixx")
-    assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == arm.path.read_text(encoding="utf-8")
+    assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == arm["path"].read_text(encoding="utf-8")
     robot = read_robot(tmp_path / "robot.yaml")
     found = robacc.estimate(tmp_path / "poses.csv", robot=robot, align=("base_frame", "tool_frame"))
     assert found.position.rms < 1e-2

@@ -6,6 +6,7 @@ from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -622,7 +623,6 @@ def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
 
 
 def _cube_facts(proposal: Proposal) -> list[str]:
-    from robacc.iso_9283.evaluation import ORIENTATION_TEXT
 
     x, y, z = (float(value) * IN_MM for value in proposal.centre)
     return [

@@ -5,10 +5,20 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Sequence
 
-from robacc.effects.specification import CatalogueEntry
-from robacc.render.text import IN_DEGREES, IN_MM, PLAIN_WIDTH, Grid, Listing, Section, Text, fixed, grid, unit_of
+from robacc.render.text import (
+    IN_DEGREES,
+    IN_MM,
+    PLAIN_WIDTH,
+    Document,
+    Grid,
+    Listing,
+    Section,
+    Text,
+    fixed,
+    grid,
+    unit_of,
+)
 from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Campaign, Frame, Joint, Robot
-from robacc.robots.library import LibraryArm, Reach, Summary
 
 _CHAINS = {
     "standard": "standard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha)",
@@ -17,9 +27,9 @@ _CHAINS = {
 }
 
 
-def robot_view(summary: Summary) -> list[Section]:
+def robot_view(robot: Robot, document: Document) -> list[Section]:
     """Return the report of ``robacc show``."""
-    robot, count = summary.robot, len(summary.robot.variables)
+    count = len(robot.variables)
     ends = f", {robot.base_link} to {robot.tip_link}" if robot.base_link and robot.tip_link else ""
     follows = "follows" if any(joint.mimic or joint.coupling for joint in robot.joints) else None
     drives = [
@@ -54,7 +64,7 @@ def robot_view(summary: Summary) -> list[Section]:
         *_geometry(robot),
         _table("Drives", ("joint", "type", "lower", "upper", "unit", "sign", "gear", follows), drives),
         _table("Links", ("joint", "mass kg", "com x mm", "y mm", "z mm"), masses),
-        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(summary) if text]),
+        Section("", [Text(f"{label:<8} {text}") for label, text in _facts(robot, document) if text]),
     ]
 
 
@@ -105,13 +115,13 @@ def _drive_rule(joint: Joint) -> str:
     return f"{own}{''.join(others)}".strip().removeprefix("+ ")
 
 
-def _facts(summary: Summary) -> list[tuple[str, str]]:
+def _facts(robot: Robot, document: Document) -> list[tuple[str, str]]:
     """Return labels and texts; an empty text is left out."""
-    robot, campaign, com = summary.robot, summary.robot.campaign, summary.robot.payload_com
-    several = len(summary.reach) > 1
+    campaign, com, coefficients = robot.campaign, robot.payload_com, document["robot"]["coefficients"]
+    several, mass = len(document["reach"]) > 1, document["moved_mass_kg"]
     counts = Counter(str(effect.get("effect", effect.get("name", "?"))) for effect in robot.effects)
-    listed = summary.coefficients if len(summary.coefficients) <= 41 else summary.coefficients[:40]
-    others = len(summary.coefficients) - len(listed)
+    listed = coefficients if len(coefficients) <= 41 else coefficients[:40]
+    others = len(coefficients) - len(listed)
     own = campaign or Campaign(())
     frames = [name for name, frame in (("base", own.base), ("tool", own.tool)) if frame is not None]
     frames += [f"target {name}" for name in own.targets]
@@ -122,10 +132,10 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
         ("tool", "" if robot.targets else _frame(robot.tool)),
         ("payload", "" if com is None else f"at ({_numbers(com, IN_MM)}) mm in the last link's frame"),
         ("gravity", f"({_numbers(robot.gravity, 1.0)}) m/s^2"),
-        *(("reach", f"{f'{name}: ' * several}{_reach(reach)}") for name, reach in summary.reach.items()),
-        ("masses", "unknown" if summary.moved_mass is None else f"{_number(summary.moved_mass)} kg in total"),
+        *(("reach", f"{f'{name}: ' * several}{_reach(reach)}") for name, reach in document["reach"].items()),
+        ("masses", "unknown" if mass is None else f"{_number(mass)} kg in total"),
         ("effects", ", ".join(f"{name} ({n} entries)" if n > 1 else name for name, n in counts.items()) or "none"),
-        *(("", f"{name} = {value:.6g}{f' {unit}' * bool(unit)}") for name, value, unit in listed),
+        *(("", f"{each['name']} = {each['value']:.6g} {each['unit']}".rstrip()) for each in listed),
         ("", f"… and {others} more coefficients, in the robot file" * (others > 0)),
         *(
             ("valid", f"{effect.get('effect')}: {', '.join(ranges)}" * bool(ranges))
@@ -139,13 +149,11 @@ def _facts(summary: Summary) -> list[tuple[str, str]]:
     ]
 
 
-def _reach(reach: Reach) -> str:
-    if reach.sampled is None or reach.bound is None:
+def _reach(reach: Document) -> str:
+    sampled, bound = reach["sampled_m"], reach["bound_m"]
+    if sampled is None or bound is None:
         return "unknown: a prismatic joint has no limits"
-    return (
-        f"{reach.sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths "
-        f"{reach.bound * IN_MM:.0f} mm"
-    )
+    return f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
 
 
 def _parameter(joint: Joint, name: str) -> str:
@@ -176,9 +184,11 @@ def _number(value: float) -> str:
 # The arms that come with the package, as a table.
 
 
-def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
+def robots_view(arms: Sequence[Document]) -> list[Section]:
     """Return a line per arm, and how to use them."""
-    rows = [(arm.key, arm.maker, arm.model, str(arm.axes), f"{arm.reach * IN_MM:.0f}") for arm in arms]
+    rows = [
+        (arm["name"], arm["maker"], arm["model"], str(arm["n_axes"]), f"{arm['reach_m'] * IN_MM:.0f}") for arm in arms
+    ]
     use = (
         "`robot` takes a name of this list; each is the nominal model of a data sheet, without the tool: robacc init "
         "NAME writes a copy to which you add the tool or several targets"
@@ -192,11 +202,11 @@ def robots_view(arms: Sequence[LibraryArm]) -> list[Section]:
 # The catalogue of effects as text to read.
 
 
-def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Section]:
+def effects_view(entries: Sequence[Document], in_detail: bool) -> list[Section]:
     """Return the catalogue as a list, or ``in_detail`` the facts of its only entry."""
     if not in_detail:
         rows = [
-            (entry.effect.name, entry.effect.about.summary + (f" (not applicable: {entry.why})" if entry.why else ""))
+            (entry["name"], entry["summary"] + (f" (not applicable: {entry['why']})" if entry.get("why") else ""))
             for entry in entries
         ]
         hint = (
@@ -204,20 +214,20 @@ def effects_view(entries: Sequence[CatalogueEntry], in_detail: bool) -> list[Sec
         )
         return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
     (entry,) = entries
-    about, names, most = entry.effect.about, [f"{name} ({unit})" for name, unit in entry.coefficients], 12
-    others = f" and {len(names) - most} more" * (len(names) > most)
-    applicable = f"applicable{' to ' * bool(entry.joints)}{', '.join(entry.joints)}"
-    is_known, is_applicable = entry.for_robot, entry.for_robot and entry.why is None
+    names = [f"{term['name']} ({term['unit']})" for term in entry.get("coefficients", ())]
+    others = f" and {len(names) - 12} more" * (len(names) > 12)
+    applicable = f"applicable{' to ' * bool(entry.get('joints'))}{', '.join(entry.get('joints', ()))}"
+    is_known, is_applicable = "offered" in entry, entry.get("offered", False)
     facts = [
-        ("equation", about.equation),
-        ("unit", about.unit),
-        ("usual size", about.usual_size),
-        ("needs", about.needs),
-        ("confused with", about.confused_with),
-        ("source", about.source),
-        ("in a file", about.example),
-        ("this robot", (applicable if is_applicable else f"not applicable: {entry.why}") * is_known),
-        ("coefficients", f"{', '.join(names[:most])}{others}" * is_applicable),
+        ("equation", entry["equation"]),
+        ("unit", entry["unit"]),
+        ("usual size", entry["usual_size"]),
+        ("needs", entry["needs"]),
+        ("confused with", entry["confused_with"]),
+        ("source", entry["source"]),
+        ("in a file", entry["example"]),
+        ("this robot", (applicable if is_applicable else f"not applicable: {entry.get('why')}") * is_known),
+        ("coefficients", f"{', '.join(names[:12])}{others}" * is_applicable),
     ]
     table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
-    return [Section(entry.effect.name, [Text(f"  {about.summary}"), table])]
+    return [Section(entry["name"], [Text(f"  {entry['summary']}"), table])]

@@ -16,6 +16,8 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from rich.console import Console
+from rich.progress import track
 
 from robacc.errors import InputError, Problem, UsageError, install_advice
 from robacc.geometry import Array
@@ -54,8 +56,8 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     poses: list[str] = []
     found: list[tuple[Array, Array]] = []
     without: list[str] = []
-    files = _photos(path)
-    for file in files:
+    files, console = _photos(path), Console(stderr=True)
+    for file in track(files, "reading photos", console=console, transient=True, disable=not console.is_terminal):
         content = file.read_bytes()
         digest.update(content)
         image = cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None

@@ -9,6 +9,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
@@ -337,44 +338,47 @@ def held_out_poses(
     blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 32, 1))
 
     def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the Jacobian of the poses ``(3 or 6, K, n)``, and the whitened one of the inliers ``(K, M n)``."""
+        """Return the Jacobian of the poses ``(K, C, n)``, and the whitened one of the inliers ``(K, M, n)``."""
         jacobian = fit.jacobian(rows, components)
-        observed = observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1)
-        return jacobian, (fit.whitening.subset(rows).apply(observed) * fit.inliers[rows]).reshape(size, -1)
+        white = fit.whitening.subset(rows).apply(observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1))
+        white *= fit.inliers[rows]
+        return jacobian.swapaxes(0, 1), white
 
     # The fit's own normal matrix is that of the step before the last.
-    normal, latest = np.diag(fit.precision), None
+    normal, latest = np.diag(fit.precision), (np.empty(0), np.empty(0))
     for rows in blocks:
         latest = linearised(rows)
-        normal = normal + latest[1] @ latest[1].T
+        white = latest[1].reshape(size, -1)
+        normal = normal + white @ white.T
     scale = 1.0 / np.sqrt(np.diag(normal))
     lower = np.linalg.cholesky(scale[:, None] * normal * scale)
-    root = np.linalg.inv(lower) * scale
     models = []
     for absent, start in zip(lacking, poses, strict=True):
         kept = np.array([fit.owners[i] not in absent for i in columns], dtype=bool)
         if start is None or not kept.any():
             continue
         whole: Array = np.asarray(lower.T @ np.where(kept, fit.without(absent)[columns] / scale, 0.0), dtype=np.float64)
-        models.append(
-            (start, np.linalg.qr(root[:, ~kept])[0], whole, residuals(data, start) if absent else fit.residual)
-        )
+        directions = np.linalg.qr(solve_triangular(lower, np.diag(scale)[:, ~kept], lower=True))[0]
+        models.append((start, directions, whole, residuals(data, start) if absent else fit.residual))
     for rows in blocks:
-        jacobian, white = latest if len(blocks) == 1 and latest is not None else linearised(rows)
-        scaled = np.ascontiguousarray((root @ white).reshape(size, -1, rows.size).transpose(2, 1, 0))
+        # Of (n, C, K) and (n, M, K), in coefficients whose normal matrix is I.
+        scaled, observed = (
+            solve_triangular(
+                lower, np.multiply(each.swapaxes(1, 2), scale[:, None, None], order="C").reshape(size, -1), lower=True
+            ).T.reshape(rows.size, -1, size)
+            for each in (latest if len(blocks) == 1 else linearised(rows))
+        )
         of_block, inside_groups = fit.whitening.subset(rows), blocks_of(groups[rows])
         for predicted, directions, whole, error in models:
-            part = scaled - (scaled @ directions) @ directions.T if directions.size else scaled
             left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T
-            change = np.empty((rows.size, size))
             for inside in inside_groups:
-                change[inside], alone = _changes(part[inside], left[inside], whole)
+                change, alone = _changes(scaled[inside], observed[inside], left[inside], directions, whole)
                 for group in alone:
                     undetermined(rows[inside[group]])
-            moved = np.einsum("ikn,kn->in", jacobian, root.T @ change.T)
-            predicted.translation[:, rows] += moved[:3]
-            if components == 6:
-                predicted.rotation[..., rows] = compose(exp_so3(moved[3:]), predicted.rotation[..., rows])
+                moved, at = change.reshape(-1, components).T, rows[inside.ravel()]
+                predicted.translation[:, at] += moved[:3]
+                if components == 6:
+                    predicted.rotation[..., at] = compose(exp_so3(moved[3:]), predicted.rotation[..., at])
     return poses
 
 
@@ -391,28 +395,40 @@ def _whole_groups(numbers: NDArray[np.int64], size: int) -> list[NDArray[np.int6
     return np.split(order, np.unique(last[np.searchsorted(last, ends)])[:-1])
 
 
-def _changes(columns: Array, white: Array, whole: Array) -> tuple[Array, list[int]]:
-    """Return the change of the scaled coefficients without each group, and the groups that alone determine one.
+def _changes(poses: Array, columns: Array, white: Array, directions: Array, whole: Array) -> tuple[Array, list[int]]:
+    """Return the change of each group's poses without the group, and the groups that alone determine a coefficient.
+
+    Coefficients are scaled so that their normal matrix is I.
 
     Args:
-        columns: ``(G, m, M, K)`` whitened Jacobian of the m rows of each group, in coefficients whose normal matrix is
-            I.
+        poses: ``(G, m, C, K)`` Jacobian of the poses of the m rows of each group.
+        columns: ``(G, m, M, K)`` whitened Jacobian of the measurements.
         white: ``(G, m, M)`` whitened residuals.
-        whole: ``(K,)`` scaled coefficients of the fit to all rows.
+        directions: ``(K, L)`` orthonormal combinations of the coefficients, which the model lacks.
+        whole: ``(K,)`` coefficients of the fit to all rows.
 
     Returns:
-        ``(G, 1, K)`` changes, and numbers of groups.
+        ``(G, m C)`` changes, and numbers of groups.
     """
-    jacobian, residual = columns.reshape(len(columns), -1, whole.size), white.reshape(len(white), -1, 1)
+    count, size = len(columns), whole.size
+    moved, jacobian, residual = (each.reshape(count, -1, each.shape[-1]) for each in (poses, columns, white[..., None]))
+    lacking = [
+        np.reshape(each.reshape(-1, size) @ directions, (*each.shape[:2], directions.shape[1]))
+        for each in (moved, jacobian)
+    ]
     across = jacobian.swapaxes(1, 2)
     # Right singular vectors, or those times the singular values, by the smaller of the two products.
-    if jacobian.shape[1] < whole.size:
-        share, vectors = np.linalg.eigh(jacobian @ across)
-        basis, along = across @ vectors, vectors.swapaxes(1, 2) @ residual
+    if jacobian.shape[1] < size:
+        share, vectors = np.linalg.eigh(jacobian @ across - lacking[1] @ lacking[1].swapaxes(1, 2))
+        moved = (moved @ across - lacking[0] @ lacking[1].swapaxes(1, 2)) @ vectors
+        known = jacobian @ whole - lacking[1] @ (directions.T @ whole)
+        along, known = vectors.swapaxes(1, 2) @ residual, vectors.swapaxes(1, 2) @ known[..., None]
     else:
-        share, basis = np.linalg.eigh(across @ jacobian)
-        along = basis.swapaxes(1, 2) @ (across @ residual)
+        jacobian = jacobian - lacking[1] @ directions.T
+        across = jacobian.swapaxes(1, 2)
+        share, vectors = np.linalg.eigh(across @ jacobian)
+        moved = moved @ vectors
+        along, known = vectors.swapaxes(1, 2) @ (across @ residual), vectors.swapaxes(1, 2) @ whole[:, None]
     alone = (1.0 - share < NEW)[:, :, None]
-    left = along / np.where(alone, 1.0, 1.0 - share[:, :, None])
-    change = -basis @ np.where(alone, basis.swapaxes(1, 2) @ whole[:, None], left)
-    return change.swapaxes(1, 2), np.flatnonzero(alone.any(axis=1)).tolist()
+    left = np.where(alone, known, along / np.where(alone, 1.0, 1.0 - share[:, :, None]))
+    return -(moved @ left)[..., 0], np.flatnonzero(alone.any(axis=(1, 2))).tolist()

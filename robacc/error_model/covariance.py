@@ -20,8 +20,9 @@ from __future__ import annotations
 
 import abc
 import dataclasses
+import itertools
 import math
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property, lru_cache
 from typing import ClassVar, Literal
@@ -29,7 +30,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
-from scipy.linalg.lapack import dpotri
+from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.special import bdtrc
 
 from robacc.effects.campaign import sequence_of
@@ -569,13 +570,36 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
     """
     factor: Array = np.sqrt(_independent(noise, linear.rows))
     if noise.terms:
-        factor = np.asarray(np.linalg.cholesky(covariance(noise, linear)), dtype=np.float64)
+        factor = _each_block(_lower_factor, covariance(noise, linear))
     white = _divided(linear.flat, factor)
     columns, y = white[:, :-1], white[:, -1]
     triangle: Array = np.asarray(np.linalg.cholesky(columns.T @ columns + np.eye(columns.shape[1])), dtype=np.float64)
     reduced = solve_triangular(triangle, columns.T @ y, lower=True)
     log_likelihood = -0.5 * (_log_det(factor) + _log_det(triangle) + float(y @ y - reduced @ reduced))
     return Whitened(columns, y, triangle, reduced, log_likelihood, factor, int(np.count_nonzero(linear.rows.shown)))
+
+
+def _each_block(function: Callable[[Array], Array], blocks: Array) -> Array:
+    """Return ``function`` of each block ``(B, n, n)``; equal neighbours, as those of x, y and z often are, share it."""
+    is_equal = [np.array_equal(before, block) for before, block in itertools.pairwise(blocks)]
+    results = [function(blocks[0])]
+    for block, is_known in zip(blocks[1:], is_equal, strict=True):
+        results.append(results[-1] if is_known else function(block))
+    return np.stack(results) if len(results) > 1 else results[0][None]
+
+
+def _lower_factor(matrix: Array) -> Array:
+    """Return the lower factor of a symmetric matrix, of which it takes the place."""
+    factor, is_singular = dpotrf(matrix.T, lower=0, overwrite_a=1)
+    if is_singular:
+        raise np.linalg.LinAlgError
+    return np.asarray(factor.T)
+
+
+@lru_cache(maxsize=4)
+def _lower(size: int) -> NDArray[np.bool_]:
+    """Return ``(size, size)`` whether an element is on or below the diagonal."""
+    return np.tri(size, dtype=bool)
 
 
 def _independent(noise: CovarianceParameters, rows: Rows) -> Array:
@@ -637,8 +661,9 @@ def likelihood_derivatives(
     by_joint = np.einsum("jan,na->jn", linear.joints, weighted)
     # Of a a' - P, which is symmetric as the kernels are, the lower triangle counts twice.
     blocks = beyond.reshape(len(white.factor), -1, beyond.shape[1])
-    inverse = np.array([dpotri(factor.T, lower=0)[0].T for factor in white.factor])
-    slopes: Array = np.tril(blocks @ blocks.swapaxes(1, 2) - inverse)
+    slopes = blocks @ blocks.swapaxes(1, 2)
+    slopes -= _each_block(lambda factor: dpotri(factor.T, lower=0)[0].T, white.factor)
+    slopes *= _lower(slopes.shape[1])
     each = np.arange(slopes.shape[1])
     slopes[:, each, each] *= 0.5 * _flat(linear.rows.shown.astype(np.float64)).reshape(len(slopes), -1)
     gradient, moved = np.zeros(size), np.zeros((count, components, size))

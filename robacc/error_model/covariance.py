@@ -754,13 +754,18 @@ _GAINS = 0.01
 
 
 def estimated(
-    noise: CovarianceParameters, linear: Linearised, *, on_all: bool = False, least: float = -math.inf
+    noise: CovarianceParameters,
+    linear: Linearised,
+    *,
+    on_all: bool = False,
+    least: float = -math.inf,
+    gains: float = _GAINS,
 ) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
     Beside terms, a random part of many rows is used, unless ``on_all``. Steps of the average information are damped
     (Marquardt 1963), and of each parameter at most 2 long, beyond which exponentials are far from linear. They end when
-    the next would gain less than :data:`_GAINS`, or next to nothing of what a likelihood of ``least`` lacks.
+    the next would gain less than ``gains``, or next to nothing of what a likelihood of ``least`` lacks.
     """
     start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
@@ -774,7 +779,7 @@ def estimated(
         free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
         ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
         expected = 0.5 * gradient[free] @ ahead
-        if expected < max(_GAINS, NEGLIGIBLE * (least - best[0])):
+        if expected < max(gains, NEGLIGIBLE * (least - best[0])):
             break
         step = at.copy()
         step[free] += np.clip(ahead, -2.0, 2.0)
@@ -792,13 +797,15 @@ def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Covarian
     return dataclasses.replace(noise, factor=noise.factor[index]), part
 
 
-def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS) -> CovarianceParameters:
+def with_gross_errors(
+    noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS, gains: float = _GAINS
+) -> CovarianceParameters:
     """Return the noise estimated again, with the factor of each row that is most probable.
 
     Rows are judged one by one, so that scatter of a visit may look like a gross error of each of its rows: factors
     that lower the evidence are not taken.
     """
-    noise, lacking = estimated(noise, linear), np.count_nonzero(~linear.rows.shown, axis=1)
+    noise, lacking = estimated(noise, linear, gains=gains), np.count_nonzero(~linear.rows.shown, axis=1)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
         # Along the axes of the scatter over the noise, the components of a row are independent.
@@ -811,7 +818,7 @@ def with_gross_errors(noise: CovarianceParameters, linear: Linearised, rounds: i
         factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]
         if np.array_equal(factor, noise.factor):
             break
-        found = estimated(dataclasses.replace(noise, factor=factor), linear)
+        found = estimated(dataclasses.replace(noise, factor=factor), linear, gains=gains)
         if log_evidence(found, linear) <= log_evidence(noise, linear):
             break
         noise = found
@@ -869,7 +876,7 @@ def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: st
     """Return the noise with a further term, estimated; without it if it is not worth estimating.
 
     Score statistics and two sizes of it tell, for three evaluations of the likelihood a start; an estimate costs some
-    twenty of likelihood and gradient, so it is made from a gain of 0.5 on.
+    ten of likelihood and gradient, so it is made from a gain of 0.5 on. It is as good as a choice needs.
     """
     most, best = 0.5, None
     for gain, start, small in gains_at_sizes(noise, linear, name):
@@ -879,7 +886,7 @@ def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: st
         scores = float(np.sum(np.square(slopes) / (2.0 * np.maximum(curvatures, 1e-300))))
         if max(scores, gain) > most:
             most, best = max(scores, gain), start
-    return noise if best is None else with_gross_errors(noise.with_term(name, best), linear, 1)
+    return noise if best is None else with_gross_errors(noise.with_term(name, best), linear, 1, NEGLIGIBLE * ACCEPTED)
 
 
 def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> CovarianceParameters:

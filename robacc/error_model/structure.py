@@ -125,6 +125,7 @@ def with_error_structure(
     start = estimated(CovarianceParameters(log_std, np.ones(rows.size)), linear)
     present = {effect.form.covariance_term for effect in fitted.model.free}
     noise = with_terms_that_gain(start, linear, [name for name in names if name not in present])
+    noise = estimated(noise, linear)
     if data.position_variance is not None:
         alone = dataclasses.replace(
             noise, log_std=np.where(np.arange(noise.log_std.size) == 0, math.log(RESOLUTION), noise.log_std)

@@ -283,7 +283,7 @@ class _Search:
         for _ in range(rounds):
             state, moved = self._step(state)
             # Length of the last step, in standard deviations of all rows together.
-            if moved < 1e-2:
+            if moved < NEGLIGIBLE:
                 break
         return dataclasses.replace(state, noise=with_gross_errors(state.noise, state.linear))
 

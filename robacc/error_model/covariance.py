@@ -553,6 +553,13 @@ class Whitened:
         """Whiten ``(N, M, …)`` to ``(n, …)``."""
         return _divided(_flat(values), self.factor)
 
+    def coloured(self, values: Array) -> Array:
+        """Return L'v of values ``(n,)``, L the factor of V."""
+        if self.factor.ndim == 1:
+            return np.asarray(self.factor * values)
+        blocks = values.reshape(len(self.factor), -1, 1)
+        return np.asarray((self.factor.swapaxes(1, 2) @ blocks).ravel())
+
     def weighted_residual(self, components: int, kept: NDArray[np.int64] | None = None) -> Array:
         """Return P y ``(N, M)``, with some of the columns if ``kept`` names them."""
         columns = self.columns if kept is None else self.columns[:, kept]
@@ -620,11 +627,13 @@ def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
     if not linear.rows.shown.all():
         matrix *= linear.rows.shown.T[:, :, None] * linear.rows.shown.T[:, None]
     if of_joints is not None:
-        carried = of_joints.swapaxes(0, 1)[:, :, None] * linear.joints
-        moved = np.matmul(linear.joints.T, carried.reshape(count, len(linear.joints), -1))
-        whole = np.ascontiguousarray(moved.reshape(count, components, components, count).swapaxes(0, 1))
-        whole[np.arange(components), :, np.arange(components)] += matrix
-        matrix = whole.reshape(1, components * count, components * count) + linear.known
+        carried = (of_joints.swapaxes(0, 1)[:, :, None] * linear.joints).reshape(count, len(linear.joints), -1)
+        whole = np.empty((components, count, components, count))
+        for component, block in enumerate(matrix):
+            np.matmul(linear.joints[:, component].T[:, None], carried, out=whole[component].reshape(count, 1, -1))
+            whole[component, :, component] += block
+        matrix = whole.reshape(1, components * count, components * count)
+        matrix += linear.known
     each = np.arange(matrix.shape[1])
     matrix[:, each, each] += _independent(noise, linear.rows).reshape(len(matrix), -1)
     return matrix

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import itertools
 import math
@@ -378,6 +379,13 @@ class Evidence:
     def effective(self, chosen: NDArray[np.bool_]) -> float:
         """Return how many of the ``chosen`` coefficients ``(P,)`` of the model the data decide, not the prior."""
         return float(np.sum((1.0 - np.sum(np.square(self._inverse), axis=0))[chosen]))
+
+    def beside(self, white: Whitened) -> Scores:
+        """Return the scores by the products with P y of another model, the products of columns as beside this one."""
+        other = copy.copy(self)
+        other._products = self.rows @ self.white.coloured(white.weighted_residual(1)[:, 0])
+        other.square = float(white.y @ white.y - white.reduced @ white.reduced)
+        return other.scores(np.empty(0, dtype=np.int64), 0.0)
 
     def scores(self, absent: NDArray[np.int64], flat: float) -> Scores:
         """Return the scores beside the model without ``absent`` columns; the data decide ``flat`` coefficients."""

@@ -440,6 +440,8 @@ class _Search:
         shortlist: NDArray[np.int64] | None = None
         while True:
             scores, without = self._scores(state, shortlist)
+            if shortlist is None:
+                whole = scores.evidence
             own = [self.pool.number(candidate) for candidate in state.chosen]
             scales = tuple(float(beside.scale[i]) for beside, i in zip(without, own, strict=True))
             state = dataclasses.replace(state, scales=scales)
@@ -454,13 +456,15 @@ class _Search:
             if is_behind or len(visited) > moves:
                 self.settled &= is_behind or moves < STEPS
                 return state, gain
-            # The best beside the model, and beside it without each effect, are scored after a swap or a drop, mostly of
-            # an order or a place, which changes little. That decides about time, not about the result: before a search
-            # ends, all candidates are scored. A new effect may show what it hid.
-            shortlist = np.unique(np.concatenate([s.ranking()[:SHORTLIST] for s in (scores, *without)]))
-            shortlist = None if action == "add" else shortlist
+            # The best beside the model, and beside it without each effect, are scored next. That decides about time,
+            # not about the result: before a search ends, all candidates are scored. A new effect may show what it hid:
+            # all are scored beside independent noise, and those that are best by the residual where that takes longer.
+            listed = [some.ranking()[:SHORTLIST] for some in (scores, *without)]
             visited.add(frozenset(candidate.key for candidate in chosen))
             state = self._with_effects(self._logged(state, action, names, beside), chosen, scales)
+            if action == "add" and state.noise.terms:
+                listed.append(whole.beside(whitened(state.noise, state.linear)).ranking()[:SHORTLIST])
+            shortlist = None if action == "add" and not state.noise.terms else np.unique(np.concatenate(listed))
 
     def _best_move(
         self,

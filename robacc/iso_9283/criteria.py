@@ -172,9 +172,10 @@ def visits_of(
     """
     refuse((data.n == 0, Problem("has no measured poses", source)))
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
-    ids = (data.groups() if data.pose is None else data.pose).tolist()
+    ids = data.groups() if data.pose is None else data.pose
+    targets = np.zeros(data.n) if data.target is None else data.target
     members: dict[tuple[object, object], list[int]] = {}
-    for row, key in enumerate(zip(ids, [None] * data.n if data.target is None else data.target.tolist(), strict=True)):
+    for row, key in enumerate(zip(ids.tolist(), targets.tolist(), strict=True)):
         members.setdefault(key, []).append(row)
     several_targets, poses = len({target for _, target in members}) > 1, []
     for index, ((own, target), visits) in enumerate(members.items()):
@@ -263,13 +264,9 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
         interval = signed.interval_at(confidence)
         if interval.lower is None or interval.upper is None or interval.upper_bound is None:
             return interval
-        return Interval(
-            max(0.0, interval.lower, -interval.upper),
-            max(-interval.lower, interval.upper),
-            abs(signed.value) + (interval.upper_bound - signed.value),
-            confidence,
-            interval.method,
-        )
+        lowest = max(0.0, interval.lower, -interval.upper)
+        bound = abs(signed.value) + (interval.upper_bound - signed.value)
+        return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
 
     return IntervalEstimate(abs(signed.value), interval_at)
 
@@ -277,9 +274,8 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
 def threefold_std(values: Array) -> IntervalEstimate:
     """Return 3 S of ``values`` ``(n,)``, n at least 2, S with divisor n - 1; the interval is exact if Gaussian."""
     value = 3.0 * float(np.std(values, ddof=1))
-    return IntervalEstimate(
-        value, lambda confidence: chi2_interval(value**2, values.size - 1.0, confidence, "chi-square").root()
-    )
+    dof = values.size - 1.0
+    return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, "chi-square").root())
 
 
 def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimate:
@@ -337,9 +333,8 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
 def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Return the largest absolute value of the estimates' true values, as an estimate."""
     sizes = [magnitude(estimate) for estimate in signed]
-    return IntervalEstimate(
-        max(estimate.value for estimate in sizes), lambda confidence: largest_figure(sizes, confidence)[1].interval
-    )
+    value = max(estimate.value for estimate in sizes)
+    return IntervalEstimate(value, lambda confidence: largest_figure(sizes, confidence)[1].interval)
 
 
 # Length of a mean vector with its interval: the distance between barycentres.
@@ -384,6 +379,7 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
             share = length_probability(
                 value, np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size), widened
             )
+            # A probability of 0 or 1 has no finite quantile.
             return quantile - normal_quantile(min(max(share, 1e-15), 1.0 - 1e-15))
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
@@ -533,13 +529,10 @@ def separation(
     means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
     distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
     first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    return (
-        largest_magnitude(distances),
-        None
-        if group_angles is None
-        else _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles),
-        f"{names[first]} and {names[second]}",
-    )
+    angles = None
+    if group_angles is not None:
+        angles = _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
+    return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
 
 
 def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
@@ -552,19 +545,13 @@ def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
 def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array]) -> tuple[IntervalEstimate, ...]:
     """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all ``groups``."""
     covariance, dof = _pooled(groups)
-    return tuple(
-        largest_magnitude(
-            [
-                student(
-                    float(one[axis].mean() - other[axis].mean()),
-                    (variance * (1.0 / one.shape[1] + 1.0 / other.shape[1])) ** 0.5,
-                    dof,
-                )
-                for one, other in pairs
-            ]
-        )
-        for axis, variance in enumerate(np.diag(covariance).tolist())
-    )
+    shares = [1.0 / one.shape[1] + 1.0 / other.shape[1] for one, other in pairs]
+    angles = []
+    for axis, variance in enumerate(np.diag(covariance).tolist()):
+        means = [float(one[axis].mean() - other[axis].mean()) for one, other in pairs]
+        errors = [(variance * share) ** 0.5 for share in shares]
+        angles.append(largest_magnitude([student(*entry, dof) for entry in zip(means, errors, strict=True)]))
+    return tuple(angles)
 
 
 # Pose accuracy, repeatability, multi-directional variation and exchangeability: clauses 7.2 and 7.7 of ISO 9283:1998.

@@ -374,6 +374,7 @@ def detectability(model: Model, data: Measurements, noise: ExpectedNoise) -> Map
             # Beyond ten times the noncentrality at probability 1/2 an effect is found for certain, to nine digits.
             power = 1.0 if noncentrality > 10.0 * needed else test.power(noncentrality)
             limit = math.sqrt(needed / float(values[0]))
+            # A larger limit says no more than that the effect is not found.
             if limit <= 300.0 * first.typical:
                 moved = rows[:, :3, count + place] @ vectors[:, 0] * math.hypot(noise.position, noise.unexplained)
                 size, rms = limit, limit * rms_length(moved.T)

@@ -169,10 +169,9 @@ def reduce_residuals(
     significant = strength > NEGLIGIBLE
     directions, strength = directions[:, significant], strength[significant]
     y = directions.T @ residual
-    position, orientation = (
-        *(m if source == "file" else std for std, source, m in zip(sigma, sources, data.stated_noise, strict=False)),
-        None,
-    )[:2]
+    in_file = [
+        mean if source == "file" else std for std, source, mean in zip(sigma, sources, data.stated_noise, strict=False)
+    ]
     return SufficientStatistics(
         directions.T @ scaled,
         strength,
@@ -182,8 +181,8 @@ def reduce_residuals(
         data.n,
         n_aligned,
         {
-            "position_m": position,
-            "orientation_rad": orientation,
+            "position_m": in_file[0],
+            "orientation_rad": in_file[1] if len(in_file) > 1 else None,
             "source_position": sources[0],
             "source_orientation": sources[1] if len(sources) > 1 else None,
         },
@@ -450,11 +449,9 @@ def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelih
         solved = np.linalg.solve(triangle, np.column_stack((effect, y)))
         products = solved[:, :-1].T @ solved
         gram, gradient_term = products[:, :-1], products[:, -1]
-        return (
-            -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1]),
-            0.5 * phi * (member @ (np.square(gradient_term) - np.diag(gram))),
-            0.5 * np.outer(phi, phi) * (member @ np.square(gram) @ member.T),
-        )
+        log_likelihood = -float(np.sum(np.log(np.diag(triangle)))) - 0.5 * float(solved[:, -1] @ solved[:, -1])
+        score = 0.5 * phi * (member @ (np.square(gradient_term) - np.diag(gram)))
+        return log_likelihood, score, 0.5 * np.outer(phi, phi) * (member @ np.square(gram) @ member.T)
 
     return evaluate
 
@@ -475,6 +472,7 @@ def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | N
         block = information[np.ix_(active, active)]
         ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
         step = np.zeros_like(eta)
+        # A step changes log φ by at most 2.
         step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -2.0, 2.0)
         trials = (np.clip(eta + 0.5**halving * step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX) for halving in range(30))
         better = next(((trial, found) for trial in trials if (found := likelihood(trial))[0] > value), None)

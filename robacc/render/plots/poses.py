@@ -150,9 +150,8 @@ def _cloud(errors: Array, mean: Array, covariance: Array, plane: Sequence[int] =
     own = [*plane]
     # The projection of an ellipsoid is the ellipse of the covariance of the two coordinates.
     values, vectors_ = np.linalg.eigh(covariance[np.ix_(own, own)])
-    unit_ellipse = (_wires() if len(own) == 3 else CIRCLE.T) @ (
-        vectors_ * np.sqrt(np.maximum(values, 0.0)) @ vectors_.T
-    )
+    root = vectors_ * np.sqrt(np.maximum(values, 0.0)) @ vectors_.T
+    unit_ellipse = (_wires() if len(own) == 3 else CIRCLE.T) @ root
     return [
         *([Series(errors.T[own], "nominal", "one pose", marker="o", size=2.4, alpha=0.75)] if len(errors) else []),
         *(
@@ -199,7 +198,21 @@ def distribution_charts(document: Document) -> Iterator[Chart]:
             "trace": "Baseline: declared effects fitted; extended model: findings added. ",
             "calibrate": "Baseline: base and tool fitted; calibrated: all named effects fitted. ",
         }.get(document["command"], "")
+        # The corners of the steps, from no pose up.
+        series = [
+            Series(
+                (np.repeat(ordered[pick], 2), 100 * np.repeat(np.append(0.0, (pick + 1) / sizes.size), 2)[1:-1]),
+                role,
+                label,
+                line=_DASHES[role],
+                width=1.6,
+            )
+            for role, label, sizes in curves
+            for ordered in [np.sort(sizes) * unit.factor]
+            for pick in [thinned(400, ordered)]
+        ]
         x_axis = error_axis(f"{name} error, {unit.name}", [sizes * unit.factor for _, _, sizes in curves])
+        rules = [(size * unit.factor, short_label) for _, short_label, size in limits]
         yield Chart(
             "distribution" + "-orientation" * (name == "orientation"),
             title,
@@ -210,30 +223,7 @@ def distribution_charts(document: Document) -> Iterator[Chart]:
             * bool(limits),
             f"{title}: share of poses, 0 to 100 %, over the size of the error in {unit.name}. "
             + "; ".join(f"{label}: median {median}" for label, median in medians),
-            [
-                Panel(
-                    (
-                        replace(x_axis, rules=[(size * unit.factor, short_label) for _, short_label, size in limits]),
-                        Axis("share of poses, %", 0, 101),
-                    ),
-                    # The corners of the steps, from no pose up.
-                    [
-                        Series(
-                            (
-                                np.repeat(ordered[pick], 2),
-                                100 * np.repeat(np.append(0.0, (pick + 1) / sizes.size), 2)[1:-1],
-                            ),
-                            role,
-                            label,
-                            line=_DASHES[role],
-                            width=1.6,
-                        )
-                        for role, label, sizes in curves
-                        for ordered in [np.sort(sizes) * unit.factor]
-                        for pick in [thinned(400, ordered)]
-                    ],
-                )
-            ],
+            [Panel((replace(x_axis, rules=rules), Axis("share of poses, %", 0, 101)), series)],
             Grid(
                 ("share of poses", *(label for _, label, _ in curves)),
                 [
@@ -323,9 +313,20 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         return
     unit, quantity = unit_of("m", float(values.max())), label.rstrip(",")
     worst, (x, y, z), radius = int(np.argmax(values)), at.T, np.hypot(at[:, 0], at[:, 1])
+    views = (("from the side", "distance from axis, m", "height z, m", radius, z), ("from above", "x, m", "y, m", x, y))
+    cells = values * unit.factor
     # The table has the errors by steps of distance and height.
     edges = [np.linspace(coordinate.min(), coordinate.max(), 5) for coordinate in (radius, z)]
     places = [np.digitize(c, e[1:-1]) for c, e in zip((radius, z), edges, strict=True)]
+    rows = [
+        [
+            *(f"{edge[i]:.2f} to {edge[i + 1]:.2f} m" for edge, i in zip(edges, cell, strict=True)),
+            str(inside.size),
+            *map(unit.text, (root_mean_square(inside), inside.max())),
+        ]
+        for cell in np.ndindex(4, 4)
+        if (inside := values[(places[0] == cell[0]) & (places[1] == cell[1])]).size
+    ]
     yield Chart(
         "workspace",
         f"{label} over the workspace",
@@ -336,29 +337,10 @@ def workspace_charts(document: Document) -> Iterator[Chart]:
         f"Two maps of {quantity.lower()} in {unit.name} over the workspace in m; "
         f"from {unit.text(float(values.min()))} to {unit.text(float(values.max()))} over {values.size} poses",
         [
-            Panel(
-                (Axis(x_title), Axis(y_title)),
-                [Series((a, b, values * unit.factor), "ink", kind="cells")],
-                title,
-                equal=True,
-            )
-            for title, x_title, y_title, a, b in (
-                ("from the side", "distance from axis, m", "height z, m", radius, z),
-                ("from above", "x, m", "y, m", x, y),
-            )
+            Panel((Axis(x_title), Axis(y_title)), [Series((a, b, cells), "ink", kind="cells")], title, equal=True)
+            for title, x_title, y_title, a, b in views
         ],
-        Grid(
-            ("distance from axis", "height", "poses", "rms", "largest"),
-            [
-                [
-                    *(f"{edge[i]:.2f} to {edge[i + 1]:.2f} m" for edge, i in zip(edges, cell, strict=True)),
-                    str(inside.size),
-                    *map(unit.text, (root_mean_square(inside), inside.max())),
-                ]
-                for cell in np.ndindex(4, 4)
-                if (inside := values[(places[0] == cell[0]) & (places[1] == cell[1])]).size
-            ],
-        ),
+        Grid(("distance from axis", "height", "poses", "rms", "largest"), rows),
         columns=2,
         scale=f"{quantity}, {unit.name}",
     )
@@ -375,15 +357,8 @@ def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
     if "position_by_frame" in document:
         stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
-    yield _errors_in_space(
-        document,
-        by_stage.poses,
-        "commanded_m",
-        stages,
-        "poses",
-        "Pose errors in space",
-        f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})",
-    )
+    start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
+    yield _errors_in_space(document, by_stage.poses, "commanded_m", stages, "poses", "Pose errors in space", start)
 
 
 def correction_charts(document: Document) -> Iterator[Chart]:
@@ -391,19 +366,15 @@ def correction_charts(document: Document) -> Iterator[Chart]:
     if document["command"] != "correct" or not document["targets"]["line"]:
         return
     targets: Document = document["targets"]
-    yield _errors_in_space(
-        document,
-        targets,
-        "wanted_m",
-        [
-            (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
-            for role, name in (("before", "nominal"), ("after", "corrected"))
-        ],
-        "corrections",
-        "Corrections in space",
+    stages = [
+        (role, f"error of the {name} command", vectors(targets[f"error_{role}_m"]))
+        for role, name in (("before", "nominal"), ("after", "corrected"))
+    ]
+    start = (
         f"Wanted positions and the error that the model predicts there; {sum(targets['corrected'])} of "
-        f"{len(targets['corrected'])} targets are corrected, the others keep their error",
+        f"{len(targets['corrected'])} targets are corrected, the others keep their error"
     )
+    yield _errors_in_space(document, targets, "wanted_m", stages, "corrections", "Corrections in space", start)
 
 
 def _errors_in_space(
@@ -500,18 +471,8 @@ def _arm(document: Document) -> list[Series]:
     """Return the line of the arm at a typical pose, if the result has it."""
     if (outline := (document.get("robot") or {}).get("outline")) is None:
         return []
-    return [
-        Series(
-            vectors(outline["line_m"]).T,
-            "nominal",
-            "arm, at one pose",
-            marker="o",
-            line="-",
-            size=3.4,
-            width=2.2,
-            alpha=0.8,
-        )
-    ]
+    line = vectors(outline["line_m"]).T
+    return [Series(line, "nominal", "arm, at one pose", marker="o", line="-", size=3.4, width=2.2, alpha=0.8)]
 
 
 # Map of the grade that a calibrated arm holds in each part of its workspace, in space.
@@ -637,13 +598,5 @@ def _groups(document: Document, at: Array) -> Iterator[Series]:
     ]
     for label, colour, marker, points, own in groups:
         if len(points):
-            yield Series(
-                points.T,
-                colour,
-                label,
-                marker=marker,
-                size=8.0 if marker == "*" else 4.5,
-                hollow=marker != "o",
-                texts=own,
-                width=1.0,
-            )
+            size, is_hollow = 8.0 if marker == "*" else 4.5, marker != "o"
+            yield Series(points.T, colour, label, marker=marker, size=size, hollow=is_hollow, texts=own, width=1.0)

@@ -127,20 +127,14 @@ def estimate_view(
             for pose in document["worst_poses"]["by_position"][:3]
             for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
         )
+        more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
         ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}{stated}"
         return [
             opening,
             _grade(document["grade"], True),
             Section("", [Grid(("error", *heads), rows)]),
             _targets(document),
-            Section(
-                "",
-                [
-                    Text(f"largest errors: {worst}"),
-                    Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True),
-                    Text(ahead, wraps=False),
-                ],
-            ),
+            Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]),
         ]
     methods = {name: _methods(part, unit) for part, name, unit, *_ in quantities}
     is_one = len({*methods.values()}) == 1
@@ -179,6 +173,7 @@ def _grade(grade: Document, is_short: bool) -> Section:
         for entry in grade["probabilities"]
         if entry["probability"] >= 0.005 or entry["grade"] == grade["grade"]
     )
+    known = f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None)
     table = Grid(
         (f"grade, by {grade['statistic']}", "position within, mm", "orientation within, °"),
         [
@@ -190,19 +185,7 @@ def _grade(grade: Document, is_short: bool) -> Section:
     unconfirmed = [*others[-1:], confirming] if is_met and not grade["demonstrated"] else []
     return Section(
         f"Grade {grade['grade']}, {met} (scale: {grade['scale']})",
-        [Listing([first, *unconfirmed])]
-        if is_short
-        else [
-            Listing(
-                [
-                    first,
-                    *others,
-                    f"probability of each grade, given these poses: {shares}" * (grade["probability"] is not None),
-                    confirming,
-                ]
-            ),
-            table,
-        ],
+        [Listing([first, *unconfirmed])] if is_short else [Listing([first, *others, known, confirming]), table],
         "green" if grade["demonstrated"] else "bold yellow",
     )
 
@@ -234,28 +217,20 @@ def _statistics(document: Document, part: Document, name: str, sign: str, unit: 
     """Return all tables of the position or of the orientation error."""
     before, head = (document["unaligned"] or {}).get(name), percent(part["confidence"])
     unregistered: Sequence[Cell] = [""] * 4 if before is None else statistics_cells(before, unit, factor)
+    lengths = [
+        (label, *_measured(part, f"{key}_{unit}", factor), own)
+        for (label, key), own in zip(STATISTICS, unregistered, strict=True)
+    ]
+    radii = [
+        (f"95 % radius, Gaussian, {label}", *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]), "")
+        for label, radius in ((key.replace("_", " "), part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
+    ]
     # A mean without an interval may be zero up to rounding, so the digits follow the rms.
     places, bounds = decimals(part[f"rms_{unit}"] * factor, None, None), part["intervals"][f"mean_{unit}"]
     tests, worst = part["tests"], document["worst_poses"][f"by_{name}"]
     heads = {"pose": "pose", "target": "target"} | {f"error_{own}": f"{of}, {mark}" for of, own, mark, _ in QUANTITIES}
     return [
-        grid(
-            ("length", "", head, "unregistered" if document["unaligned"] else None),
-            [
-                *(
-                    (label, *_measured(part, f"{key}_{unit}", factor), own)
-                    for (label, key), own in zip(STATISTICS, unregistered, strict=True)
-                ),
-                *(
-                    (
-                        f"95 % radius, Gaussian, {key.replace('_', ' ')}",
-                        *measured_cells(radius[f"radius_{unit}"], factor, radius["interval"]),
-                        "",
-                    )
-                    for key, radius in ((key, part["radius95"][key]) for key in ("zero_mean", "fitted_mean"))
-                ),
-            ],
-        ),
+        grid(("length", "", head, "unregistered" if document["unaligned"] else None), [*lengths, *radii]),
         Grid(
             ("mean vector", "", head),
             [
@@ -440,19 +415,15 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
         listed = [part for part in parts if part["max_m"] or part["symbol"] not in ("vAP", "E")]
         counts = Counter(_STATUS[condition["status"]] for condition in protocol)
         statuses = ", ".join(f"{n} {status}" for status, n in counts.items())
-        return [
-            start,
-            Section(
-                "",
-                [
-                    *_summary(listed, confidence),
-                    Text(f"conditions of the standard's protocol: {statuses}"),
-                    Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True),
-                ],
-            ),
-        ]
+        told = Text(f"conditions of the standard's protocol: {statuses}")
+        more = Text("criteria by pose, conditions, methods and limitations: `full`", is_note=True)
+        return [start, Section("", [*_summary(listed, confidence), told, more])]
     known = [(part["symbol"], part["intervals"]["max_m"]) for part in parts if part["max_m"] is not None]
     methods = named_by_text((symbol, own["why"] or own["method"].partition("; largest")[0]) for symbol, own in known)
+    corrected = (
+        "largest over poses: its upper limit is the greatest upper limit, its lower limit is corrected for the number "
+        "of poses"
+    )
     return [
         *([start] if form == "full" else []),
         *(Section(title, _summary([criteria[symbol] for symbol in symbols], confidence)) for title, symbols in _GROUPS),
@@ -476,11 +447,7 @@ def iso9283_view(document: Document, robot: str | None = None, form: Form = "pag
                 Listing(
                     [
                         *methods,
-                        (
-                            "largest over poses: its upper limit is the greatest upper limit, its lower limit is "
-                            "corrected for the number of poses"
-                        )
-                        * any("; largest" in part["intervals"]["max_m"]["method"] for part in parts),
+                        corrected * any("; largest" in part["intervals"]["max_m"]["method"] for part in parts),
                         "visits are taken as independent Gaussian draws; no interval includes the instrument's "
                         "systematic error",
                     ]
@@ -548,24 +515,17 @@ def _places(criterion: Document, heading: str, head: str, key: str, confidence: 
         places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
     file = "file" if several and criterion["symbol"] != "E" else None
     values = ("visits", head, percent(confidence)) if head else (None, None, None)
-    return Section(
-        heading,
-        [
-            grid(
-                ("", file, *values, *_BESIDE[key]),
-                [
-                    (
-                        place["pose"],
-                        place["file"] or "",
-                        str(place["n"]),
-                        *_measured(place, "position_m", IN_MM),
-                        *_beside(place, key),
-                    )
-                    for place in places
-                ],
-            )
-        ],
-    )
+    rows = [
+        (
+            place["pose"],
+            place["file"] or "",
+            str(place["n"]),
+            *_measured(place, "position_m", IN_MM),
+            *_beside(place, key),
+        )
+        for place in places
+    ]
+    return Section(heading, [grid(("", file, *values, *_BESIDE[key]), rows)])
 
 
 def _beside(place: Document, key: str) -> list[Cell]:
@@ -597,27 +557,17 @@ def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
     """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
     units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
     names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
+    rows = [
+        (f"P{i}", *(fixed(float(value), 2) for value in place))
+        for i, place in enumerate(proposal.poses.translation.T * IN_MM, 1)
+    ]
+    joints = [
+        (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
+        for i, q in enumerate(proposal.q.T, 1)
+    ]
     return [
         Section(f"Test poses of ISO 9283:1998 for {robot.name}", [Listing(_cube_facts(proposal))]),
-        Section(
-            "",
-            [
-                Grid(
-                    ("commanded, mm", "x", "y", "z"),
-                    [
-                        (f"P{i}", *(fixed(float(value), 2) for value in place))
-                        for i, place in enumerate(proposal.poses.translation.T * IN_MM, 1)
-                    ],
-                ),
-                Grid(
-                    ("joints", *names),
-                    [
-                        (f"P{i}", *(fixed(float(value) * unit.factor, 3) for value, unit in zip(q, units, strict=True)))
-                        for i, q in enumerate(proposal.q.T, 1)
-                    ],
-                ),
-            ],
-        ),
+        Section("", [Grid(("commanded, mm", "x", "y", "z"), rows), Grid(("joints", *names), joints)]),
         Section("Limitations", [Listing(proposal.notes)]),
     ]
 

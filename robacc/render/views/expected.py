@@ -525,19 +525,12 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
 def _sufficiency(sufficiency: Document, n_poses: int) -> Section:
     now, later = (number(sufficiency[key], IN_MM) for key in ("now_m", "later_m"))
     own, new = ("poses of the model's fit", "poses") if sufficiency["of_model"] else ("rows measured already", "rows")
-    return Section(
-        "Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}",
-        [
-            Listing(
-                [
-                    sufficiency["why"],
-                    f"error to expect: {now} mm rms now, {later} mm with the next poses"
-                    * (None not in (now.si, later.si)),
-                    f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
-                ]
-            )
-        ],
-    )
+    texts = [
+        sufficiency["why"],
+        f"error to expect: {now} mm rms now, {later} mm with the next poses" * (None not in (now.si, later.si)),
+        f"this counts the {sufficiency['n_already']} {own}: fit them together with the new {new}",
+    ]
+    return Section("Enough" if sufficiency["enough"] else f"Not enough: measure the next {n_poses}", [Listing(texts)])
 
 
 def _route_facts(document: Document, full: bool) -> list[str]:
@@ -580,17 +573,12 @@ def _route_facts(document: Document, full: bool) -> list[str]:
 def _payloads(blocks: Sequence[Document], payloads: Sequence[float]) -> str:
     """Return ``0 kg (visits 1 to 18, 15 poses), 5 kg (…)``, and the payloads that no pose has."""
     used = [block["payload_kg"] for block in blocks]
-    return ", ".join(
-        [
-            *(
-                f"{block['payload_kg']:g} kg (visits {first} to {first + block['n_visits'] - 1}, {block['n_poses']} "
-                "poses)"
-                for block in blocks
-                for first in [block["first_visit"]]
-            ),
-            *(f"none with {payload:g} kg" for payload in payloads if payload not in used),
-        ]
-    )
+    texts = [
+        f"{block['payload_kg']:g} kg (visits {first} to {first + block['n_visits'] - 1}, {block['n_poses']} poses)"
+        for block in blocks
+        for first in [block["first_visit"]]
+    ]
+    return ", ".join([*texts, *(f"none with {payload:g} kg" for payload in payloads if payload not in used)])
 
 
 def _accuracy(document: Document, is_curve: bool) -> list[Block]:

@@ -526,22 +526,16 @@ def _candidates(document: Document) -> list[Block]:
 
 def _findings(document: Document) -> list[Block]:
     findings, rms = document["findings"], ((document["before"]["held_out"] or {}).get("position") or {}).get("rms_m")
+    harmonics = "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
+    shares = (
+        "% of the residual: share of the baseline's mean square error on held-out poses that the effect removes if it "
+        "is added last (shares need not add up to 100 %); ±: one standard error"
+    )
     return [
         Text("none, at a false-alarm rate below 1 % over all candidates" * (not findings)),
         *(block for place, finding in enumerate(findings, 1) for block in _finding(place, finding, rms)),
-        Text(
-            "a harmonic is amplitude × cos(order × q − phase), with q the commanded joint angle"
-            * any(finding["harmonics"] for finding in findings),
-            is_note=True,
-        ),
-        Text(
-            (
-                "% of the residual: share of the baseline's mean square error on held-out poses that the effect "
-                "removes if it is added last (shares need not add up to 100 %); ±: one standard error"
-            )
-            * bool(findings),
-            is_note=True,
-        ),
+        Text(harmonics * any(finding["harmonics"] for finding in findings), is_note=True),
+        Text(shares * bool(findings), is_note=True),
         Text(_deflection(document["deflection"])),
         Text(f"undeclared load: {load['statement']}" if (load := document.get("undeclared_load")) else ""),
     ]

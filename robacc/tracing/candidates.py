@@ -33,9 +33,8 @@ from robacc.effects.periodic import (
     HIGHEST_OF_ALL,
     HIGHEST_OF_SLIDE,
     ORDER_STEP,
-    PERIODIC,
+    TransmissionError,
     high_orders,
-    of_order,
     searched_order,
     supported_orders,
 )
@@ -183,7 +182,7 @@ class OrderGrid:
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
     """Yield the usual orders of each joint, and those above."""
-    q = commanded(data, PERIODIC)
+    q = commanded(data, TransmissionError.name)
     for joint in arm.names:
         angle = q[arm.number(joint)]
         largest = HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE
@@ -209,7 +208,7 @@ class Pool:
         self.all = list(named)
         self._numbers = {candidate.key: number for number, candidate in enumerate(named)}
         self.add(self._searched_forms(len({candidate.effect_name for candidate in named})))
-        self.grids = tuple(order_grids(arm, data)) if PERIODIC in self._names else ()
+        self.grids = tuple(order_grids(arm, data)) if TransmissionError.name in self._names else ()
         self._extended: set[tuple[object, ...]] = set()
 
     def _searched_forms(self, units: int) -> Iterator[tuple[Effect, float]]:
@@ -280,7 +279,7 @@ class Pool:
             on_grid = abs(order / ORDER_STEP - round(order / ORDER_STEP)) < 1e-6
             step = ORDER_STEP / (4.0 if on_grid else 16.0)
             near = [round(order + k * step, 4) for k in (-2, -1, 1, 2)]
-            yield from (of_order(effect.joints[0], other) for other in near if other > 0)
+            yield from (TransmissionError(effect.joints[:1], (other,)) for other in near if other > 0)
 
 
 def _rounded(place: Array) -> Place:

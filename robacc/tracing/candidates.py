@@ -16,7 +16,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect, Term, commanded
+from robacc.effects.base import Effect, Term, commanded, settings_of
 from robacc.effects.campaign import (
     FEWEST,
     LineOfSight,
@@ -226,7 +226,11 @@ class Pool:
         grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
         for name, cls in REGISTRY.items():
             if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
-                forms = list(cls().forms())
+                forms = [
+                    dataclasses.replace(cls(), **{declared.field: choice})  # type: ignore[arg-type]
+                    for declared in settings_of(cls).values()
+                    for choice in declared.choices
+                ]
                 log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
                 yield from (
                     (dataclasses.replace(form, place=_rounded(place)), log_prior) for form in forms for place in grid

@@ -47,8 +47,8 @@ def __getattr__(name: str) -> dict[str, type[Effect]]:
     """Return ``REGISTRY``, every effect by name; the modules of the effects are loaded when it is first asked for."""
     if name != "REGISTRY":
         raise AttributeError(f"module {__name__!r} has no attribute {name!r}")
+    known, earlier = base.REGISTRY, dict(base.REGISTRY)  # a user's effect may replace one of the package
     for module in ("frames", "joints", "elastic", "periodic", "campaign"):
         import_module(f"robacc.effects.{module}")
-    known = base.REGISTRY
-    known.update({effect: known.pop(effect) for effect in dict.fromkeys((*_ORDER, *known))})
+    known.update({effect: earlier.get(effect, known.pop(effect)) for effect in dict.fromkeys((*_ORDER, *known))})
     return known

@@ -7,7 +7,6 @@ does for the place of a step in the sequence of poses.
 from __future__ import annotations
 
 import abc
-import dataclasses
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -33,7 +32,6 @@ from robacc.effects.base import (
     needed,
     register,
     setting,
-    settings_of,
     varies,
 )
 from robacc.effects.frames import frame_terms
@@ -58,14 +56,6 @@ class LineOfSight(Effect):
 
     place: Place = setting((0.0, 0.0, 0.0), key="instrument", unit="length", written=True, last=True)
     """Instrument's place in the measuring frame, m."""
-
-    def forms(self) -> Iterator[LineOfSight]:
-        """Yield every form, each at this place: one for each choice of its setting that has choices."""
-        yield from (
-            dataclasses.replace(self, **{declared.field: choice})  # type: ignore[arg-type]
-            for declared in settings_of(type(self)).values()
-            for choice in declared.choices
-        )
 
     @abc.abstractmethod
     def shifts(self, along: Array, distance: Array, rotation: Array) -> dict[str, Array]:

@@ -159,13 +159,11 @@ class JointCompliance(OwnWeight):
         return self.traits._replace(chart=over, prior_odds=odds)
 
     @classmethod
-    def candidates(cls, arm: Arm, data: Measurements) -> Iterator[Effect]:
-        """Yield one joint at a time, with the file's masses and, where weight can load it, with uncertain ones."""
-        bears = bears_weight(arm, commanded(data, cls.name))
-        for joint in arm.names:
-            yield cls.usual(arm, data, (joint,))
-            if arm.chain.bodies and bears[arm.number(joint)]:
-                yield cls((joint,), "uncertain")
+    def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
+        """Yield the usual form and, where weight can load the joint, the file's masses as uncertain ones."""
+        yield cls.usual(arm, data, joints)
+        if arm.chain.bodies and bears_weight(arm, commanded(data, cls.name))[arm.number(joints[0])]:
+            yield cls(joints, "uncertain")
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return one term per joint, or one for each base regressor."""

@@ -302,8 +302,8 @@ def _carriage(arm: Arm, joint: str) -> dict[str, int]:
         else {"x": "a", "z": "d", "roll": "alpha", "pitch": "beta", "yaw": "theta"}
     )
     owner = BASE if owner == 0 and not is_urdf else owner
-    motions = {label: arm.chain.find(owner, motion) for label, motion in labels.items()}
-    return {label: motion for label, motion in motions.items() if motion is not None}
+    numbers = {motion.label: k for k, motion in enumerate(arm.chain.motions) if motion.owner == owner}
+    return {label: numbers[motion] for label, motion in labels.items() if motion in numbers}
 
 
 _SHARES = (0.05, 0.1, 0.2, 0.4, 0.8)

@@ -257,22 +257,6 @@ def _cosines_and_sines(orders: tuple[float, ...], angle: bytes) -> Array:
     return waves
 
 
-# Periodic errors of one joint as a search builds them: of one order, or the joint's profile of orders.
-
-PERIODIC = TransmissionError.name
-"""Name of the effect that a search over orders finds."""
-
-
-def of_order(joint: str, order: float) -> Effect:
-    """Return the periodic error of ``joint`` of one order (periods per turn)."""
-    return TransmissionError((joint,), (order,))
-
-
-def profile(joint: str, orders: tuple[float, ...]) -> Effect:
-    """Return the periodic error of ``joint`` of all ``orders``, shrunk by a common prior: an error without a cause."""
-    return TransmissionError((joint,), orders, True)
-
-
 def orders_of(effect: Effect) -> tuple[float, ...]:
     """Return the orders of a periodic error; none of any other effect."""
     return effect.orders if isinstance(effect, TransmissionError) else ()

@@ -112,10 +112,6 @@ class Chain:
         """Index of each motion by owner and label."""
         return {(motion.owner, motion.label): k for k, motion in enumerate(self.motions) if motion.label}
 
-    def find(self, owner: int, label: str) -> int | None:
-        """Return the index of a motion, or None where the chain has no such motion."""
-        return self._index.get((owner, label))
-
     def index(self, owner: int, label: str) -> int:
         """Return the index of a motion that must exist."""
         return self._index[owner, label]

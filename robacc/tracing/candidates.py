@@ -17,7 +17,7 @@ from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect, Term, commanded
+from robacc.effects.base import Effect, Term, commanded, settings_of
 from robacc.effects.campaign import (
     FEWEST,
     LineOfSight,
@@ -34,9 +34,8 @@ from robacc.effects.periodic import (
     HIGHEST_OF_ALL,
     HIGHEST_OF_SLIDE,
     ORDER_STEP,
-    PERIODIC,
+    TransmissionError,
     high_orders,
-    of_order,
     searched_order,
     supported_orders,
 )
@@ -184,7 +183,7 @@ class OrderGrid:
 
 def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
     """Yield the usual orders of each joint, and those above."""
-    q = commanded(data, PERIODIC)
+    q = commanded(data, TransmissionError.name)
     for joint in arm.names:
         angle = q[arm.number(joint)]
         largest = HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE
@@ -210,7 +209,7 @@ class Pool:
         self.all = list(named)
         self._numbers = {candidate.key: number for number, candidate in enumerate(named)}
         self.add(self._searched_forms(len({candidate.effect_name for candidate in named})))
-        self.grids = tuple(order_grids(arm, data)) if PERIODIC in self._names else ()
+        self.grids = tuple(order_grids(arm, data)) if TransmissionError.name in self._names else ()
         self._extended: set[tuple[object, ...]] = set()
 
     def _searched_forms(self, units: int) -> Iterator[tuple[Effect, float]]:
@@ -228,7 +227,11 @@ class Pool:
         grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
         for name, cls in REGISTRY.items():
             if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
-                forms = list(cls().forms())
+                forms = [
+                    dataclasses.replace(cls(), **{declared.field: choice})  # type: ignore[arg-type]
+                    for declared in settings_of(cls).values()
+                    for choice in declared.choices
+                ]
                 log_prior = -math.log(TYPICAL_CANDIDATES * len(forms) * len(grid))
                 yield from (
                     (dataclasses.replace(form, place=_rounded(place)), log_prior) for form in forms for place in grid
@@ -281,7 +284,7 @@ class Pool:
             on_grid = abs(order / ORDER_STEP - round(order / ORDER_STEP)) < 1e-6
             step = ORDER_STEP / (4.0 if on_grid else 16.0)
             near = [round(order + k * step, 4) for k in (-2, -1, 1, 2)]
-            yield from (of_order(effect.joints[0], other) for other in near if other > 0)
+            yield from (TransmissionError(effect.joints[:1], (other,)) for other in near if other > 0)
 
 
 def _rounded(place: Array) -> Place:

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.campaign import Step
-from robacc.effects.periodic import PoseCorrection, are_separable, of_order, orders_of, profile, searched_order
+from robacc.effects.periodic import PoseCorrection, TransmissionError, are_separable, orders_of, searched_order
 from robacc.error_model.covariance import (
     TERMS,
     CovarianceParameters,
@@ -315,7 +315,7 @@ class _Search:
             along = np.einsum("jan,na->jn", linear.joints, white.weighted_residual(linear.y.shape[1], kept))
             for grid in grids:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
-                self.pool.add((of_order(grid.joint, order), grid.log_prior) for order in peaks.tolist())
+                self.pool.add((TransmissionError((grid.joint,), (order,)), grid.log_prior) for order in peaks.tolist())
 
     def _columns(self, state: State, candidates: Sequence[Candidate]) -> Array:
         """Return ``(N, M, K)`` the columns of candidates at a state, times their usual sizes.
@@ -584,7 +584,7 @@ class _Search:
             if moves[j] and arm.is_revolute(joint):
                 other = whitened(state.noise.with_term("profile", without), state.linear)
                 if (evidence := likely - other.log_likelihood) - price > ACCEPTED:
-                    yield Identified(profile(joint, PROFILE_ORDERS), evidence, -price, 0.0)
+                    yield Identified(TransmissionError((joint,), PROFILE_ORDERS, shrunk=True), evidence, -price, 0.0)
         if "smooth" in terms:
             assert self.data.q is not None
             joints = [joint for joint, does in zip(arm.names, moves, strict=True) if does]

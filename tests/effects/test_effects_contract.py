@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import dataclasses
 import re
+import subprocess
+import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
@@ -515,6 +517,15 @@ def test_a_message_says_what_was_expected_and_found(settings: dict[str, object],
     with pytest.raises(ValueError) as caught:  # noqa: PT011  the whole text is compared
         _Toy.from_settings((), settings)
     assert str(caught.value) == message
+
+
+def test_effects_are_loaded_when_one_is_asked_for() -> None:
+    program = (
+        "import sys, robacc.effects as effects\n"
+        "is_loaded = 'robacc.effects.elastic' in sys.modules\n"
+        "sys.exit(is_loaded or effects.effect_class('step').name != 'step' or [*effects.REGISTRY][0] != 'base_frame')"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
 
 
 # An effect that is added needs its own file and one import: nothing else knows its name.

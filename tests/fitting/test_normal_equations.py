@@ -10,7 +10,7 @@ from arms import arm
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
-from robacc.effects.periodic import profile
+from robacc.effects.periodic import TransmissionError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.normal_equations import PoseEquations, Whitening, joint_columns, whitening
 from robacc.fitting.solver import fit
@@ -81,9 +81,9 @@ def test_profiles_are_summed_as_their_built_columns(
     orders = tuple(float(order) for order in range(1, 8))
     free = (
         REGISTRY["base_frame"].default(arm("puma560"), data),
-        profile("j2", orders),
+        TransmissionError(("j2",), orders, shrunk=True),
         REGISTRY["joint_compliance"].default(arm("puma560"), data),
-        profile("j1", orders),
+        TransmissionError(("j1",), orders, shrunk=True),
     )
     equations = PoseEquations(Model.of(robot, free), data)
     rng = np.random.default_rng(5)

@@ -241,7 +241,7 @@ class Inputs:
             )
             data = replace(data, warnings=(*data.warnings, note))
         if attained and not isinstance(source, Measurements):
-            data = seen_from_board(data, path.reading.camera if isinstance(path, PoseFile) else None)
+            data = seen_from_board(data, reading_of(path).camera)
         is_of_photos = data.is_of_images
         if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)
@@ -270,7 +270,7 @@ class Inputs:
         sample, *parts = parts_of(pose_path(source)) or (source,)
         data = self.poses(sample, robot, any_target=any_target, any_kind=any_kind)
         limits = self.arguments["ignore_limits"]
-        read = partial(read_rows, robot=robot, any_target=any_target, ignore_limits=limits)
+        read = partial(_read_part, robot=robot, any_target=any_target, ignore_limits=limits)
         return data, tuple(partial(read, part) for part in parts)
 
     def campaign(
@@ -315,6 +315,11 @@ class Inputs:
         options = {name: value for name, value in {**self.arguments, **resolved}.items() if name not in apart}
         inputs = tuple(sorted(self.records, key=lambda record: record.kind not in self.first))
         return Provenance(options, inputs, self.arguments.get("seed"), self.outside, tuple(self.warnings))
+
+
+def _read_part(part: PoseFile, **options: Any) -> Measurements:
+    """Return the rows of a part of a large file."""
+    return seen_from_board(read_rows(part, **options), None)
 
 
 def _joint_columns(poses: PosesSource | None) -> Sequence[str]:

@@ -19,7 +19,7 @@ from robacc.errors import Note, refuse
 from robacc.geometry import Array, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, even_rows
 from robacc.plug_ins import plug_in
 
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
@@ -138,6 +138,8 @@ _BETTER = 8.0
 """Factor by which one reading of the poses must follow the arm better than the other, as for any mistake in data."""
 _FEWEST = 4
 """Poses whose turns show in which axes they are: three turns determine a rotation and test it."""
+_MOST_TURNS = 1000
+"""Turns that decide it well enough."""
 
 
 def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
@@ -154,8 +156,9 @@ def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
     mounts = {each.is_on_hand for each in read_cameras(camera).values()} if camera is not None else {False}
     is_on_hand = mounts == {True}
     if camera is None and data.commanded_rotation is not None and data.n > _FEWEST:
-        arm = _turns(data.commanded_rotation)
-        seen = [_turns(rotation) for rotation in (data.rotation, transpose(data.rotation))]
+        rows = even_rows(data.n, _MOST_TURNS)
+        arm, measured = _turns(data.commanded_rotation[..., rows]), data.rotation[..., rows]
+        seen = [_turns(rotation) for rotation in (measured, transpose(measured))]
         as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)
         is_on_hand = bool(_BETTER * inverted < as_given)
     if not is_on_hand:

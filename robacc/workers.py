@@ -171,6 +171,10 @@ def _on_cluster(
     except (OSError, ValueError) as error:
         raise UsageError(f"`cluster`: no scheduler of Dask answers at {address}") from error
     with client:
+        try:
+            client.wait_for_workers(1, timeout=_TIMEOUT)
+        except TimeoutError as error:
+            raise UsageError(f"`cluster`: the scheduler at {address} has no workers; start some") from error
         numbers = {client.submit(work, task, pure=False): number for number, task in enumerate(tasks)}
         for future in dask.as_completed([*numbers]):
             failed = future.exception()

@@ -54,9 +54,18 @@ def test_a_killed_worker_loses_nothing_and_the_order_stays(tmp_path: Path, where
         assert done == [(number, 5) for number in (1, 2, 3, 4, 5)]
         return
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(2, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(n_workers=2, threads_per_worker=1, dashboard_address=None) as cluster:
         workers = Workers(cluster=cluster.scheduler_address)
         assert list(workers.in_order(dead_at_first, tasks, print)) == ["0", "1", "2", "3", "4"]
+
+
+def test_a_scheduler_without_workers_is_told(monkeypatch: pytest.MonkeyPatch) -> None:
+    distributed = pytest.importorskip("distributed")
+    monkeypatch.setattr("robacc.workers._TIMEOUT", 1.0)
+    with distributed.LocalCluster(n_workers=0, dashboard_address=None) as cluster:
+        workers = Workers(cluster=cluster.scheduler_address)
+        with pytest.raises(UsageError, match="has no workers; start some"):
+            list(workers.each(doubled_or_dead, [5, 6]))
 
 
 def test_one_job_is_done_in_this_process() -> None:

@@ -43,20 +43,17 @@ DEFLECTIONS = (
 """Catalogue text of the setting."""
 
 
-_STIFF = 3e-4, 1e-5
-"""Turn of a gear under its arm's weight, rad, and usual compliance, rad/(N m): 30 N m are less than lie on the second
-joint of most industrial arms. The servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees
-under 1.5 kg; users' measurements in github.com/TheRobotStudio/SO-ARM100, issue 134)."""
+_LIGHT = 30.0
+"""N m: less weight lies on the second joint of most industrial arms, whose gears turn by the usual 1e-5 rad/(N m). The
+servos of an SO-101, whose weight makes 1 N m, turn by 7e-3 rad/(N m) (2.2 degrees under 1.5 kg; users' measurements in
+github.com/TheRobotStudio/SO-ARM100, issue 134)."""
 
 
 def compliance_stretch(arm: Arm, data: Measurements) -> float:
     """Return the factor of usual compliances on an arm: gears of a light arm are as much softer as it is lighter."""
-    if not arm.chain.bodies or data.q is None:
-        return 1.0
-    turning = [arm.number(joint) for joint in arm.names if arm.is_revolute(joint)]
-    torque = float(np.abs(weight_torques(arm, data)[turning]).max(initial=0.0))
-    turn, usual = _STIFF
-    return max(1.0, turn / usual / torque) if torque > 0.1 else 1.0
+    turning = [arm.number(joint) for joint in arm.names if arm.is_revolute(joint) and arm.chain.bodies]
+    torque = float(np.abs(weight_torques(arm, data)[turning]).max(initial=0.0)) if turning else 0.0
+    return max(1.0, _LIGHT / torque) if torque > 0.1 else 1.0
 
 
 @dataclass(frozen=True)

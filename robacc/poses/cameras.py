@@ -136,10 +136,6 @@ def _camera(section: YamlSection) -> Camera:
 
 _BETTER = 8.0
 """Factor by which one reading of the poses must follow the arm better than the other, as for any mistake in data."""
-_FEWEST = 4
-"""Poses whose turns show in which axes they are: three turns determine a rotation and test it."""
-_MOST_TURNS = 1000
-"""Turns that decide it well enough."""
 
 
 def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
@@ -153,10 +149,10 @@ def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
     """
     if data.rotation is None or data.kind is not None:
         return data
-    mounts = {each.is_on_hand for each in read_cameras(camera).values()} if camera is not None else {False}
-    is_on_hand = mounts == {True}
-    if camera is None and data.commanded_rotation is not None and data.n > _FEWEST:
-        rows = even_rows(data.n, _MOST_TURNS)
+    is_on_hand = camera is not None and all(each.is_on_hand for each in read_cameras(camera).values())
+    # Three turns determine the axes and test them; a thousand decide well enough.
+    if camera is None and data.commanded_rotation is not None and data.n > 3:
+        rows = even_rows(data.n, 1000)
         arm, measured = _turns(data.commanded_rotation[..., rows]), data.rotation[..., rows]
         seen = [_turns(rotation) for rotation in (measured, transpose(measured))]
         as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)
@@ -164,8 +160,10 @@ def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
     if not is_on_hand:
         return data
     inverse = Poses(data.rotation, data.position).inverse()
-    text = "the measured poses are taken as those of a board in a camera on the hand"
-    note = Note(f"{data.source}: {text}, and turned into those of the camera in the board")
+    note = Note(
+        f"{data.source}: the measured poses are taken as those of a board in a camera on the hand, and turned into "
+        "those of the camera in the board"
+    )
     return replace(data, position=inverse.translation, rotation=inverse.rotation, warnings=(*data.warnings, note))
 
 

@@ -408,9 +408,8 @@ class _Search:
         """
         while noise.terms.keys() != state.noise.terms.keys():
             now, earlier = set(noise.terms), set(state.noise.terms)
-            changes = [("add", name) for name in sorted(now - earlier)]
-            changes += [("drop", name) for name in sorted(earlier - now)]
-            moves = [SearchStep(action, f"covariance: {name}", ()) for action, name in changes]
+            changes = (("add", now - earlier), ("drop", earlier - now))
+            moves = [SearchStep(action, f"covariance: {n}", ()) for action, names in changes for n in sorted(names)]
             state = dataclasses.replace(state, noise=noise, steps=(*state.steps, *moves))
             state, gain = self._settled(state, STEPS, rival)
             if gain > 0.0:

@@ -661,5 +661,5 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
         for residual in residuals
     ]
     best = int(np.argmin(costs[1:]))
-    is_useless = costs[1 + best] <= costs[0] or math.isclose(costs[1 + best], costs[0])
-    return identified[best] if is_useless else None
+    is_better = costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0])
+    return None if is_better else identified[best]

@@ -387,9 +387,10 @@ class _Search:
         """
         state, gain = self._settled(start, MOVES_ALONE)
         ends, noise = [], with_terms_that_gain(state.noise, state.linear)
-        if not noise.terms or self._may_reach(state, gain, dataclasses.replace(state, noise=noise)):
-            state, _ = self._settled(state) if gain > 0.0 else (state, gain)
-            ends, noise = [state], with_terms_that_gain(state.noise, state.linear)
+        rival = dataclasses.replace(state, noise=noise)
+        alone, left = self._settled(state, STEPS, rival if noise.terms else None) if gain > 0.0 else (state, gain)
+        if left == 0.0:
+            ends, state, noise = [alone], alone, with_terms_that_gain(alone.noise, alone.linear)
         ends += [self._with_terms(state, noise)] if noise.terms else []
         if noise.terms or self._terms_rival(state):
             noise = with_terms_that_gain(start.noise, start.linear)
@@ -398,8 +399,9 @@ class _Search:
 
     def _may_reach(self, state: State, gain: float, other: State) -> bool:
         """Return whether effects may yet make a state as probable as another: gains mostly diminish from ``gain``."""
-        left = max(MOST_FINDINGS - len(state.chosen), 1)
-        return self._log_posterior(state) + left * gain >= self._log_posterior(other)
+        return self._log_posterior(other) - self._log_posterior(state) <= gain * max(
+            MOST_FINDINGS - len(state.chosen), 1
+        )
 
     def _with_terms(self, state: State, noise: CovarianceParameters, rival: State | None = None) -> State:
         """Return the end of a search beside the terms of ``noise``, to which others come, and from which idle go.

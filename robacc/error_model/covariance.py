@@ -875,12 +875,6 @@ def with_terms_that_gain(
     return without_idle_terms(noise, linear)
 
 
-def has_term_that_gains(noise: CovarianceParameters, linear: Linearised) -> bool:
-    """Return whether any term gains."""
-    least, others = log_evidence(noise, linear) + _GAINS, (name for name in TERMS if name not in noise.terms)
-    return any(log_evidence(with_term_if_worth(noise, linear, name), linear) > least for name in others)
-
-
 def with_term_if_worth(noise: CovarianceParameters, linear: Linearised, name: str) -> CovarianceParameters:
     """Return the noise with a further term, estimated; without it if it is not worth estimating.
 

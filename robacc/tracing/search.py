@@ -194,6 +194,9 @@ class _Search:
         robot = register_frames(model.arm.robot, self.data, "base_frame" in names, "tool_frame" in names)
         self.model = dataclasses.replace(model, arm=Arm.of(robot))
         self.rows = Rows.of(self.model.arm, self.data)
+        bound = self.model.bind(self.data)
+        self.broad = broad_stds(self.model, bound.terms, bound.owners)
+        """Standard deviations of the broad prior of declared constants near nominal; inf for other coefficients."""
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
         self.progress, self.moves, self.settled = progress, 0, True
 
@@ -228,11 +231,10 @@ class _Search:
         free = self.model.free
         multiples = np.array([*([LARGEST] * len(free)), *scales])[list(bound.owners)]
         stds = multiples * [term.typical * term.weight for term in bound.terms]
-        declared = sum(owner < len(free) for owner in bound.owners)  # Their columns are first.
-        broad = broad_stds(self.model, bound.terms[:declared], bound.owners[:declared])
-        constant = np.flatnonzero(np.isfinite(broad))
-        stds[constant] = broad_precision(broad, theta[:declared])[constant] ** -0.5
-        stds[[column for column in range(declared) if free[bound.owners[column]].traits.is_frame]] = _OF_FRAMES
+        constant = np.flatnonzero(np.isfinite(self.broad))  # Columns of declared effects are first.
+        stds[constant] = broad_precision(self.broad[constant], theta[constant]) ** -0.5
+        is_of_frame = [owner < len(free) and free[owner].traits.is_frame for owner in bound.owners]
+        stds[np.flatnonzero(is_of_frame)] = _OF_FRAMES
         return Linearised.at(bound, theta, stds, self.rows, self.data)
 
     def _start(self) -> State:
@@ -389,7 +391,7 @@ class _Search:
         ends, noise = [], with_terms_that_gain(state.noise, state.linear)
         rival = dataclasses.replace(state, noise=noise)
         alone, left = self._settled(state, STEPS, rival if noise.terms else None) if gain > 0.0 else (state, gain)
-        if left == 0.0:
+        if left == 0.0 or not noise.terms:
             ends, state, noise = [alone], alone, with_terms_that_gain(alone.noise, alone.linear)
         ends += [self._with_terms(state, noise)] if noise.terms else []
         if noise.terms or self._terms_rival(state):

@@ -21,6 +21,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv
 
 from robacc.effects.frames import JointOffset
 from robacc.fitting.levels import BLOCK_NUMBERS
@@ -51,9 +52,8 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
     matrix += damping * np.eye(len(matrix))
-    try:
-        result = np.linalg.solve(matrix, scale * rhs)
-    except np.linalg.LinAlgError:
+    _, result, is_singular = dposv(matrix, scale * rhs)
+    if is_singular:
         result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
     return np.asarray(scale * result, dtype=np.float64)
 

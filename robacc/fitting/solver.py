@@ -24,7 +24,9 @@ from robacc.fitting.levels import (
     LARGEST,
     MANY,
     NEGLIGIBLE,
+    NEW,
     ROUNDS,
+    SETTLED,
     STEPS,
 )
 from robacc.fitting.normal_equations import (
@@ -133,26 +135,27 @@ class Priors:
     ) -> bool:
         """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
 
-        Far from the largest marginal likelihood, where the logarithm of a variance would change by one or more, a step
-        is the fixed point's, near it that of Fisher's scoring in the logarithms of the variances: with
-        B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups.
+        Each step is the longer one of the fixed point's and of Fisher's scoring in the logarithms of the variances: with
+        B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups. Weights are
+        estimated between the rounds, so that a few steps are enough for each.
         ``components`` is the number of residuals of the inliers.
         """
         member, weights = self._member[:, columns], self._weights[columns]
         stds = before = np.array(list(self.group_stds.values()))
         noise_var = 1.0
-        for _ in range(STEPS):
+        for _ in range(ROUNDS):
             self._set(stds, noise_var)
             prior, previous = self.precision[columns], stds
             inverse = posterior(normal.gram, prior)
             theta, determined = inverse @ normal.rhs, 1.0 - prior * np.diag(inverse)
-            of_group = np.maximum(member @ determined, 1e-3)
-            ratio = np.maximum(member @ np.square(theta / weights), 1e-18) / np.square(previous)
+            of_group = np.maximum(member @ determined, NEW)
+            ratio = np.maximum(member @ np.square(theta / weights) / np.square(previous), NEW**2)
             block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
             information = 0.5 * member @ block @ member.T + 1e-300 * np.eye(len(member))
-            scoring = np.linalg.solve(information, 0.5 * (ratio - of_group))
-            change = np.where(np.abs(scoring) < 1.0, scoring, np.log(ratio / of_group))
-            stds = np.minimum(np.maximum(previous * np.exp(0.5 * change), 1e-9), self._largest)
+            scoring = np.clip(np.linalg.solve(information, 0.5 * (ratio - of_group)), -4.0, 4.0)
+            fixed_point = np.log(ratio / of_group)
+            change = np.where(np.abs(scoring) > np.abs(fixed_point), scoring, fixed_point)
+            stds = np.clip(previous * np.exp(0.5 * change), NEGLIGIBLE * SETTLED * self._largest, self._largest)
             if not noise_known:
                 dof = max(components - float(determined.sum()), 1.0)
                 step = theta - normal.theta

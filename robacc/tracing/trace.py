@@ -586,13 +586,13 @@ def trace(
             return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
 
         final, form = fitted(identified)
-        while (useless := _useless(final, identified, own_places)) is not None:
-            identified.remove(useless)
+        while useless := _useless(final, identified, own_places):
+            identified = [one for one in identified if one not in useless]
             final, form = fitted(identified)
         if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
             correction = Identified(left[0], left[1], -left[2], 0.0)
             corrected, corrected_form = fitted([*identified, correction])
-            if _useless(corrected, [correction], own_places) is None:
+            if not _useless(corrected, [correction], own_places):
                 identified.append(correction)
                 final, form = corrected, corrected_form
         effects = [one.effect for one in identified]
@@ -643,23 +643,25 @@ def trace(
     return with_directional_weights(run, poses, holdout)
 
 
-def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> Identified | None:
-    """Return the effect without which the poses, each held out in turn, are predicted best, if no worse than with it.
+def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> list[Identified]:
+    """Return the effects without which the poses, each held out in turn, are predicted no worse, the worst first.
 
     The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
     outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
     of the last joint of 7 log units raised the error of held-out poses. Rows have the weights of the noise alone: with
     scatter in them, which the fits share, a lag of an IRB 120 was taken for useless.
     """
-    numbers = [[number_of(one.effect, fit)] for one in identified]
-    residuals = own_places.residuals(fit, [(), *numbers]) if numbers else [None]
-    if residuals[0] is None:
-        return None
-    # Whitened sums of squares of held-out residuals of the inliers.
-    costs = [
-        np.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
-        for residual in residuals
-    ]
-    best = int(np.argmin(costs[1:]))
-    is_better = costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0])
-    return None if is_better else identified[best]
+    kept, gone = list(identified), list[Identified]()
+    while kept:
+        absent = [number_of(one.effect, fit) for one in gone]
+        residuals = own_places.residuals(fit, [absent, *([*absent, number_of(one.effect, fit)] for one in kept)])
+        # Whitened sums of squares of held-out residuals of the inliers.
+        costs = [
+            math.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))
+            for residual in residuals
+        ]
+        best = int(np.argmin(costs[1:]))
+        if residuals[0] is None or costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0]):
+            break
+        gone.append(kept.pop(best))
+    return gone

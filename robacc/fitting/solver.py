@@ -434,8 +434,6 @@ class _Solver:
         self.inliers = inliers
         if changed:
             self.normal = None
-            # Outliers may have taken a group's standard deviation to zero, which the fixed point does not leave.
-            self.priors = self._priors()
         return changed
 
     def result(self, linear: NormalEquations) -> Fit:

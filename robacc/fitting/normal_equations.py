@@ -21,7 +21,7 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dposv
+from scipy.linalg import cho_factor, cho_solve
 
 from robacc.effects.frames import JointOffset
 from robacc.fitting.levels import BLOCK_NUMBERS
@@ -52,8 +52,9 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
     matrix += damping * np.eye(len(matrix))
-    _, result, is_singular = dposv(matrix, scale * rhs)
-    if is_singular:
+    try:
+        result = cho_solve(cho_factor(matrix, check_finite=False), scale * rhs, check_finite=False)
+    except np.linalg.LinAlgError:
         result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
     return np.asarray(scale * result, dtype=np.float64)
 

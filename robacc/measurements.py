@@ -172,6 +172,12 @@ class Measurements:
         return self.kind is not None and bool(np.isin(self.kind, IMAGES).all())
 
     @property
+    def is_placed_by_images(self) -> bool:
+        """Whether images alone place the base: a camera does not show what is level, positions in its frame may."""
+        kinds = [] if self.kind is None else self.kind.tolist()
+        return any(image in kinds for image in IMAGES) and kinds.count("position") < 3
+
+    @property
     def has_length(self) -> bool:
         """Whether any row measures a length; a smaller arm reaches the same sockets and planes in the same joints."""
         return self.kind is None or bool(np.isin(self.kind, ("point", "plane"), invert=True).any())

@@ -156,10 +156,10 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
         if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any():
             base = _base_seen_from(fixture.kind, position[:, rows], data.position[2, rows])
             fixtures[name] = fixture._replace(base=base)
-    if (rows := data.kind == "position").sum() >= 3:
-        robot = register_frames(robot, bare.subset(rows), base=True, tool=False)
-    elif robot.base != before.base:
+    if data.is_placed_by_images:
         robot = dataclasses.replace(robot, gravity=gravity_turned(before, robot))
+    elif (rows := data.kind == "position").sum() >= 3:
+        robot = register_frames(robot, bare.subset(rows), base=True, tool=False)
     return dataclasses.replace(robot, fixtures=fixtures)
 
 

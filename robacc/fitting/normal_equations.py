@@ -55,7 +55,7 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     try:
         result = cho_solve(cho_factor(matrix, check_finite=False), scale * rhs, check_finite=False)
     except np.linalg.LinAlgError:
-        result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
+        result = np.asarray(np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0], dtype=np.float64)
     return np.asarray(scale * result, dtype=np.float64)
 
 

@@ -57,8 +57,7 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
     if data.n > MANY:
         data = data.subset(random_rows(data, MANY))
     turned = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-    # Registration to images turns gravity with the base.
-    others = [] if turned.gravity != model.arm.robot.gravity else list(_other_directions(model.arm.robot, turned))
+    others = [] if data.is_placed_by_images else list(_other_directions(model.arm.robot, turned))
     first = _with_springs(model, data, None) if others else None
     if first is None:
         return model

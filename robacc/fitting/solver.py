@@ -135,7 +135,7 @@ class Priors:
     ) -> bool:
         """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
 
-        Each step is the longer one of the fixed point's and of Fisher's scoring in the logarithms of the variances: with
+        Each step is the longer of the fixed point's and of Fisher's scoring in the logarithms of the variances: with
         B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups. Weights are
         estimated between the rounds, so that a few steps are enough for each.
         ``components`` is the number of residuals of the inliers.

@@ -291,7 +291,7 @@ def judge(
         n_folds=0 if gain is None else how.folds,
         warnings=(
             *mistakes,
-            *(() if data.is_of_images else gravity_warning(robot.gravity, gravity)),
+            *(() if data.is_placed_by_images else gravity_warning(robot.gravity, gravity)),
             *fit_warnings(fit, data, noise, without_findings, rms, poses),
             *(() if rounding is None else (rounding.warning,)),
             *read_back_warning(fit, data),

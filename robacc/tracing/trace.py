@@ -661,7 +661,7 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
             for residual in residuals
         ]
         best = int(np.argmin(costs[1:]))
-        if residuals[0] is None or costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0]):
+        if residuals[0] is None or (costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0])):
             break
         gone.append(kept.pop(best))
     return gone

@@ -28,7 +28,7 @@ def position(p, q):
     pose = frame(p[27:30], np.radians(p[24:27]))
     for (theta, d, a, alpha), joint in zip(TABLE + p[:24].reshape(6, 4), q, strict=True):
         pose = pose @ dh(np.radians(theta) + joint, d, a, np.radians(alpha))
-    return (pose @ np.append(p[30:33] + [0, 0, 120], 1.0))[:3]
+    return (pose @ np.append(np.add(p[30:33], (0, 0, 120)), 1.0))[:3]
 
 
 def columns(poses):

@@ -16,7 +16,7 @@ from typing import Annotated, Any
 import numpy as np
 
 from robacc.api.accuracy import estimate
-from robacc.api.inputs import STDIN, Inputs, path_of, read_result
+from robacc.api.inputs import STDIN, Inputs, path_of, read_result, with_measured_targets
 from robacc.api.parameters import (
     ArmName,
     BaseLink,
@@ -56,6 +56,7 @@ from robacc.history.changes import (
     typical_robot,
 )
 from robacc.history.store import add, arm_of, counted, document_of, opened, series_of, tests
+from robacc.measurements import different
 from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.render.text import Section
@@ -610,7 +611,8 @@ def health(
     """Say from a few poses whether a coefficient of an arm moved since its last full test, and which.
 
     The robot is the model that calibrate or trace wrote at the last full test. Base and target may be set up anew. The
-    database tells how much the arm's tests differ without a change, and how often they are made.
+    poses may be positions, sockets, planes, distances or images. The database tells how much the arm's tests differ
+    without a change, and how often they are made.
 
     Returns:
         ``changes``: the coefficients that moved, with size and 95 % interval; ``detection_limits`` of the others.
@@ -635,7 +637,7 @@ def health(
         model_fit(model),
         f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`",
     )
-    data = inputs.poses(poses, model)
+    model, data = with_measured_targets(model, inputs.poses(poses, model, any_kind=True))
     refuse((data.q is None, "the poses have no joint columns, which the model needs"))
     own_name = arm or model.identity.get("serial_number") or model.name
     with opened(os.fspath(db)) as base:
@@ -653,7 +655,7 @@ def health(
     changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
     return Health(
         arm=own_name,
-        n_poses=data.n,
+        n_poses=different(data.groups()),
         level=level,
         changes=changed,
         detection_limits=limits,

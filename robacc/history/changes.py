@@ -321,12 +321,14 @@ def quick_test(
     error = residuals(data, poses)
     rows, n = error.shape
     free, common, single = [], [], np.zeros((n, rows, n, rows))
+    # m or rad: no instrument measures finer, and exact data have no noise. Sockets, planes, distances and images have
+    # that of the fit: the unexplained error of its record is of the target.
+    noise = np.diag(np.square(np.repeat(record.noise if data.kind is not None else (1e-9, 1e-9), 3)[:rows]))
     for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
         free.append(own[:rows])
         common.append(correlated[:rows])
         for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
-            # m or rad: no instrument measures finer, and exact data have no noise.
-            single[i, :, i, :] = variance + np.square(1e-9) * np.eye(rows)
+            single[i, :, i, :] = variance + noise
 
     def flat(columns: Array) -> Array:
         """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""

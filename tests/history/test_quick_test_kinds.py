@@ -1,0 +1,32 @@
+"""The quick test with the tip in sockets, and with photos of a board: the joint whose zero moved, and by how much."""
+
+import csv
+import json
+from pathlib import Path
+
+import pytest
+
+from tests.commands import document
+
+SAMPLES = Path("sample_data")
+CAMERA = ("--camera", SAMPLES / "photos/camera.yaml")
+
+
+@pytest.mark.parametrize(("file", "options"), [("sockets/unknown.csv", ()), ("photos/points.csv", CAMERA)])
+def test_it_names_the_joint_that_moved(file, options, tmp_path):
+    written = ("--fit", "base_frame,tool_frame,joint_offset", "--write-model", tmp_path / "model.yaml")
+    full = document("calibrate", SAMPLES / file, "--robot", "ur10", *options, *written)
+    (tmp_path / "full.json").write_text(json.dumps(full))
+    document("history", "add", tmp_path / "full.json", "--db", tmp_path / "arm.db", "--at", "2026-01-01")
+    lines = [line for line in (SAMPLES / file).read_text().splitlines() if line[0] != "#"]
+    rows = [row for row in csv.DictReader(lines) if row["pose"][-1] in "02468"]
+    for moved, key in ((0.0, []), (0.004, ["joint_offset.elbow_joint"])):
+        with open(tmp_path / "quick.csv", "w", newline="") as stream:
+            table = csv.DictWriter(stream, rows[0])
+            table.writeheader()
+            table.writerows({**row, "q3": float(row["q3"]) + moved} for row in rows)
+        robot = ("--robot", tmp_path / "model.yaml", "--db", tmp_path / "arm.db", "--at", "2026-02-01")
+        found = document("health", tmp_path / "quick.csv", *robot, *options)
+        assert [change["key"] for change in found["changes"]] == key
+        assert all(change["low"] < -moved < change["high"] < 0.0 for change in found["changes"])
+        assert all(0.0 < limit["limit"] < 0.006 for limit in found["detection_limits"])

@@ -132,9 +132,9 @@ def fit_warnings(
     yield from data.contradicted_ids()
     yield from places_warning(data)
     if count := fit.outliers.size:
-        lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:LISTED])
-        several, more = "s" * (count > 1), " …" * (count > LISTED)
-        yield f"outliers left out of the fit: {count} row{several}, on {data.counted}{several} {lines}{more}"
+        places = [*dict.fromkeys(map(data.label, fit.outliers.tolist()))]
+        several, listed = "s" * (count > 1), ", ".join(places[:LISTED]) + " …" * (len(places) > LISTED)
+        yield f"outliers left out of the fit: {count} row{several}, on {data.counted}{'s' * (len(places) > 1)} {listed}"
         yield from filter(None, (outlier_pattern(data, ~fit.inliers, fit.model.arm.names),))
     yield from suspected_mistakes(fit)
     absent = [name for name in ALIGNABLE if name not in {effect.name for effect in without_findings.model.free}]

@@ -20,7 +20,7 @@ from robacc.io.column_table import ColumnTable
 from robacc.io.files import STANDARD_STREAM, sha256_of
 from robacc.io.table import TableOptions
 from robacc_plugins.photos import Shot, decoded, opencv, table_of
-from robacc_plugins.recordings import EXAMPLE, BagOptions, Track, spread_out, stands_at
+from robacc_plugins.recordings import EXAMPLE, STANDING, BagOptions, Track, stands_at, stops
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -395,8 +395,6 @@ def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, 
 
 # Points of a board in the images of a recording.
 
-_MOST_IMAGES = 150
-"""Images that are used: more of one campaign show little new."""
 _ENCODINGS = {
     **dict.fromkeys(("mono8", "8uc1"), (1, "")),
     **dict.fromkeys(("rgb8", "8uc3"), (3, "RGB")),
@@ -419,14 +417,12 @@ def _points_of_images(path: str, stated: BagOptions, options: TableOptions) -> C
     stamps = images.times(stated.clock)
     times = (stamps - stamps[0]) / 1e9
     tracks = _tracks(recording, stated, int(stamps[0]))
-    places = np.vstack([track.at(times) for track in tracks])
-    stands = np.arange(times.size) if stated.at == "any" else stands_at(times, tracks)
-    used = spread_out(np.where(np.isnan(places).any(axis=0), -1, stands), places, _MOST_IMAGES)
-    if not used.size:
-        fix = "stop at each pose for half a second; `bag` with at=any takes images in motion"
-        raise InputError(Problem("the robot stands still at no image", path, fix=fix))
+    used = stops(path, times, tracks, stated.at, STANDING)
     names = [name for track in tracks for name in track.names]
-    columns = [dict(zip(names, values, strict=True)) for values in places[:, used].T.tolist()]
+    columns = [
+        dict(zip(names, values, strict=True))
+        for values in np.vstack([track.at(times[used]) for track in tracks]).T.tolist()
+    ]
     for column, stamp in zip(columns, stamps[used].tolist(), strict=True):
         column["header.stamp.sec"], column["header.stamp.nanosec"] = divmod(stamp, 1_000_000_000)
 

@@ -28,12 +28,10 @@ from robacc.io.files import read_text, sha256_of
 from robacc.io.table import TableOptions
 from robacc_plugins.joint_zeros import COUNTS, read_calibration
 from robacc_plugins.photos import Shot, decoded, opencv, table_of
-from robacc_plugins.recordings import BagOptions, Track, arrivals, spread_out, stands_at
+from robacc_plugins.recordings import BagOptions, Track, arrivals, stops
 
 _INFO = "meta/info.json"
 _STATE, _IMAGES = "observation.state", "observation.images."
-_MOST_FRAMES = 150
-"""Frames that are used: more of one campaign show little new."""
 _COUNT = math.degrees(1.0 / COUNTS)
 """degrees, of a servo."""
 _FLICKER, _MOVED = 1.5, 3.0
@@ -74,10 +72,7 @@ def read(path: str, options: TableOptions) -> ColumnTable:
         fix = "download it whole; other formats than 2.0, 2.1 and 3.0 are converted by LeRobot"
         raise InputError(Problem(f"cannot be read as a data set of LeRobot ({reason})", path, fix=fix)) from error
     track = Track((), episode * _APART + frame / fps, q, repeats_last=False)
-    stands = np.arange(episode.size) if stated.at == "any" else stands_at(track.times, [track], _FLICKER * _COUNT)
-    used = spread_out(stands, q, _MOST_FRAMES)
-    still = Problem("the arm never stands still for 0.2 s", path, fix="stop at each pose; `bag` with at=any takes all")
-    refuse((not used.size, still))
+    used = stops(path, track.times, [track], stated.at, _FLICKER * _COUNT)
     keys = [*(f"q{i}_deg" for i in range(1, len(q) + 1)), *(f"dir_q{i}" for i in range(1, len(q) + 1))]
     values = np.vstack((q[:, used], arrivals(track, track.times[used], _MOVED * _COUNT))).T.tolist()
     at = [places(row) for row in used.tolist()]

@@ -9,7 +9,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import UsageError
+from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array
 
 # Statements on a recording: the topics to read, and the samples to use.
@@ -66,6 +66,8 @@ _WINDOW = 0.1
 """The robot stands at a sample if nothing moves between this time before and after it, s."""
 STANDING = 2e-4
 """Largest change in that time of a robot that stands, rad and m: 1 mrad/s, above the noise of encoders."""
+MOST_IMAGES = 150
+"""Images that are used: more of one campaign show little new."""
 _REMEMBERED = 60.0
 """Time over which the motion before a stand decides from where a joint came, s."""
 
@@ -125,23 +127,32 @@ def stands_at(times: Array, tracks: Sequence[Track], standing: float = STANDING)
     return numbers
 
 
-def spread_out(stands: NDArray[np.int64], places: Array, most: int) -> NDArray[np.int64]:
-    """Return a sample in the middle of each stand, and of many stands those whose places differ most, in their order.
+def stops(path: str, times: Array, tracks: Sequence[Track], at: str | None, standing: float) -> NDArray[np.int64]:
+    """Return the image in the middle of each stand, and of many stands those whose joints differ most, in their order.
 
     Args:
-        stands: ``(N,)`` number of the stand of each sample, -1 in motion.
-        places: ``(K, N)`` values that are to differ, such as joints.
-        most: How many at most.
+        path: The recording.
+        times: ``(N,)`` s, of the images.
+        tracks: The joints.
+        at: ``any`` for images in motion too.
+        standing: How far joints that stand still may move.
+
+    Raises:
+        InputError: The arm stands still at no image.
     """
-    of_stands = (np.flatnonzero(stands == number) for number in range(int(stands.max(initial=-1)) + 1))
+    places = np.vstack([track.at(times) for track in tracks])
+    numbers = np.arange(times.size) if at == "any" else stands_at(times, tracks, standing)
+    numbers = np.where(np.isnan(places).any(axis=0), -1, numbers)
+    of_stands = (np.flatnonzero(numbers == number) for number in range(int(numbers.max(initial=-1)) + 1))
     middle = np.array([samples[samples.size // 2] for samples in of_stands if samples.size], dtype=np.int64)
-    if middle.size <= most:
-        return np.sort(middle)
+    fix = "stop at each pose for half a second; `bag` with at=any takes images in motion"
+    refuse((not middle.size, Problem("the arm stands still at no image", path, fix=fix)))
     # The farthest from those chosen is next (T. F. Gonzalez 1985).
     chosen, distance = [0], np.full(middle.size, np.inf)
-    while len(chosen) < most:
+    while len(chosen) < min(middle.size, MOST_IMAGES):
         near = np.linalg.norm(places[:, middle] - places[:, middle[chosen[-1]], None], axis=0)
         distance = np.minimum(distance, near)
+        distance[chosen] = -1.0
         chosen.append(int(np.argmax(distance)))
     return np.sort(middle[chosen])
 

@@ -29,7 +29,7 @@ RANGES = [(900 + 20 * i, 3100 + 40 * i) for i in range(7)]
 @cache
 def frames() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Joints of each stop, joints ``(N, 6)`` of each frame, rad, and its frames, smaller than a photo."""
-    stops, pictures = photos("charuco", STOPS, np.zeros(6))
+    stops, pictures = photos("apriltag", STOPS, np.zeros(6))
     joints, shown = [], []
     for number, (q, picture) in enumerate(zip(stops, pictures, strict=True)):
         before = stops[max(number - 1, 0)]
@@ -37,7 +37,7 @@ def frames() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
         small = cv2.cvtColor(
             cv2.resize(picture, None, fx=0.625, fy=0.625, interpolation=cv2.INTER_AREA), cv2.COLOR_GRAY2BGR
         )
-        shown += [cv2.blur(small, (61, 1))] * 5 + [small] * STILL
+        shown += [cv2.blur(small, (61, 1)) if number else small] * 5 + [small] * STILL
     return stops, np.array(joints), shown
 
 
@@ -120,7 +120,7 @@ def bag(folder: Path, kind: str) -> Path:
 
 def points_of(path: Path, statements: str | None) -> Measurements:
     folder = path.parent
-    (folder / "board.yaml").write_text(BOARDS["charuco"])
+    (folder / "board.yaml").write_text(BOARDS["apriltag"])
     (folder / "camera.yaml").write_text(
         CAMERA.replace("1000", "625").replace("639.5", "399.5").replace("479.5", "299.5")
     )

@@ -202,7 +202,7 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
         import av
     except ImportError:
         av = None
-    fix = "AV1, in which LeRobot writes, needs PyAV: pip install av" if av is None else "download it again"
+    fix = f"AV1, in which LeRobot writes, needs PyAV; run {install_advice('lerobot')}" if av is None else "download it again"
     if av is None:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # This error says what the library would.
         capture = cv2.VideoCapture(str(video))

@@ -62,20 +62,26 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     try:
         info = json.loads(read_text(Path(path, _INFO)))
         camera, fps = _camera(path, info["features"], stated), float(info["fps"])
+        if not fps > 0.0:
+            raise ValueError(f"fps is {fps:g}")
         state, _, prefix = (stated.joints or _STATE).partition(":")
+        has = f"it has {', '.join(info['features'])}"
+        refuse((state not in info["features"], Problem(f"the data set has no {state}", path, fix=has)))
         files, columns = _columns(path, "data", (state, "episode_index", "frame_index"))
         episode, frame = columns["episode_index"], columns["frame_index"]
         names, q, unit = _joints(path, info, state, prefix, columns[state].reshape(episode.size, -1).T, stated)
+        track = Track((), episode * _APART + frame / fps, q, repeats_last=False)
+        if not np.all(np.diff(track.times) > 0):
+            raise ValueError("its frames are not in the order of time")
+        used = stops(path, track.times, [track], stated.at, _FLICKER * _COUNT)
         places = _places(path, info, camera, files, columns)
-    except (KeyError, TypeError, ValueError, AttributeError, ArrowException) as error:
+        at = [places(row) for row in used.tolist()]
+    except (LookupError, TypeError, ValueError, AttributeError, ZeroDivisionError, ArrowException) as error:
         reason = f"{type(error).__name__}: {str(error).partition(chr(10))[0]}"
         fix = "download it whole; other formats than 2.0, 2.1 and 3.0 are converted by LeRobot"
         raise InputError(Problem(f"cannot be read as a data set of LeRobot ({reason})", path, fix=fix)) from error
-    track = Track((), episode * _APART + frame / fps, q, repeats_last=False)
-    used = stops(path, track.times, [track], stated.at, _FLICKER * _COUNT)
     keys = [*(f"q{i}_deg" for i in range(1, len(q) + 1)), *(f"dir_q{i}" for i in range(1, len(q) + 1))]
     values = np.vstack((q[:, used], arrivals(track, track.times[used], _MOVED * _COUNT))).T.tolist()
-    at = [places(row) for row in used.tolist()]
     shots = (
         Shot(f"episode_{int(episode[i])}_frame_{int(frame[i])}", image, dict(zip(keys, row, strict=True)))
         for i, image, row in zip(used.tolist(), _images(at, camera, fps, cv2), values, strict=True)
@@ -149,7 +155,7 @@ def _joints(
     fix = "state the arm's calibration file with `bag`, as in calibration=my_arm.json"
     percent = f"{', '.join(cut)} ends at 100 exactly: the joints are in percent of their ranges"
     refuse((cut and largest.max() == 100.0, Problem(percent, path, fix=fix)))
-    return names, q, "taken as degrees (of percent of their ranges, `bag` states the calibration)"
+    return names, q, "taken as degrees (for percent, give their calibration in `bag`)"
 
 
 def _places(path: str, info: Mapping[str, Any], camera: str, files: Sequence[Path], columns: Mapping[str, Any]) -> Any:
@@ -187,7 +193,7 @@ def _images(at: Sequence[Place], camera: str, fps: float, cv2: Any) -> Iterator[
         times = [time for _, time in places]
         if file.suffix == ".parquet":
             rows = parquet.read_table(file, columns=[camera]).column(0).take([int(time) for time in times]).to_pylist()
-            yield from (decoded(cv2, image["bytes"] or Path(file, image["path"]).read_bytes()) for image in rows)
+            yield from (decoded(cv2, image["bytes"] or b"") for image in rows)
         else:
             yield from _frames(file, times, fps, cv2)
 
@@ -202,7 +208,11 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
         import av
     except ImportError:
         av = None
-    fix = f"AV1, in which LeRobot writes, needs PyAV; run {install_advice('lerobot')}" if av is None else "download it again"
+    fix = (
+        f"AV1, in which LeRobot writes, needs PyAV; run {install_advice('lerobot')}"
+        if av is None
+        else "download it again"
+    )
     if av is None:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # This error says what the library would.
         capture = cv2.VideoCapture(str(video))

@@ -114,11 +114,14 @@ def table_of(
     cv2 = opencv(path)
     if options.board is None:
         raise UsageError(f"{path} has photos; state the board that they show with `board`")
+    sheet = options.contact_sheet
+    if sheet is not None and Path(sheet).resolve().parent == Path(path).resolve():
+        raise UsageError(f"`contact_sheet`: {sheet} would be one of the photos; write it to another folder")
     board, console = Board(options.board, cv2), Console(stderr=True)
     shown = track(shots, "reading photos", count, console=console, transient=True, disable=not console.is_terminal)
     photos = [_seen(shot, board, cv2) for shot in shown]
-    if options.contact_sheet is not None:
-        write_pieces(options.contact_sheet, [_contact_sheet(photos, cv2, options.contact_sheet)])
+    if sheet is not None:
+        write_pieces(sheet, [_contact_sheet(photos, cv2, sheet)])
     good = [photo for photo in photos if photo.verdict == "board"]
     bad = _listed([photo for photo in photos if photo.verdict != "board"])
     if not good:

@@ -77,7 +77,7 @@ def read(path: str, options: TableOptions) -> ColumnTable:
 _JOINTS = frozenset({"JointState", "JointTrajectoryControllerState"})
 _POSES = frozenset({"PoseStamped", "PoseWithCovarianceStamped", "PointStamped", "TransformStamped", "Pose", "Point"})
 _TRANSFORMS = "TFMessage"
-_IMAGES = frozenset({"Image", "CompressedImage"})
+_IMAGES = frozenset({"Image", "CompressedImage", "AprilTagDetectionArray"})
 _COMMAND_WORDS = ("command", "cmd", "target", "goal", "desired", "reference", "setpoint", "nominal")
 _MOST_MESSAGES = 20_000_000
 _SHOWN = 12
@@ -432,8 +432,13 @@ def _points_of_images(path: str, stated: BagOptions, options: TableOptions) -> C
             wanted = dict(zip(used.tolist(), columns, strict=True))
             for number, (connection, _, data) in enumerate(messages):
                 if number in wanted:
-                    image = _grey(path, bag.deserialize(data, connection.msgtype), cv2)
-                    yield Shot(f"image_{number + 1}", image, wanted[number])
+                    message, name = bag.deserialize(data, connection.msgtype), f"image_{number + 1}"
+                    if hasattr(message, "detections"):
+                        tags = _tags(path, message)
+                        size = np.max([np.zeros(2), *(each.max(axis=0) for each in tags.values())], axis=0) + 50
+                        yield Shot(name, np.full(size[::-1].astype(int), 255, np.uint8), wanted[number], tags)
+                    else:
+                        yield Shot(name, _grey(path, message, cv2), wanted[number])
 
     how = "images" if stated.at == "any" else "stops of the robot"
     joints = next(iter(recording.joints.values())).topic
@@ -441,6 +446,17 @@ def _points_of_images(path: str, stated: BagOptions, options: TableOptions) -> C
         f"{used.size} {how} in {times.size} images of {images.topic}; joints of {joints}, interpolated to their times"
     )
     return table_of(shots(), used.size, path, options, partial(_digest, path), remark)
+
+
+def _tags(path: str, message: Any) -> dict[int, Array]:
+    """Return the corners of detected AprilTags in the order and with the pixels of OpenCV, by their numbers.
+
+    The library of AprilTag goes round the other way, and its pixels have their corners, not middles, at whole numbers.
+    """
+    without = Problem("the detected tags have no corners", path, fix="record the images, or the tags of ROS 2")
+    refuse((not all(hasattr(tag, "corners") for tag in message.detections), without))
+    corners = {int(tag.id): [(point.x, point.y) for point in tag.corners] for tag in message.detections}
+    return {number: np.array(each, dtype=float)[[1, 0, 3, 2]] - 0.5 for number, each in corners.items()}
 
 
 def _grey(path: str, message: Any, cv2: Any) -> Any:

@@ -10,13 +10,13 @@ from __future__ import annotations
 import io
 import math
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import top_section
@@ -109,6 +109,20 @@ class Board:
         if points is None or pixels is None:
             return np.empty((0, 2)), np.empty((0, 3))
         return np.asarray(pixels, dtype=float).reshape(-1, 2), np.asarray(points, dtype=float).reshape(-1, 3)
+
+    def points_of(self, tags: Mapping[int, Array]) -> tuple[Array, Array]:
+        """Return pixels ``(K, 2)`` and points ``(K, 3)``, m, of AprilTags with these corners ``(4, 2)``, as OpenCV's.
+
+        Raises:
+            UsageError: The board has other points than corners of tags.
+        """
+        refuse((self._type != "apriltag", "detected tags are points of a board of type apriltag"))
+        own = {number: corners for number, corners in tags.items() if 0 <= number < self._ids}
+        if not own:
+            return np.empty((0, 2)), np.empty((0, 3))
+        corners = [np.asarray(each, dtype=np.float32)[None] for each in own.values()]
+        points, pixels = self._board.matchImagePoints(corners, np.array([*own], dtype=np.int32)[:, None])
+        return np.reshape(np.array(pixels, dtype=float), (-1, 2)), np.reshape(np.array(points, dtype=float), (-1, 3))
 
     def verdict(self, image: Any, pixels: Array, points: Array) -> tuple[Verdict, str]:
         """Return whether these points show the board in a grey image, else why they do not, and what is there."""

@@ -34,6 +34,8 @@ class Shot(NamedTuple):
     """``(H, W)`` grey levels; None for what is no image."""
     columns: Mapping[str, float | str] = {}
     """What else was measured with it, by the name of its column, such as the joints."""
+    tags: Mapping[int, Array] | None = None
+    """Corners ``(4, 2)`` of markers that another program found, px, by their numbers; None: they are to be found."""
 
 
 class _Seen(NamedTuple):
@@ -144,7 +146,7 @@ def _seen(shot: Shot, board: Board, cv2: Any) -> _Seen:
     if shot.image is None:
         nothing = np.empty((0, 2)), np.empty((0, 3))
         return _Seen(shot.name, "no image", "", *nothing, shot.columns, np.zeros((_WIDTH // 2, _WIDTH, 3), np.uint8))
-    pixels, points = board.seen_in(shot.image)
+    pixels, points = board.seen_in(shot.image) if shot.tags is None else board.points_of(shot.tags)
     verdict, detail = board.verdict(shot.image, pixels, points)
     scale = min(_WIDTH / shot.image.shape[1], _HEIGHT / shot.image.shape[0])
     small = cv2.resize(shot.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)

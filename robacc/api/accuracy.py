@@ -88,7 +88,7 @@ class Estimate(Result, EstimateResult):
         reading = next((file.reading for file in self.made.inputs if file.reading), {})
         stated = [
             f" --{name} {reading[name]}"
-            for name in ("units", "angles", "commanded", "camera", "board")
+            for name in ("units", "angles", "commanded", "camera", "board", "bag")
             if name in reading
         ]
         return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))

@@ -4,6 +4,7 @@ import json
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -24,6 +25,13 @@ CAMERAS = ("observation.images.hand", "observation.images.side")
 NAMES = [f"j{i}.pos" for i in range(1, 7)] + ["gripper.pos"]
 RANGES = [(900 + 20 * i, 3100 + 40 * i) for i in range(7)]
 """Counts of each motor; in percent, the joints are from -100 to 100 between them."""
+TAGS = "AprilTagDetectionArray"
+TAG_MESSAGES = {
+    "Point": "float64 x\nfloat64 y\n",
+    "AprilTagDetection": "string family\nint32 id\napriltag_msgs/Point[4] corners\n",
+    TAGS: "std_msgs/Header header\napriltag_msgs/AprilTagDetection[] detections\n",
+}
+"""Messages of ROS 2, without what is not read."""
 
 
 @cache
@@ -91,18 +99,21 @@ def data_set(folder: Path, version: str = "v2.1", kind: str = "video", percent: 
 
 
 def bag(folder: Path, kind: str) -> Path:
-    """A bag of ROS with joint states and images."""
+    """A bag of ROS with joint states, and with images or the tags that a node of ROS found in them."""
     pytest.importorskip("rosbags")
     from rosbags.rosbag2 import StoragePlugin, Writer
-    from rosbags.typesys import Stores, get_typestore
+    from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
     store = get_typestore(Stores.ROS2_HUMBLE)
     time_of, header_of = store.types["builtin_interfaces/msg/Time"], store.types["std_msgs/msg/Header"]
-    image_of, none = store.types[f"sensor_msgs/msg/{kind}"], np.array([])
+    package = "apriltag_msgs" if kind == TAGS else "sensor_msgs"
+    for name, text in TAG_MESSAGES.items():
+        store.register(get_types_from_msg(text, f"apriltag_msgs/msg/{name}"))
+    image_of, none = store.types[f"{package}/msg/{kind}"], np.array([])
     with Writer(folder / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {
-            name: writer.add_connection(f"/{name}", f"sensor_msgs/msg/{message}", typestore=store)
-            for name, message in (("joint_states", "JointState"), ("camera", kind))
+            name: writer.add_connection(f"/{name}", message, typestore=store)
+            for name, message in (("joint_states", "sensor_msgs/msg/JointState"), ("camera", f"{package}/msg/{kind}"))
         }
         for number, (q, picture) in enumerate(zip(*frames()[1:], strict=True)):
             header = header_of(time_of(1_700_000_000 + number // FPS, number % FPS * 10**9 // FPS), "")
@@ -110,12 +121,31 @@ def bag(folder: Path, kind: str) -> Path:
             messages = {"joint_states": store.types["sensor_msgs/msg/JointState"](header, names, q, none, none)}
             if kind == "Image":
                 messages["camera"] = image_of(header, 600, 800, "bgr8", 0, 3 * 800, picture.ravel())
+            elif kind == TAGS:
+                messages["camera"] = image_of(header, [tag_of(store.types, *each) for each in tags(picture)])
             else:
                 messages["camera"] = image_of(header, "png", cv2.imencode(".png", picture)[1])
             for name, message in messages.items():
                 stamp = header.stamp.sec * 10**9 + header.stamp.nanosec
                 writer.write(topics[name], stamp, store.serialize_cdr(message, message.__msgtype__))
     return folder / "bag"
+
+
+def tags(picture: np.ndarray) -> list[tuple[int, np.ndarray]]:
+    """Numbers and corners of the tags, in the order and with the half pixel of the library of AprilTag."""
+    fine = cv2.aruco.DetectorParameters()
+    fine.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_APRILTAG
+    known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
+    corners, ids, _ = cv2.aruco.ArucoDetector(known, fine).detectMarkers(picture)
+    return [
+        (int(i), each[0][[1, 0, 3, 2]] + 0.5)
+        for i, each in zip([] if ids is None else ids.ravel(), corners, strict=True)
+    ]
+
+
+def tag_of(types: Any, number: int, corners: np.ndarray) -> Any:
+    points = [types["apriltag_msgs/msg/Point"](*map(float, each)) for each in corners]
+    return types["apriltag_msgs/msg/AprilTagDetection"]("36h11", number, points)
 
 
 def points_of(path: Path, statements: str | None) -> Measurements:
@@ -136,6 +166,7 @@ def points_of(path: Path, statements: str | None) -> Measurements:
         (lambda folder: data_set(folder, kind="image", percent=True), "images=hand,calibration={}/arm.json"),
         (lambda folder: bag(folder, "Image"), None),
         (lambda folder: bag(folder, "CompressedImage"), "images=/camera"),
+        (lambda folder: bag(folder, TAGS), None),
     ],
 )
 def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statements: str | None, tmp_path: Path) -> None:

@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robacc.errors import Note
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
@@ -122,6 +123,12 @@ def fit_warnings(
         yield (
             "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
             "add rows of kind distance, such as between two sockets, or positions"
+        )
+    free = {effect.name for effect in fit.model.free}
+    if data.is_of_images and "link_geometry" in free and "instrument_scale" not in free:
+        yield Note(
+            "the size of the printed board is the scale of all lengths: a print that is 0.1 % too large makes the arm "
+            "0.1 % too small, which photos do not show; measure its ruler"
         )
     if fit.model.arm.robot.mass_uncertainty is None and any(effect.uses_masses for effect in fit.model.free):
         yield (

@@ -1,5 +1,7 @@
 """Photos of printed boards on a table, drawn by OpenCV's warp of the flat board: what a camera on the hand sees."""
 
+from functools import cache
+
 import numpy as np
 import pytest
 from homogeneous import shift, turn
@@ -39,7 +41,8 @@ def printed(kind: str) -> np.ndarray:
     return np.pad(picture, 10 * SCALE, constant_values=255)
 
 
-def photos(kind: str, count: int, zeros: np.ndarray) -> tuple[np.ndarray, list[np.ndarray]]:
+@cache
+def photos(kind: str, count: int, zeros: tuple[float, ...]) -> tuple[np.ndarray, list[np.ndarray]]:
     """Joints ``(count, 6)`` at which the board is in the picture, and photos of an arm whose zeros are off."""
     generator, picture = np.random.default_rng(4), printed(kind)
     base = np.linalg.inv(AHEAD) @ np.linalg.inv(link_frames(MIDDLE + zeros)[-1] @ TOOL)

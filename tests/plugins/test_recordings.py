@@ -37,7 +37,7 @@ TAG_MESSAGES = {
 @cache
 def frames() -> tuple[np.ndarray, np.ndarray, list[np.ndarray]]:
     """Joints of each stop, joints ``(N, 6)`` of each frame, rad, and its frames, smaller than a photo."""
-    stops, pictures = photos("apriltag", STOPS, np.zeros(6))
+    stops, pictures = photos("apriltag", STOPS, (0.0,) * 6)
     joints, shown = [], []
     for number, (q, picture) in enumerate(zip(stops, pictures, strict=True)):
         before = stops[max(number - 1, 0)]
@@ -171,8 +171,7 @@ def points_of(path: Path, statements: str | None) -> Measurements:
 )
 def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statements: str | None, tmp_path: Path) -> None:
     data, stops = points_of(make(tmp_path), statements and statements.format(tmp_path)), frames()[0]
-    text = "\n".join(data.warnings)
-    assert not missing(text, f"{STOPS} stops", f"{STOPS} of {STOPS} photos")
+    assert not missing("\n".join(data.warnings), f"{STOPS} stops", f"{STOPS} of {STOPS} photos")
     np.testing.assert_allclose(data.q.T, stops, atol=1e-6)
     if data.direction is not None:
         np.testing.assert_array_equal(data.direction.T[1:], np.sign(np.diff(stops, axis=0)))

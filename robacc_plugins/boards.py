@@ -33,6 +33,8 @@ _OTHERS = ("4X4_250", "5X5_250", "6X6_250", "7X7_250", "APRILTAG_36h11", "APRILT
 """Dictionaries of boards that may be in a photo by mistake."""
 _FEW = 2
 """Markers that are no accident of the background."""
+_ACCIDENTS = 10
+"""Squares without a known marker for each that looks like one, at least: small codes are found in any clutter."""
 _CONTRAST = 40.0
 """Grey levels that a photo with a board has at least."""
 _WIDEST_EDGE = 4.5
@@ -135,20 +137,20 @@ class Board:
                 return "board", ""
             return "another board", "its points are at other places"
         seen, rejected = self._ids_in(image)
+        few = max(_FEW, rejected // _ACCIDENTS)
         mirrored, _ = self._ids_in(self._cv2.flip(image, 1))
-        if np.count_nonzero(mirrored < self._ids) > max(_FEW, seen.size):
+        if np.count_nonzero(mirrored < self._ids) > max(few, seen.size):
             return "mirrored print", ""
-        if seen.size >= _FEW and np.mean(seen >= self._ids) > 0.5:
+        if seen.size >= few and np.mean(seen >= self._ids) > 0.5:
             return "another board", f"markers {seen.min()} to {seen.max()}, expected 0 to {self._ids - 1}"
-        if seen.size > FEWEST_POINTS:
+        if seen.size > max(few, FEWEST_POINTS):
             return "another board", "its markers are at other places"
-        if len(pixels) or seen.size >= _FEW:
+        if len(pixels) or seen.size >= few:
             return "too little of the board", f"{max(len(pixels), seen.size)} of its points or markers"
-        if rejected >= _FEW:
-            for name in self._others:
-                if self._ids_in(image, name)[0].size > _FEW:
-                    self._others.sort(key=name.__ne__)  # One wrong board is in several photos.
-                    return "another board", f"markers of DICT_{name.removesuffix('_250')}"
+        for name in self._others if rejected >= _FEW else ():
+            if self._ids_in(image, name)[0].size > few:
+                self._others.sort(key=name.__ne__)  # One wrong board is in several photos.
+                return "another board", f"markers of DICT_{name.removesuffix('_250')}"
         return ("blurred" if self._is_blurred(image) else "no board"), ""
 
     def _ids_in(self, image: Any, dictionary: str = "") -> tuple[NDArray[np.int64], int]:

@@ -170,7 +170,7 @@ def _places(path: str, info: Mapping[str, Any], camera: str, files: Sequence[Pat
         def of_episode(row: int) -> Place:
             number = int(episode[row])
             parts = {"episode_chunk": number // chunks, "episode_index": number, "video_key": camera}
-            return Path(path, info["video_path"].format(**parts)), float(time[row])
+            return Path(path, info["video_path"].format(chunk_index=number // chunks, **parts)), float(time[row])
 
         return of_episode
     keys = [f"videos/{camera}/{name}" for name in ("chunk_index", "file_index", "from_timestamp")]

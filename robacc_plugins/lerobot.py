@@ -143,8 +143,8 @@ def _joints(
         missing = [name for name in names if name not in motors]
         unknown = Problem(f"has no motor {', '.join(missing)}", stated.calibration, fix=f"{path} has these joints")
         refuse((missing, unknown))
-        # Dynamixel's motors turn themselves round, in their own counts.
-        is_turned = "koch" not in str(info.get("robot_type"))
+        # LeRobot applies the drive mode to motors of Feetech only.
+        is_turned = any(arm in str(info.get("robot_type")) for arm in ("so10", "so_follower", "lekiwi"))
         signs = [-1.0 if motors[name]["drive_mode"] and is_turned else 1.0 for name in names]
         spans = [motors[name]["range_max"] - motors[name]["range_min"] for name in names]
         return names, q * (np.array(signs) * spans * _COUNT / 200.0)[:, None], f"percent by {stated.calibration}"

@@ -196,9 +196,13 @@ class Measurements:
         """Return the line of pose i in the file, or its number counted from 1 where there is no file."""
         return int(self.rows[i]) if self.rows is not None else i + 1
 
+    def label(self, i: int) -> str:
+        """Return the line or row of pose i as text, or the name of its photo."""
+        return str(self.pose[i]) if self.counted == "photo" and self.pose is not None else str(self.line(i))
+
     def place(self, i: int) -> str:
-        """Return the line or row of pose i as text."""
-        return f"{self.counted} {self.line(i)}"
+        """Return where pose i stands in its file: ``line 7``, ``row 7`` or ``photo IMG_007``."""
+        return f"{self.counted} {self.label(i)}"
 
     @property
     def position_variance(self) -> Array | None:

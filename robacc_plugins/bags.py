@@ -1,4 +1,4 @@
-"""Recordings of messages as tables: ROS bags and MCAP files, a row for each measured pose."""
+"""Recordings of messages as tables: ROS bags and MCAP files, a row for each measured pose or point of a board."""
 
 from __future__ import annotations
 
@@ -6,18 +6,21 @@ import difflib
 import hashlib
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import STANDARD_STREAM, sha256_of
 from robacc.io.table import TableOptions
+from robacc_plugins.photos import Shot, decoded, opencv, table_of
+from robacc_plugins.recordings import EXAMPLE, STANDING, BagOptions, Track, stands_at, stops
 
 if TYPE_CHECKING:
     from rosbags.highlevel import AnyReader
@@ -34,6 +37,8 @@ def takes(path: str, first: bytes) -> bool:
 def read(path: str, options: TableOptions) -> ColumnTable:
     """Return the poses of a recording as a table with the names of ROS messages, in SI.
 
+    Of a recording with a ``board``, the points of the board in the images of a camera.
+
     Raises:
         InputError: The recording cannot be read, or leaves a question open.
         UsageError: A statement of ``bag`` is wrong, or the extra ``ros`` is not installed.
@@ -43,6 +48,8 @@ def read(path: str, options: TableOptions) -> ColumnTable:
             Problem("is a recording, which is not read from a pipe", "<stdin>", fix="name the file instead")
         )
     stated = BagOptions.of(options.bag)
+    if options.board is not None:
+        return _points_of_images(path, stated, options)
     recording = read_recording(path, stated)
     measured = recording.measured
     if not measured.values:
@@ -51,7 +58,7 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     origin = int(measured.times(stated.clock)[0])
     tracks = _tracks(recording, stated, origin)
     times = (measured.times(stated.clock) - origin) / 1e9
-    stands = _stands(times, tracks)
+    stands = stands_at(times, tracks)
     are_stands = _use_rest(path, stands, stated)
     numbers = stands if are_stands else np.arange(times.size)
     groups = [np.flatnonzero(numbers == number) for number in range(int(numbers.max()) + 1)]
@@ -65,53 +72,12 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     return ColumnTable(columns, path, options.skip_gaps, _digest(path), remark)
 
 
-# Statements on a recording: the topics to read, and the samples to use.
-
-_CHOICES: Mapping[str, tuple[str, ...]] = {"clock": ("stamp", "recorder"), "at": ("any", "rest")}
-EXAMPLE = "joints=/joint_states,measured=/tracker/pose,at=rest"
-
-
-@dataclass(frozen=True, slots=True)
-class BagOptions:
-    """Topics of a recording and how their samples are associated."""
-
-    joints: str | None = None
-    """Topic of joint states; likewise the next two."""
-    measured: str | None = None
-    commanded: str | None = None
-    clock: str = "stamp"
-    """Time of a sample: ``stamp`` of the message's header, or the time at which the ``recorder`` received it."""
-    at: str | None = None
-    """``rest``: one pose for each stand of the robot, the mean of its samples; ``any``: every sample."""
-
-    @classmethod
-    def of(cls, text: str | None) -> BagOptions:
-        """Return the statements of a text ``key=value,…``.
-
-        Raises:
-            UsageError: A key or a value is unknown.
-        """
-        stated: dict[str, str] = {}
-        known = [field.name for field in fields(cls)]
-        for part in (text or "").split(",") if text else ():
-            key, sign, value = (item.strip() for item in part.partition("="))
-            if not sign or not value or key not in known:
-                near = difflib.get_close_matches(key, known, 1)
-                hint = f"; did you mean {near[0]}?" if near and key not in known else ""
-                raise UsageError(f"`bag`: expected {', '.join(known)} as in {EXAMPLE}, found {part!r}{hint}")
-            if key in stated:
-                raise UsageError(f"`bag`: {key} is given twice")
-            if value not in _CHOICES.get(key, (value,)):
-                raise UsageError(f"`bag`: expected {key}={' or '.join(_CHOICES[key])}, found {part!r}")
-            stated[key] = value
-        return cls(**stated)
-
-
 # Joint states and poses of a recording: ROS 2 bags (SQLite or MCAP), MCAP files of ROS messages, and ROS 1 bags.
 
 _JOINTS = frozenset({"JointState", "JointTrajectoryControllerState"})
 _POSES = frozenset({"PoseStamped", "PoseWithCovarianceStamped", "PointStamped", "TransformStamped", "Pose", "Point"})
 _TRANSFORMS = "TFMessage"
+_IMAGES = frozenset({"Image", "CompressedImage", "AprilTagDetectionArray"})
 _COMMAND_WORDS = ("command", "cmd", "target", "goal", "desired", "reference", "setpoint", "nominal")
 _MOST_MESSAGES = 20_000_000
 _SHOWN = 12
@@ -152,12 +118,12 @@ class Recording:
     joints: dict[str, Samples]
     """By name of the joint; messages may have some of the joints only."""
     measured: Samples
-    """x, y, z, qx, qy, qz, qw and the standard deviations of x, y, z; NaN for what the messages do not have."""
+    """x, y, z, qx, qy, qz, qw and standard deviations of x, y, z, NaN where the messages have none; or images."""
     commanded: Samples | None
 
 
-def read_recording(path: str, options: BagOptions) -> Recording:
-    """Return the joint states and poses of a recording.
+def read_recording(path: str, options: BagOptions, of_images: bool = False) -> Recording:
+    """Return the joint states of a recording, and its poses, or the times of its images.
 
     Raises:
         InputError: The recording is damaged, or it does not say which topics to take.
@@ -166,8 +132,8 @@ def read_recording(path: str, options: BagOptions) -> Recording:
     with _opened(path) as bag:
         types = {topic: (info.msgtype or "").rpartition("/")[2] for topic, info in bag.topics.items()}
         counts = {topic: info.msgcount for topic, info in bag.topics.items()}
-        roles = _roles(path, types, counts, options)
-        recording = Recording({}, Samples(roles["measured"]), None)
+        roles = _roles(path, types, counts, options, "images" if of_images else "measured")
+        recording = Recording({}, Samples(roles["images" if of_images else "measured"]), None)
         if "commanded" in roles:
             recording.commanded = Samples(roles["commanded"])
         topics = {topic.partition(":")[0]: role for role, topic in roles.items()}
@@ -179,6 +145,8 @@ def read_recording(path: str, options: BagOptions) -> Recording:
                 _add_joints(recording.joints, connection.topic, message, received)
             elif topics[connection.topic] == "measured":
                 _add_pose(recording.measured, message, received)
+            elif topics[connection.topic] == "images":
+                recording.measured.add(_stamp(message, received), received, ())
             elif recording.commanded is not None:
                 _add_pose(recording.commanded, message, received)
         return recording
@@ -203,9 +171,11 @@ def _opened(path: str) -> Iterator[AnyReader]:
         raise InputError(Problem(f"cannot be read as a ROS recording ({reason})", path, fix=fix)) from error
 
 
-def _roles(path: str, types: Mapping[str, str], counts: Mapping[str, int], options: BagOptions) -> dict[str, str]:
-    """Return the topic of each role: those stated, else the only one that can have it."""
-    stated = {"joints": options.joints, "measured": options.measured, "commanded": options.commanded}
+def _roles(
+    path: str, types: Mapping[str, str], counts: Mapping[str, int], options: BagOptions, shown: str
+) -> dict[str, str]:
+    """Return the topic of each role, ``shown`` the measured one: those stated, else the only one that can have it."""
+    stated = {"joints": options.joints, shown: getattr(options, shown), "commanded": options.commanded}
     roles = {role: topic for role, topic in stated.items() if topic}
     for role, topic in roles.items():
         _check_topic(path, role, topic, types)
@@ -217,11 +187,12 @@ def _roles(path: str, types: Mapping[str, str], counts: Mapping[str, int], optio
         roles |= {"joints": joints[0]} if joints else {}
     poses = [topic for topic in free if types[topic] in _POSES]
     orders = [topic for topic in poses if any(word in topic.lower() for word in _COMMAND_WORDS)]
-    if "measured" not in roles:
-        measured = [topic for topic in poses if topic not in orders]
+    if shown not in roles:
+        pictures = [topic for topic in free if types[topic] in _IMAGES]
+        measured = pictures if shown == "images" else [topic for topic in poses if topic not in orders]
         if len(measured) != 1:
-            raise _question(path, "measured", measured or poses, types, counts)
-        roles["measured"] = measured[0]
+            raise _question(path, shown, measured or poses, types, counts)
+        roles[shown] = measured[0]
     if "commanded" not in roles and "joints" not in roles:
         if len(orders) > 1:
             raise _question(path, "commanded", orders, types, counts)
@@ -231,7 +202,7 @@ def _roles(path: str, types: Mapping[str, str], counts: Mapping[str, int], optio
 
 def _check_topic(path: str, role: str, topic: str, types: Mapping[str, str]) -> None:
     name = topic.partition(":")[0]
-    expected = _JOINTS if role == "joints" else _POSES | {_TRANSFORMS}
+    expected = {"joints": _JOINTS, "images": _IMAGES}.get(role, _POSES | {_TRANSFORMS})
     if name not in types:
         near = difflib.get_close_matches(name, types, 1)
         hint = f"did you mean {near[0]}?" if near else f"it has {', '.join(list(types)[:_SHOWN])}"
@@ -249,10 +220,14 @@ def _question(
 ) -> InputError:
     shown = list(candidates) or [topic for topic in types if counts[topic]]
     listed = ", ".join(f"{topic} ({types[topic]}, {counts[topic]} messages)" for topic in shown[:_SHOWN])
-    content = {"joints": "joint states", "measured": "measured poses", "commanded": "commanded poses"}[role]
+    contents = {"joints": "joint states", "measured": "measured poses", "commanded": "commanded poses"}
+    content = contents.get(role, "images of the board")
     message = f"the recording does not say which topic has the {content}: it has {listed or 'no messages'}"
     example = candidates[0] if candidates else "/tf:CHILD_FRAME" if _TRANSFORMS in types.values() else "/TOPIC"
-    return InputError(Problem(message, path, fix=f"give `bag`, as in {role}={example}"))
+    with_board = "; or state the `board` that its images show" * (
+        role == "measured" and not _IMAGES.isdisjoint(types.values())
+    )
+    return InputError(Problem(message, path, fix=f"give `bag`, as in {role}={example}{with_board}"))
 
 
 def _stamp(message: Any, received: int) -> int:
@@ -301,64 +276,22 @@ def _pose_values(message: Any) -> tuple[float, ...]:
 
 # Table of a recording: a row for each measured pose, with the joints or the command at its time.
 
-_LONGEST_GAP = 0.1
-"""Time between neighbouring samples over which a moving joint is interpolated, s."""
-_WINDOW = 0.1
-"""The robot stands at a sample if nothing moves between this time before and after it, s."""
-_STANDING = 2e-4
-"""Largest change in that time of a robot that stands, rad and m: 1 mrad/s, above the noise of encoders."""
 _SAME_CLOCK = 0.25
 """Largest difference between the delays of two topics whose stamps are of one clock, s."""
 _POSE = ("position.x", "position.y", "position.z", "orientation.x", "orientation.y", "orientation.z", "orientation.w")
 _SPREAD = ("std x [m]", "std y [m]", "std z [m]")
 
 
-@dataclass(frozen=True, slots=True)
-class _Track:
-    """Values over time of a joint, or of the coordinates of a command."""
-
-    names: tuple[str, ...]
-    times: Array
-    """``(M,)`` s, ascending."""
-    values: Array
-    """``(K, M)``"""
-    repeats_last: bool
-    """A command is valid until the next; a joint moves from sample to sample."""
-
-    def at(self, times: Array) -> Array:
-        """Return the values ``(K, N)`` at ``times``, NaN where the recording does not show them."""
-        if self.repeats_last:
-            before = np.searchsorted(self.times, times, side="right") - 1
-            return np.where(before >= 0, self.values[:, np.maximum(before, 0)], np.nan)
-        result = np.array([np.interp(times, self.times, row) for row in self.values])
-        after = np.clip(np.searchsorted(self.times, times), 0, self.times.size - 1)
-        before = np.clip(np.searchsorted(self.times, times, side="right") - 1, 0, self.times.size - 1)
-        distance = np.maximum(np.abs(self.times[after] - times), np.abs(times - self.times[before]))
-        moved = np.abs(self.values[:, after] - self.values[:, before]).max(axis=0)
-        outside = (times < self.times[0]) | (times > self.times[-1])
-        unknown = (distance > _LONGEST_GAP) & (outside | (moved > _STANDING))
-        return np.where(unknown, np.nan, result)
-
-    def change(self, times: Array) -> Array:
-        """Return the largest change ``(N,)`` of a value around ``times``."""
-        rows = self.values[:3] if self.repeats_last else self.values
-        sides = [
-            np.array([np.interp(times + shift, self.times, row) for row in rows]) for shift in (-_WINDOW, 0.0, _WINDOW)
-        ]
-        change: Array = np.ptp(np.array(sides), axis=0).max(axis=0)
-        return change
-
-
-def _tracks(recording: Recording, options: BagOptions, origin: int) -> list[_Track]:
+def _tracks(recording: Recording, options: BagOptions, origin: int) -> list[Track]:
     tracks = []
     for name, samples in recording.joints.items():
         times, values = _sorted(samples, options, origin)
-        tracks.append(_Track((f"{samples.topic}/{name}/position",), times, np.unwrap(values), repeats_last=False))
+        tracks.append(Track((f"{samples.topic}/{name}/position",), times, np.unwrap(values), repeats_last=False))
     if recording.commanded is not None and recording.commanded.values:
         times, values = _sorted(recording.commanded, options, origin)
         n = 7 if np.isfinite(values[3:7]).all() else 3
         names = tuple(f"commanded/{name}" for name in _POSE[:n])
-        tracks.append(_Track(names, times, values[:n], repeats_last=True))
+        tracks.append(Track(names, times, values[:n], repeats_last=True))
     return tracks
 
 
@@ -387,22 +320,6 @@ def _check_clocks(path: str, recording: Recording, options: BagOptions) -> None:
         raise InputError(Problem(message, path, fix=fix))
 
 
-def _stands(times: Array, tracks: list[_Track]) -> NDArray[np.int64]:
-    """Return the number ``(N,)`` of the stand in which each sample was measured, -1 in motion; empty without tracks."""
-    if not tracks:
-        return np.empty(0, dtype=np.int64)
-    moving = np.max([track.change(times) for track in tracks], axis=0) > _STANDING
-    order = np.argsort(times, kind="stable")
-    places = np.nan_to_num(np.vstack([track.at(times) for track in tracks]), nan=np.inf)[:, order]
-    with np.errstate(invalid="ignore"):
-        moved = np.any(np.abs(np.diff(places, axis=1)) > _STANDING, axis=0)
-    starts = np.concatenate([[0], np.cumsum(moved | moving[order][1:] | moving[order][:-1])])
-    numbers = np.full(times.size, -1)
-    still = ~moving[order]
-    numbers[order[still]] = np.unique(starts[still], return_inverse=True)[1]
-    return numbers
-
-
 def _use_rest(path: str, stands: NDArray[np.int64], options: BagOptions) -> bool:
     """Return whether each stand makes one row.
 
@@ -424,7 +341,7 @@ def _use_rest(path: str, stands: NDArray[np.int64], options: BagOptions) -> bool
 
 
 def _columns(
-    measured: Samples, tracks: list[_Track], times: Array, groups: list[NDArray[np.int64]]
+    measured: Samples, tracks: list[Track], times: Array, groups: list[NDArray[np.int64]]
 ) -> list[tuple[str, NDArray[Any]]]:
     """Return the columns of numbers, the mean of each group in a row."""
     columns: list[tuple[str, NDArray[Any]]] = []
@@ -474,3 +391,82 @@ def _remark(recording: Recording, n_rows: int, n_standing: int, n_samples: int, 
     if are_stands:
         parts.append(f"{n_standing} of {n_samples} samples at {n_rows} stops, one pose each")
     return "; ".join(parts)
+
+
+# Points of a board in the images of a recording.
+
+_ENCODINGS = {
+    **dict.fromkeys(("mono8", "8uc1"), (1, "")),
+    **dict.fromkeys(("rgb8", "8uc3"), (3, "RGB")),
+    **{"bgr8": (3, "BGR"), "rgba8": (4, "RGBA"), "bgra8": (4, "BGRA")},
+    # OpenCV names the second row of the pattern.
+    **{"bayer_rggb8": (1, "BayerBG"), "bayer_bggr8": (1, "BayerRG")},
+    **{"bayer_gbrg8": (1, "BayerGR"), "bayer_grbg8": (1, "BayerGB")},
+}
+"""Bytes of a pixel, and name of the colours as OpenCV has it, of each encoding."""
+
+
+def _points_of_images(path: str, stated: BagOptions, options: TableOptions) -> ColumnTable:
+    """Return the points of the board in images at which the arm stands, with its joints."""
+    cv2, recording = opencv(path), read_recording(path, stated, of_images=True)
+    images = recording.measured
+    lacking = "no images" if not images.values else "no joint states beside its images" if not recording.joints else ""
+    if lacking:
+        raise InputError(Problem(f"topic {images.topic}: {lacking}", path, fix="record both at the same time"))
+    _check_clocks(path, recording, stated)
+    stamps = images.times(stated.clock)
+    times = (stamps - stamps[0]) / 1e9
+    tracks = _tracks(recording, stated, int(stamps[0]))
+    used = stops(path, times, tracks, stated.at, STANDING)
+    names = [name for track in tracks for name in track.names]
+    columns = [
+        dict(zip(names, values, strict=True))
+        for values in np.vstack([track.at(times[used]) for track in tracks]).T.tolist()
+    ]
+    for column, stamp in zip(columns, stamps[used].tolist(), strict=True):
+        column["header.stamp.sec"], column["header.stamp.nanosec"] = divmod(stamp, 1_000_000_000)
+
+    def shots() -> Iterator[Shot]:
+        with _opened(path) as bag:
+            messages = bag.messages([item for item in bag.connections if item.topic == images.topic])
+            wanted = dict(zip(used.tolist(), columns, strict=True))
+            for number, (connection, _, data) in enumerate(messages):
+                if number in wanted:
+                    message, name = bag.deserialize(data, connection.msgtype), f"image_{number + 1}"
+                    if hasattr(message, "detections"):
+                        tags = _tags(path, message)
+                        size = np.max([np.zeros(2), *(each.max(axis=0) for each in tags.values())], axis=0) + 50
+                        yield Shot(name, np.full(size[::-1].astype(int), 255, np.uint8), wanted[number], tags)
+                    else:
+                        yield Shot(name, _grey(path, message, cv2), wanted[number])
+
+    how = "images" if stated.at == "any" else "stops of the robot"
+    joints = next(iter(recording.joints.values())).topic
+    remark = (
+        f"{used.size} {how} in {times.size} images of {images.topic}; joints of {joints}, interpolated to their times"
+    )
+    return table_of(shots(), used.size, path, options, partial(_digest, path), remark)
+
+
+def _tags(path: str, message: Any) -> dict[int, Array]:
+    """Return the corners of detected AprilTags in the order and with the pixels of OpenCV, by their numbers.
+
+    The library of AprilTag goes round the other way, and its pixels have their corners, not middles, at whole numbers.
+    """
+    without = Problem("the detected tags have no corners", path, fix="record the images, or the tags of ROS 2")
+    refuse((not all(hasattr(tag, "corners") for tag in message.detections), without))
+    corners = {int(tag.id): [(point.x, point.y) for point in tag.corners] for tag in message.detections}
+    return {number: np.array(each, dtype=float)[[1, 0, 3, 2]] - 0.5 for number, each in corners.items()}
+
+
+def _grey(path: str, message: Any, cv2: Any) -> Any:
+    """Return the grey image of a message; None for a compressed one that cannot be read."""
+    if not hasattr(message, "encoding"):
+        return decoded(cv2, bytes(message.data))
+    encoding = message.encoding.lower()
+    unknown = Problem(f"images are encoded as {encoding}", path, fix=f"record them as {', '.join(_ENCODINGS)}")
+    refuse((encoding not in _ENCODINGS, unknown))
+    depth, colours = _ENCODINGS[encoding]
+    rows = np.asarray(message.data, dtype=np.uint8).reshape(message.height, message.step)[:, : message.width * depth]
+    pixels = np.ascontiguousarray(rows.reshape(message.height, message.width, *([depth] if depth > 1 else [])))
+    return cv2.cvtColor(pixels, getattr(cv2, f"COLOR_{colours}2GRAY")) if colours else pixels

@@ -49,7 +49,7 @@ def write_offsets(robot: Robot, *, nominal: Robot | None = None) -> Written:
     return Written("\n".join([*lines, ""]), ["link geometry"])
 
 
-_COUNTS = 4095 / math.tau
+COUNTS = 4095 / math.tau
 """Counts per radian, as LeRobot computes degrees."""
 _MOTOR = {"id", "drive_mode", "homing_offset", "range_min", "range_max"}
 
@@ -68,32 +68,36 @@ def write_lerobot(robot: Robot, *, nominal: Robot | None = None, template: str |
     if nominal is None or template is None:
         needs = "`nominal`, the model of the arm before, and `template`, its calibration file"
         raise UsageError(f"the format lerobot needs {needs}")
-    motors = _read_calibration(template)
+    motors = read_calibration(template)
     named, joints, losses, worst, cut = _motors_of(robot, motors), list(robot.joints), ["link geometry"], 0.0, 0
     for joint, offset, name in zip(robot.variables, _offsets(robot, nominal), named, strict=True):
-        motor, ends = motors[name], round(2 * offset * _COUNTS)
+        motor, ends = motors[name], round(2 * offset * COUNTS)
         motor["range_max" if ends > 0 else "range_min"] -= ends
         narrow = (
             f"the zero of {joint.name} is {math.degrees(offset):.1f}° off, more than its range in `template` allows"
         )
         refuse((motor["range_min"] >= motor["range_max"], narrow))
-        rounded = ends / 2 / _COUNTS - offset
+        rounded = ends / 2 / COUNTS - offset
         worst, cut = max(worst, abs(rounded)), max(cut, abs(ends))
         label = joint.offset_parameter
         changed = {**joint.parameters, label: joint.parameters.get(label, 0.0) + joint.sign * rounded}
         joints[joints.index(joint)] = dataclasses.replace(joint, parameters=changed)
     losses.append(f"zeros between counts: up to {math.degrees(worst):.2g}°")
-    losses.append(f"range: up to {math.degrees(cut / _COUNTS):.2g}° at one end of a joint")
+    losses.append(f"range: up to {math.degrees(cut / COUNTS):.2g}° at one end of a joint")
     text = json.dumps(motors, indent=4) + "\n"
     return Written(text, losses if cut else losses[:2], dataclasses.replace(robot, joints=tuple(joints)))
 
 
-def _read_calibration(text: str) -> dict[str, dict[str, Any]]:
-    """Return the motors of a calibration file by their names."""
+def read_calibration(text: str, name: str = "`template`") -> dict[str, dict[str, Any]]:
+    """Return the motors of a calibration file, which has a ``name`` in messages, by their names.
+
+    Raises:
+        UsageError: It is none.
+    """
     try:
         motors: dict[str, dict[str, Any]] = json.loads(text)
     except json.JSONDecodeError as error:
-        raise UsageError(f"`template` is not JSON: line {error.lineno}: {error.msg}") from None
+        raise UsageError(f"{name} is not JSON: line {error.lineno}: {error.msg}") from None
     is_calibration = isinstance(motors, dict) and all(
         isinstance(motor, dict) and motor.keys() >= _MOTOR and all(type(motor[key]) is int for key in _MOTOR)
         for motor in motors.values()
@@ -101,18 +105,18 @@ def _read_calibration(text: str) -> dict[str, dict[str, Any]]:
     refuse(
         (
             not is_calibration or not motors,
-            f"`template` is no calibration of LeRobot: expected motors, each with {', '.join(sorted(_MOTOR))}; "
+            f"{name} is no calibration of LeRobot: expected motors, each with {', '.join(sorted(_MOTOR))}; "
             "calibrate an arm of LeRobot before 0.2 again",
         )
     )
-    for name, motor in motors.items():
+    for key, motor in motors.items():
         low, high = motor["range_min"], motor["range_max"]
         refuse(
             (
                 low < 0,
-                f"`template`: the range of {name} begins at {low}; a motor with counts begins at 0 or above",
+                f"{name}: the range of {key} begins at {low}; a motor with counts begins at 0 or above",
             ),
-            (low >= high, f"`template`: the range of {name} is from {low} to {high}"),
+            (low >= high, f"{name}: the range of {key} is from {low} to {high}"),
         )
     return motors
 

@@ -518,6 +518,19 @@ def _moves(data: Measurements) -> bool:
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 
+def _relative_size(data: Measurements, alignment: Alignment) -> float:
+    """Return how many times as far apart positions are as commanded, where they agree but for this; else 1."""
+    from scipy.optimize import minimize_scalar
+
+    def error(log_size: float) -> float:
+        smaller = replace(data, position=data.position / np.exp(log_size))
+        commanded = register(smaller, alignment.robot, alignment.effects).commanded
+        return rms_length(smaller.position - commanded.translation)
+
+    found = minimize_scalar(error, bounds=(-1.0, 1.0), method="bounded", options={"xatol": 1e-3})
+    return float(np.exp(found.x)) if 2.0 * found.fun < error(0.0) else 1.0
+
+
 def _warnings(
     data: Measurements,
     errors: PoseErrors,
@@ -533,7 +546,9 @@ def _warnings(
     # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
     turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
-    trace = "" if data.q is None else "; a trace names the probable mistake"
+    trace, size = "" if data.q is None else "; a trace names the probable mistake", 1.0
+    if far and alignment is not None and data.q is not None:
+        size = _relative_size(data, alignment)
     causes = (
         (
             n_far > 0,
@@ -546,6 +561,11 @@ def _warnings(
             f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
         ),
         (alignment is None, UNREGISTERED),
+        (
+            far and size != 1.0,
+            f"the measured positions are {size:.3g} times as far apart as the arm's, and agree with them but for this: "
+            "check the size of the squares of the board, the unit of length, and the robot",
+        ),
         (far, f"{TOO_LARGE}{trace}"),
         (
             True,

@@ -27,6 +27,7 @@ from robacc.api.parameters import (
     Columns,
     Commanded,
     Confidence,
+    ContactSheet,
     Coverage,
     Help,
     IgnoreLimits,
@@ -87,7 +88,7 @@ class Estimate(Result, EstimateResult):
         reading = next((file.reading for file in self.made.inputs if file.reading), {})
         stated = [
             f" --{name} {reading[name]}"
-            for name in ("units", "angles", "commanded", "camera", "board")
+            for name in ("units", "angles", "commanded", "camera", "board", "bag")
             if name in reading
         ]
         return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))
@@ -150,6 +151,7 @@ def estimate(
     camera: CameraFile = None,
     board: BoardFile = None,
     bag: Bag = None,
+    contact_sheet: ContactSheet = None,
     campaign: Campaign = "auto",
     strict_range: StrictRange = False,
     base_link: BaseLink = None,

@@ -22,6 +22,7 @@ from robacc.api.parameters import (
     CameraFile,
     Columns,
     Commanded,
+    ContactSheet,
     Coverage,
     Help,
     IgnoreLimits,
@@ -47,7 +48,7 @@ from robacc.measurements import Measurements, commanded_groups
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
-from robacc.poses.cameras import seen_from_board
+from robacc.poses.cameras import PHOTO, seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
@@ -70,7 +71,19 @@ from robacc.robots.yaml_robot import robot_to_yaml
 
 Read = TypeVar("Read")
 STDIN = "-"
-READING = ("angles", "units", "columns", "skip_gaps", "coverage", "sheet", "commanded", "camera", "board", "bag")
+READING = (
+    "angles",
+    "units",
+    "columns",
+    "skip_gaps",
+    "coverage",
+    "sheet",
+    "commanded",
+    "camera",
+    "board",
+    "bag",
+    "contact_sheet",
+)
 """Parameters that state how a file of poses is read."""
 RECORDED_APART = frozenset(
     ("poses", "robot", "scale", "tolerances", "against", "results", "seed", "jobs", "cluster", "progress", *READING)
@@ -380,6 +393,7 @@ def read_poses(
     camera: CameraFile = None,
     board: BoardFile = None,
     bag: Bag = None,
+    contact_sheet: ContactSheet = None,
 ) -> Measurements:
     """Read and check the measured poses of a file or a data frame.
 
@@ -706,7 +720,6 @@ def _commanded_poses(planned: Measurements, robot: Robot | None) -> tuple[Array 
     return poses.translation, poses.rotation
 
 
-_PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
 _GROUP = r".*(?:::|/|\\)_?"
 _NAME_FORMS = (
     (r"^$", r"^$"),
@@ -740,7 +753,7 @@ def _joined(
         if most == 1.0:
             break
         given, wanted = (
-            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", _PHOTO.sub("", str(name).casefold()))) for name in column]
+            [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", PHOTO.sub("", str(name).casefold()))) for name in column]
             for pattern, column in zip(form, (taught, measured), strict=True)
         )
         rows = {name: i for i, name in reversed([*enumerate(given)]) if name}

@@ -324,7 +324,12 @@ BoardFile = Annotated[
 Bag = Annotated[
     str | None,
     Help(
-        "Topics and samples of a ROS bag: joints=, measured=, commanded=, at=rest|any, clock=stamp|recorder.",
+        "Topics and samples of a ROS bag or LeRobot data set: joints=, measured=, commanded=, images=, at=rest|any, "
+        "clock=stamp|recorder, calibration=FILE.",
         "KEY=VALUE,…",
     ),
+]
+ContactSheet = Annotated[
+    StrPath | None,
+    Help("Picture to write (.jpg, .png) of all photos: the points found, and what is wrong.", "FILE", holds="output"),
 ]

@@ -25,7 +25,7 @@ from robacc.errors import refuse
 from robacc.render import text as console
 from robacc.render.text import as_options
 
-_OF_MEASUREMENTS = ("coverage", "commanded", "camera", "board", "bag")
+_OF_MEASUREMENTS = ("coverage", "commanded", "camera", "board", "bag", "contact_sheet")
 """Parameters of ``read_poses`` that say something of measured poses only."""
 
 

@@ -139,9 +139,12 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | N
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import Inputs
     from robacc.fitting.registration import check_frames
+    from robacc.poses.reading import reading_of
 
+    sheet = options.get("contact_sheet") or reading_of(paths[0]).contact_sheet
     places = [os.path.realpath(path) for path in paths]
     refuse(
+        (sheet, f"--contact-sheet {sheet}: shows the photos of one folder; give it with each folder alone"),
         ("-" in paths, "- (standard input) has no name for the table of several files; give it alone"),
         *((places[i] in places[:i], f"{path} is given twice; give each file once") for i, path in enumerate(paths)),
     )

@@ -810,7 +810,7 @@ def _exchanged(data: Measurements, predicted: Array, gross: float) -> Mistake | 
         return None
     rows = np.concatenate(cycles)
     texts = [
-        ", ".join(str(data.line(int(row))) for row in wrong[members[:LISTED]]) + ", …" * (members.size > LISTED)
+        ", ".join(dict.fromkeys(map(data.label, wrong[members[:LISTED]].tolist()))) + ", …" * (members.size > LISTED)
         for members in cycles
     ]
     what, fix = "the measured poses", "pair each measured pose with its own joint values"
@@ -865,7 +865,7 @@ def _permuted(robot: Robot, data: Measurements) -> Mistake | None:
 
 
 def _stretch(data: Measurements, rows: NDArray[np.int64]) -> str:
-    return f"{data.counted}s {data.line(int(rows[0]))} to {data.line(int(rows[-1]))}"
+    return f"{data.counted}s {data.label(int(rows[0]))} to {data.label(int(rows[-1]))}"
 
 
 def _lengths(vectors: Array) -> Array:

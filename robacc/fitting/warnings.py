@@ -8,6 +8,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from robacc.errors import Note
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
@@ -123,6 +124,12 @@ def fit_warnings(
             "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
             "add rows of kind distance, such as between two sockets, or positions"
         )
+    free = {effect.name for effect in fit.model.free}
+    if data.is_of_images and "link_geometry" in free and "instrument_scale" not in free:
+        yield Note(
+            "the size of the printed board is the scale of all lengths: a print that is 0.1 % too large makes the arm "
+            "0.1 % too small, which photos do not show; measure its ruler"
+        )
     if fit.model.arm.robot.mass_uncertainty is None and any(effect.uses_masses for effect in fit.model.free):
         yield (
             f"standard errors of compliances include an uncertainty of {100 * DEFAULT:.0f} % of each link's mass; "
@@ -132,9 +139,9 @@ def fit_warnings(
     yield from data.contradicted_ids()
     yield from places_warning(data)
     if count := fit.outliers.size:
-        lines = ", ".join(str(data.line(int(i))) for i in fit.outliers[:LISTED])
-        several, more = "s" * (count > 1), " …" * (count > LISTED)
-        yield f"outliers left out of the fit: {count} row{several}, on {data.counted}{several} {lines}{more}"
+        places = [*dict.fromkeys(map(data.label, fit.outliers.tolist()))]
+        several, listed = "s" * (count > 1), ", ".join(places[:LISTED]) + " …" * (len(places) > LISTED)
+        yield f"outliers left out of the fit: {count} row{several}, on {data.counted}{'s' * (len(places) > 1)} {listed}"
         yield from filter(None, (outlier_pattern(data, ~fit.inliers, fit.model.arm.names),))
     yield from suspected_mistakes(fit)
     absent = [name for name in ALIGNABLE if name not in {effect.name for effect in without_findings.model.free}]

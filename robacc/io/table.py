@@ -55,6 +55,8 @@ class TableOptions:
     """Topics and samples of a recording, as the reader of recordings takes them."""
     board: str | None = None
     """File of the board that photos show, as the reader of photos takes it."""
+    contact_sheet: str | None = None
+    """File to write with a picture of all photos."""
     frame: Any = None
     """Data frame that is read in place of a file."""
 

@@ -8,6 +8,7 @@ the mount only, the photos are to show the lens. For several cameras, ``cameras`
 from __future__ import annotations
 
 import os
+import re
 from dataclasses import replace
 from typing import Any, NamedTuple
 
@@ -32,6 +33,8 @@ _WIDEST = 100.0
 """Tangent of the largest angle to the axis of a camera; that of no lens is near it."""
 _TRIM = 6.0
 """Median errors beyond which a point is no image of its board, as a wrong corner is."""
+PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
+"""End of the name of a photo, in small letters."""
 FEWEST_POINTS = 4
 """Points of a plane that a photo must show for the pose of the board."""
 

@@ -455,6 +455,8 @@ class KindTable(ReshapedTable):
 
     def _with_images(self, data: Measurements) -> Measurements:
         """Return the data with what rows of kind image show, and with the photos they are from as visits."""
+        if data.counted == "row" and data.pose is not None:  # Of photos themselves, nobody sees a table.
+            data = replace(data, counted="photo")
         assert data.kind is not None
         assert data.fixture is not None
         rows = data.kind == "image"

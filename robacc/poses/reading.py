@@ -711,6 +711,8 @@ class Reading:
     """File of the board that photos show."""
     bag: str | None = None
     """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
+    contact_sheet: str | None = None
+    """File to write with a picture of all photos, the points found in them and what is wrong."""
 
     def __post_init__(self) -> None:
         """Check the statements.
@@ -800,6 +802,7 @@ class PoseFile(str):
         camera: str | os.PathLike[str] | None = None,
         board: str | os.PathLike[str] | None = None,
         bag: str | None = None,
+        contact_sheet: str | os.PathLike[str] | None = None,
     ) -> PoseFile:
         """Return the path with the statements, which are those of :class:`Reading`.
 
@@ -815,6 +818,7 @@ class PoseFile(str):
             camera: See above.
             board: See above.
             bag: See above.
+            contact_sheet: See above.
 
         Raises:
             UsageError: A statement is wrong, or ``path`` is neither a path nor a data frame.
@@ -832,7 +836,7 @@ class PoseFile(str):
         result.frame = getattr(path, "frame", None) if is_path else path
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
-        files = {"commanded": commanded, "camera": camera, "board": board}
+        files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
         given |= {name: None if file is None else os.fspath(file) for name, file in files.items()}
         stated |= {name: value for name, value in given.items() if value is not None}
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
@@ -865,4 +869,5 @@ def table_options(path: str | os.PathLike[str]) -> TableOptions:
     """Return how the table at a path is to be read, with the statements that the path carries."""
     reading = reading_of(path)
     frame = path.frame if isinstance(path, PoseFile) else None
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, reading.board, frame)
+    of_images = reading.board, reading.contact_sheet
+    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, *of_images, frame)

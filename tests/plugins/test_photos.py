@@ -1,83 +1,37 @@
-"""Photos of printed boards, drawn by OpenCV's warp of the flat board: an arm's zeros from the pixels themselves."""
+"""Photos of printed boards: an arm's zeros from the pixels themselves, and what is said of photos without the board."""
 
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
-from commands import run
-from homogeneous import shift, turn
-from independent_arm import link_frames, robot
+from boards import BOARDS, CAMERA, cv2, photos, printed
+from commands import missing, run
+from independent_arm import robot
 
 import robacc
 from robacc.errors import InputError, UsageError
 from robacc.poses.reading import PoseFile
-from robacc_plugins.photos import Board, page_of
-
-cv2 = pytest.importorskip("cv2")
+from robacc_plugins.boards import Board, page_of
 
 ZEROS = np.array([0.0, 12e-3, -10e-3, 8e-3, 10e-3, 0.0])
 """Errors of the joint zeros, rad."""
-MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
-REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
-TOOL = shift(0.05, -0.03, 0.12) @ turn(2, 0.4)
-AHEAD = shift(-0.09, -0.06, 0.55) @ turn(0, 0.3)
-"""The board in the camera, in the middle."""
-BASE = np.linalg.inv(AHEAD) @ np.linalg.inv(link_frames(MIDDLE + ZEROS)[-1] @ TOOL)
-CAMERA = "fx: 1000\nfy: 1000\ncx: 639.5\ncy: 479.5\nmount: hand\n"
-LENS = np.array([[1000.0, 0.0, 639.5], [0.0, 1000.0, 479.5], [0.0, 0.0, 1.0]])
-SIZE = (1280, 960)
-SCALE = 10
-"""Pixels of the print to the mm."""
-BOARDS = {
-    "charuco": "type: charuco\nsquares: [6, 4]\nsquare_mm: 30\nmarker_mm: 22\ndictionary: DICT_4X4_50\n",
-    "apriltag": "type: apriltag\nsquares: [4, 3]\nsquare_mm: 45\nmarker_mm: 35\ndictionary: DICT_APRILTAG_36h11\n",
-    "chessboard": "type: chessboard\nsquares: [8, 5]\nsquare_mm: 22\n",
-}
-
-
-def printed(kind: str) -> np.ndarray:
-    """Picture of the board with a margin of 10 mm; its origin is the board's."""
-    if kind == "chessboard":
-        squares = np.add.outer(np.arange(5), np.arange(8)) % 2 * 255
-        picture = np.kron(squares, np.ones((22 * SCALE, 22 * SCALE))).astype(np.uint8)
-    elif kind == "charuco":
-        known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_4X4_50)
-        picture = cv2.aruco.CharucoBoard((6, 4), 0.03, 0.022, known).generateImage((180 * SCALE, 120 * SCALE))
-    else:
-        known = cv2.aruco.getPredefinedDictionary(cv2.aruco.DICT_APRILTAG_36h11)
-        picture = cv2.aruco.GridBoard((4, 3), 0.035, 0.01, known).generateImage((170 * SCALE, 125 * SCALE))
-    return np.pad(picture, 10 * SCALE, constant_values=255)
 
 
 def taken(folder: Path, kind: str, count: int) -> PoseFile:
     """A folder of photos with the joints in a table beside it, and the files of the board and the camera."""
-    generator, picture = np.random.default_rng(4), printed(kind)
-    photos = folder / "photos"
-    photos.mkdir()
+    joints, pictures = photos(kind, count, tuple(ZEROS))
+    (folder / "photos").mkdir()
     lines = ["pose,q1,q2,q3,q4,q5,q6"]
-    # From a pixel of the print, whose corners lie half a pixel outside of its middle, to m on the board.
-    on_board = np.array([[1.0, 0.0, 0.5 - 10 * SCALE], [0.0, 1.0, 0.5 - 10 * SCALE], [0.0, 0.0, 1e3 * SCALE]])
-    while len(lines) <= count:
-        q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, 6)
-        board = np.linalg.inv(BASE @ link_frames(q + ZEROS)[-1] @ TOOL)
-        corners = board[:3, :3] @ np.array([(x, y, 0.0) for x in (0.0, 0.2) for y in (0.0, 0.13)]).T + board[:3, 3:]
-        pixels = LENS @ corners / corners[2]
-        if (
-            corners[2].min() > 0.3
-            and board[2, 2] > 0.6
-            and np.all((pixels[:2].T > 30) & (np.array(SIZE) - 30 > pixels[:2].T))
-        ):
-            warp = LENS @ board[:3][:, [0, 1, 3]] @ on_board
-            photo = cv2.warpPerspective(picture, warp, SIZE, flags=cv2.INTER_AREA, borderValue=255)
-            name = f"IMG_{len(lines)}"
-            cv2.imwrite(str(photos / f"{name}.png"), cv2.GaussianBlur(photo, (0, 0), 0.8))
-            lines.append(f"{name},{','.join(map(repr, q.tolist()))}")
+    for number, (q, picture) in enumerate(zip(joints.tolist(), pictures, strict=True), 1):
+        cv2.imwrite(str(folder / "photos" / f"IMG_{number}.png"), picture)
+        lines.append(f"IMG_{number},{','.join(map(repr, q))}")
     (folder / "joints.csv").write_text("\n".join(lines) + "\n")
     (folder / "board.yaml").write_text(BOARDS[kind])
     (folder / "camera.yaml").write_text(CAMERA)
     files = {name: folder / f"{name}.yaml" for name in ("board", "camera")}
-    return PoseFile(photos, commanded=folder / "joints.csv", **files)
+    return PoseFile(folder / "photos", commanded=folder / "joints.csv", **files)
 
 
 @pytest.mark.parametrize("kind", [*BOARDS])
@@ -124,12 +78,37 @@ def test_the_number_of_joints_is_compared_with_that_of_photos(tmp_path: Path) ->
         robacc.estimate(path, robot=robot())
 
 
-def test_a_photo_without_the_board_is_named(tmp_path: Path) -> None:
-    path = taken(tmp_path, "charuco", 6)
-    cv2.imwrite(str(tmp_path / "photos" / "IMG_3.png"), np.full((960, 1280), 200, np.uint8))
+def test_bad_photos_are_named_with_what_they_show_and_cost_only_themselves(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    path, aruco = taken(tmp_path, "charuco", 6), cv2.aruco
+    monkeypatch.chdir(tmp_path)
+    good = robacc.estimate(path, robot=robot())
+    right = cv2.resize(printed("charuco"), (600, 420), interpolation=cv2.INTER_AREA)
+    others = {"mirrored": right[:, ::-1], "moved": cv2.blur(right, (31, 1)), "wall": np.full((420, 600), 200, np.uint8)}
+    for name, dictionary, first in (("numbers", aruco.DICT_4X4_50, 20), ("family", aruco.DICT_6X6_50, 0)):
+        known = aruco.getPredefinedDictionary(dictionary)
+        other = aruco.CharucoBoard((6, 4), 0.03, 0.022, known, np.arange(first, first + 12))
+        others[name] = other.generateImage((600, 420), marginSize=30)
+    for name, picture in others.items():
+        cv2.imwrite(f"photos/{name}.png", picture)
+    Path("photos/text.jpg").write_bytes(b"no photo")
+    path.reading = replace(path.reading, contact_sheet="sheet.png")
     result = robacc.estimate(path, robot=robot())
-    assert result.n_poses == 5
-    assert any("5 of 6 photos show the board (not: IMG_3.png)" in warning for warning in result.warnings)
+    assert (good.data.place(2), result.n_poses) == ("photo IMG_3", 6)
+    assert result.position.rms == pytest.approx(good.position.rms, rel=1e-9)
+    warning = next(text for text in result.warnings if "left out" in text)
+    expected = ("mirrored: mirrored print", "moved: blurred", "wall: no board", "text: no image")
+    of_markers = (
+        "numbers: another board (markers 20 to 31, expected 0 to 11)",
+        "family: another board (markers of DICT_6X6)",
+    )
+    assert not missing(warning, *expected, *of_markers)
+    # The second row of the sheet, of five: the board, and two others, a mirrored and a moved one.
+    assert len(np.unique(cv2.imread("sheet.png")[253, 1::260], axis=0)) == 4
+    assert "the photos of one folder" in run("trace", "a", "b", "--robot", "ur5", "--contact-sheet", "s.png").stderr
+    with pytest.raises(UsageError, match=r"ends in .jpg or .png, found 'sheet.pdf'"):
+        robacc.read_poses(PoseFile("photos", board="board.yaml", contact_sheet="sheet.pdf"))
 
 
 def test_what_is_lacking_is_said(tmp_path: Path) -> None:
@@ -140,10 +119,7 @@ def test_what_is_lacking_is_said(tmp_path: Path) -> None:
     with pytest.raises(InputError, match="a size below square_mm"):
         robacc.estimate(path, robot=robot())
     (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("4X4", "7X7"))
-    with pytest.raises(InputError, match="none of 2 photos shows the board"):
-        robacc.estimate(path, robot=robot())
-    (tmp_path / "photos" / "IMG_1.png").write_bytes(b"no photo")
-    with pytest.raises(InputError, match=r"IMG_1.png: is no photo that OpenCV can read"):
+    with pytest.raises(InputError, match=r"none of 2 photos shows the board .* \(IMG_1, IMG_2: another board"):
         robacc.estimate(path, robot=robot())
 
 
@@ -154,12 +130,12 @@ def test_init_writes_a_board_in_true_size_and_its_file(tmp_path: Path, monkeypat
     assert done.exit_code == 0, done.stderr
     assert b"/MediaBox [ 0 0 841.8" in (tmp_path / "board.pdf").read_bytes().replace(b"[0", b"[ 0")
     square = yaml.safe_load((tmp_path / "board.yaml").read_text())["square_mm"]
-    # Ten pixels to the mm.
-    page_of(8, 5, square, (297.0, 210.0)).savefig(tmp_path / "page.png", dpi=254)
+    # Five pixels to the mm.
+    page_of(8, 5, square, (297.0, 210.0)).savefig(tmp_path / "page.png", dpi=127)
     pixels, points = Board("board.yaml", cv2).seen_in(cv2.imread(str(tmp_path / "page.png"), cv2.IMREAD_GRAYSCALE))
     assert len(points) == 28
     across, along = ((np.linalg.norm(part - part[0], axis=1)) for part in (pixels, 1e3 * points))
-    np.testing.assert_allclose(across, 10.0 * along, atol=1.0)
+    np.testing.assert_allclose(across, 5.0 * along, atol=0.5)
     assert run("init", "--board", "8x5").exit_code == 2
     assert "expected two numbers" in run("init", "--board", "8", "--folder", "other").stderr
 

@@ -125,7 +125,7 @@ def estimate_view(
         worst = ", ".join(
             f"{_place(pose)}{name} {with_unit(pose['error_m'])}"
             for pose in document["worst_poses"]["by_position"][:3]
-            for name in ["" if pose["pose"] is None else f" (pose {pose['pose']})"]
+            for name in [f" (pose {pose['pose']})" * (pose["pose"] is not None and "photo" not in _place(pose))]
         )
         more = Text("`full=True` adds covariances, tests, methods of the intervals and limitations", is_note=True)
         ahead = f"next: find the causes of the error: robacc trace {poses} --robot {robot or 'ROBOT'}{stated}"

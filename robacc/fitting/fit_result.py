@@ -9,7 +9,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
@@ -325,6 +324,8 @@ def held_out_poses(
     Returns:
         The poses by each model; None where the arm without its absent effects has no equilibrium.
     """
+    from scipy.linalg import solve_triangular
+
     columns = fit.identifiability.columns
     size, rows_of = columns.size, fit.residual.shape[0]
     if components == 6:

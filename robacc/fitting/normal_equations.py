@@ -21,7 +21,6 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import cho_factor, cho_solve
 
 from robacc.effects.frames import JointOffset
 from robacc.fitting.levels import BLOCK_NUMBERS
@@ -49,6 +48,8 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     A direction without information stays near zero, where an exact solution does not exist. ``damping`` is added to the
     diagonal of the scaled matrix, which is one.
     """
+    from scipy.linalg import cho_factor, cho_solve  # Its import takes as long as an estimate of 100 poses.
+
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
     matrix += damping * np.eye(len(matrix))

@@ -40,7 +40,7 @@ from robacc.robots.arm import (
     solve,
 )
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import normal_quantile
+from robacc.statistics.intervals import normal_quantile
 
 # Circumstances of targets other than the joints, and the two arms of a correction in common frames.
 

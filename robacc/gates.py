@@ -28,12 +28,13 @@ from robacc.comparison.stored_results import (
 )
 from robacc.errors import refuse
 from robacc.quantities import UNITS, Dimension, parse_quantity
-from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import (
     ASSURANCE,
     ConfidenceCurve,
     Interval,
     largest_known,
+    normal_cdf,
+    normal_quantile,
     smallest_sufficient,
 )
 

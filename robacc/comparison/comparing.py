@@ -35,8 +35,7 @@ from robacc.modelling.model import Model, predict
 from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_sf, student_quantile
-from robacc.statistics.intervals import EstimatedValue, Interval
+from robacc.statistics.intervals import EstimatedValue, Interval, chi2_sf, student_quantile
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 #

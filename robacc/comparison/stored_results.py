@@ -17,15 +17,18 @@ from numpy.typing import NDArray
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.errors import given, refuse
 from robacc.geometry import Array
-from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
     MOST_FOR_BOOTSTRAP,
     EstimatedValue,
     Interval,
     difference_limits,
+    f_sf,
+    normal_cdf,
+    normal_quantile,
     quantiles,
     resampled_counts,
+    student_quantile,
 )
 
 Document = Mapping[str, Any]

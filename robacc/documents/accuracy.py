@@ -510,14 +510,14 @@ ISO9283 = part(
                     {
                         "pose": Key(text, "Id of the commanded pose.", "label"),
                         "file": Key(text, "File of the pose.", "source"),
-                        "n": Key(count, "Number of visits."),
+                        "n": Key(count, "Number of visits.", "data.n"),
                         "commanded_m": Key(
                             vector3 | None, "Commanded position in the measuring frame, m; null if unknown."
                         ),
                         "barycentre_m": Key(
-                            vector3, "Barycentre of the visits, m.", lambda pose: pose.attained.mean(axis=1)
+                            vector3, "Barycentre of the visits, m.", lambda pose: pose.data.position.mean(axis=1)
                         ),
-                        "attained_m": Key(rows3, "Measured position, m.", "attained.T"),
+                        "attained_m": Key(rows3, "Measured position, m.", "data.position.T"),
                         "angle_deviations_rad": Key(
                             rows3 | None,
                             "Deviations of the angles a, b, c, rad; null if no orientation was measured.",
@@ -530,8 +530,8 @@ ISO9283 = part(
                                 None if pose.turn is None else "x, y, z" if pose.at_pole else "roll, pitch, yaw"
                             ),
                         ),
-                        "cycle": Key(array(text) | None, "Cycle of each visit.", lambda pose: texts(pose.cycle)),
-                        "time_s": Key(array(number) | None, "Time, s.", "time"),
+                        "cycle": Key(array(text) | None, "Cycle of each visit.", lambda pose: texts(pose.data.cycle)),
+                        "time_s": Key(array(number) | None, "Time, s.", "data.time"),
                     }
                 )
             ),

@@ -32,7 +32,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
+from robacc.statistics.intervals import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
 
 YEAR = 365.25 * 86400.0
 """s"""

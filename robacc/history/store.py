@@ -31,7 +31,7 @@ from robacc.comparison.stored_results import FITS, read_compared_result, unit_of
 from robacc.documents.envelope import StoredResult, understood
 from robacc.errors import InputError, Problem, refuse
 from robacc.history.changes import ArmSeries
-from robacc.statistics.distributions import normal_quantile
+from robacc.statistics.intervals import normal_quantile
 
 _SCHEMAS = (
     """

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.distributions import beta_cdf, normal_quantile, root
-from robacc.statistics.intervals import ASSURANCE, Interval, smallest_sufficient, tails
+from robacc.statistics.intervals import ASSURANCE, Interval, beta_cdf, normal_quantile, root, smallest_sufficient
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 Distribution = Callable[[Array], tuple[Array, Array]]
@@ -429,8 +428,7 @@ class ScaledPercentileCurve:
 
     def interval(self, confidence: float, method: str) -> Interval:
         """Return the interval; the curve at each of its bounds is that bound's level."""
-        lower, upper, bound = (self.value / self._ratio(1.0 - level, self.n) for level in tails(confidence))
-        return Interval(lower, upper, bound, confidence, method)
+        return Interval.at(lambda p: self.value / self._ratio(1.0 - p, self.n), confidence, method)
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
         """See :class:`robacc.statistics.intervals.ConfidenceCurve`."""

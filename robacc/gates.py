@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -36,6 +36,7 @@ from robacc.statistics.intervals import (
     normal_cdf,
     normal_quantile,
     smallest_sufficient,
+    tails,
 )
 
 if TYPE_CHECKING:
@@ -349,14 +350,12 @@ class BoundCurve(NamedTuple):
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None
         for interval in intervals:
-            tail = 0.5 * (1.0 - interval.confidence)
-            levels = ((tail, interval.lower), (1.0 - tail, interval.upper), (interval.confidence, interval.upper_bound))
-            points |= {round(normal_quantile(level), 9): bound for level, bound in levels if bound is not None}
+            ends = zip(tails(interval.confidence), (interval.lower, interval.upper, interval.upper_bound), strict=True)
+            points |= {round(normal_quantile(level), 9): bound for level, bound in ends if bound is not None}
             method, why, exact = interval.method, why or interval.why, interval.curve
         z = sorted(points) if any(points) else []
         # Resampled bounds at neighbouring levels may cross by chance.
-        rising = np.maximum.accumulate([points[at] for at in z]) if z else np.zeros(0)
-        return cls(tuple(z), tuple(rising.tolist()), method, why, exact)
+        return cls(tuple(z), tuple(accumulate((points[at] for at in z), max)), method, why, exact)
 
     @property
     def reaches(self) -> tuple[bool, bool]:
@@ -376,9 +375,7 @@ class BoundCurve(NamedTuple):
     def bound(self, level: float) -> float | None:
         """Return the upper bound of the true value at confidence ``level``; None outside the known bounds."""
         z = round(normal_quantile(level), 9)
-        if z in self.z:
-            return self.bounds[self.z.index(z)]
-        if not self.z or not self.z[0] < z < self.z[-1]:
+        if not self.z or not self.z[0] <= z <= self.z[-1]:
             return None
         between = float(np.interp(z, self.z, [*map(self.scale, self.bounds)]))
         return math.exp(between) if self.positive else between
@@ -392,9 +389,9 @@ class BoundCurve(NamedTuple):
         if self.exact is not None:
             return self.exact.below(limit)
         at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
+        end = -1 if at > scaled[-1] else 0
         if scaled[0] <= at <= scaled[-1]:
             return normal_cdf(float(np.interp(at, scaled, self.z)))
-        end = -1 if at > scaled[-1] else 0
         beyond = self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
         return normal_cdf(beyond) if self.reaches[end] else None
 
@@ -415,17 +412,17 @@ def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_
     Each bound combines the bounds of the two samples by the method of variance estimates recovery, as
     :func:`robacc.statistics.intervals.difference_limits` does.
     """
-    points = {}
-    for z in (-2.33, -1.96, -1.645, -1.28, -0.67, 0.0, 0.67, 1.28, 1.645, 1.96, 2.33):
-        level = normal_cdf(z)
-        bound, opposite = curve.bound(level), baseline_curve.bound(1.0 - level)
-        if bound is not None and opposite is not None:
-            points[z] = value - baseline + float(np.sign(z)) * math.hypot(bound - value, opposite - baseline)
+    points = {
+        z: value - baseline + float(np.sign(z)) * math.hypot(bound - value, opposite - baseline)
+        for z in (-2.33, -1.96, -1.645, -1.28, -0.67, 0.0, 0.67, 1.28, 1.645, 1.96, 2.33)
+        if (bound := curve.bound(normal_cdf(z))) is not None
+        and (opposite := baseline_curve.bound(1.0 - normal_cdf(z))) is not None
+    }
     why = curve.why or baseline_curve.why
     if not any(points):
         return BoundCurve((), (), "none", why or "the result or the baseline has no interval for this key")
     method = "two independent samples, bounds by the method of variance estimates recovery"
-    return BoundCurve(tuple(sorted(points)), tuple(sorted(points.values())), method, why)
+    return BoundCurve(tuple(points), tuple(sorted(points.values())), method, why)
 
 
 def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -> tuple[tuple[float, float], ...]:
@@ -442,11 +439,11 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     # Distances of the true value above the limit, in standard errors.
-    distances = [5.0 * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
     return tuple(
         (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
-        for distance in distances
-        for place in (centre + distance * error,)
+        for k in range(_STEPS + 1)
+        for distance in [5.0 * (2.0 * k / _STEPS - 1.0)]
+        for place in [centre + distance * error]
     )
 
 
@@ -512,44 +509,46 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     """
     limit, sign, rule = cast("float", criterion.limit), -1.0 if criterion.at_least else 1.0, criterion.rule
 
-    def meets(number: float) -> bool:
-        return sign * number <= sign * limit
+    def margin(number: float) -> float:
+        return sign * (limit - number)
 
+    outcome: Outcome = "pass" if margin(value) >= 0.0 else "fail"
+    if curve is None and rule == "simple":
+        return {"outcome": outcome, "why": None, "margin": margin(value)}
     if curve is None:
-        if rule != "simple":
-            missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            return {"outcome": "not_evaluated", "why": missing}
-        return {"outcome": "pass" if meets(value) else "fail", "why": None, "margin": sign * (limit - value)}
+        missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+        return {"outcome": "not_evaluated", "why": missing}
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
     low, high = None if low is None else min(low, value), None if high is None else max(high, value)
     adverse, favourable = (low, high) if criterion.at_least else (high, low)
-    tested = value if rule == "simple" else favourable if rule == "guarded_rejection" else adverse
-    outcome: Outcome = "inconclusive"
-    why = None
-    if tested is not None and (meets(tested) or rule != "bound"):
-        outcome = "pass" if meets(tested) else "fail"
-        if rule == "guard_band" and outcome == "fail" and meets(value):
+    tested = {"simple": value, "guarded_rejection": favourable}.get(rule, adverse)
+    is_met, why = tested is not None and margin(tested) >= 0.0, None
+    outcome = "pass" if is_met else "inconclusive"
+    if tested is not None and not is_met and rule != "bound":
+        outcome = "fail"
+        if rule == "guard_band" and margin(value) >= 0.0:
             why = "the value meets the limit but lies within the guard band"
-    elif favourable is not None and not meets(favourable):
+    elif not is_met and favourable is not None and margin(favourable) < 0.0:
         outcome, tested = "fail", favourable if tested is None else tested
     elif tested is None:
         percent = f"{100 * criterion.confidence:g} %"
         unreached = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
         why = curve.why or (unreached if any(curve.reaches) else "there are too few poses for an interval")
     error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
-    # Distance from the value to the limit, on the scale on which the figure is close to normal.
-    scaled, z = abs(curve.scale(limit) - curve.scale(value)), normal_quantile(criterion.confidence)
     assured = if_true = None
     if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and below is not None:
+        z = normal_quantile(criterion.confidence)
         # With fewer poses, no order statistic bounds a 95th percentile.
         of_percentile = math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95))
         fewest = max(n + 1, of_percentile if criterion.key.endswith(".p95") else 0)
         # The confidence at the limit has the estimate's bias, and its standard error on the side of the limit.
         if 0.0 < below < 1.0 and (assured := poses_to_decide(abs(normal_quantile(below)), z, n)) is not None:
             assured = max(assured, fewest)
-        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
+        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error. The
+        # distance from the value to the limit is on the scale on which the figure is close to normal.
+        scaled = abs(curve.scale(limit) - curve.scale(value))
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
     return {
@@ -557,7 +556,7 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         "why": why,
         "lower_bound": low,
         "upper_bound": high,
-        "margin": None if tested is None else sign * (limit - tested),
+        "margin": None if tested is None else margin(tested),
         "conformity_probability": None if below is None else 1.0 - below if criterion.at_least else below,
         "method": curve.method,
         "poses_to_decide": assured,
@@ -692,32 +691,32 @@ def difference_to_baseline(
         reference = figure_at(baseline, key, confidence)
     except NoValueError as error:
         raise NoValueError(f"in the baseline, {error}") from None
+    (place, _, statistic), paired = key.rpartition("."), criterion.paired
+    sets = [errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document)]
+    listed = [errors for errors in sets if errors is not None]
+    missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
     refuse(
         (figure.dimension != reference.dimension, f"{key} has different units in the result and in the baseline"),
+        (paired and len(listed) < 2, missing),
         error=NoValueError,
     )
-    (place, _, statistic), paired = key.rpartition("."), criterion.paired
-    before, after = (errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document))
-    missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
-    refuse((paired and (before is None or after is None), missing), error=NoValueError)
-    pair = None
-    if before is not None and after is not None and paired is not False:
-        sizes, common = (after.groups.size, before.groups.size), pair_poses(before, after)
-        if common is not None and common[0].n_groups == before.n_groups == after.n_groups:
-            pair = common
-        elif paired:
-            other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
-            refuse((sizes[0] != sizes[1], other), error=NoValueError)
+    if len(listed) == 2 and paired is not False:
+        before, after = listed
+        sizes, pair = (after.groups.size, before.groups.size), pair_poses(before, after)
+        is_whole = pair is not None and pair[0].n_groups == before.n_groups == after.n_groups
+        other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
+        refuse((paired and not is_whole and sizes[0] != sizes[1], other), error=NoValueError)
+        if pair is None or not is_whole:
             pair = before, replace(after, groups=before.groups)
-    curve = None
-    if pair is not None and after is not None:
-        seed, levels = document.get("seed") or 0, _levels(confidence)
-        changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
-        curve = BoundCurve.through(each.interval for each in changes)
-        return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
+        if is_whole or paired:
+            seed, levels = document.get("seed") or 0, _levels(confidence)
+            changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
+            curve = BoundCurve.through(each.interval for each in changes)
+            return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
+    change = None
     if figure.curve is not None and reference.curve is not None:
-        curve = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
-    return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
+        change = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    return GateFigure(figure.value - reference.value, figure.dimension, change, figure.n), reference.value
 
 
 MOST_OF_TOLERANCE = 0.25

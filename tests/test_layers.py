@@ -49,7 +49,7 @@ OPENS_FILES = (
     "robacc.documents.envelope",
     "robacc.documents.accuracy",
     "robacc.documents.envelope",
-    "robacc.history.store",
+    "robacc.history",
     "robacc.modelling.robot_file",
     "robacc.programs.program",
     "robacc.poses.cameras",

@@ -649,7 +649,7 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     Raises:
         NoValueError: The result has no number there.
     """
-    number, interval, holder, name = number_at(document, key)
+    (number, interval), holder, name = number_at(document, key)
     statistic = key.rpartition(".")[2]
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
     n = next((int(count) for count in map(finite_number, counts) if count is not None), None)

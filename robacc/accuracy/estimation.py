@@ -20,9 +20,10 @@ from operator import add
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
-from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
+from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
@@ -323,7 +324,8 @@ class Totals:
 
     position: ErrorSums
     orientation: ErrorSums | None
-    commands: DifferentCommands
+    commands: NDArray[np.uint64]
+    """Hashes of different commands, the smallest."""
     of_targets: dict[str, ErrorSums]
     """Position errors of each target, where targets are named."""
     worst: tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]
@@ -342,7 +344,7 @@ class Totals:
         return Totals(
             self.position + other.position,
             self.orientation and other.orientation and self.orientation + other.orientation,
-            self.commands + other.commands,
+            smallest_hashes(self.commands, other.commands),
             targets,
             (tuple(worst_position), tuple(worst_orientation)),
             tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:_MOST_WARNINGS],
@@ -350,7 +352,7 @@ class Totals:
 
     def statistics(self, confidence: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
         """Return the statistics of position and, where it was measured, of orientation."""
-        count, turned = self.commands.count(self.position.n), self.orientation
+        count, turned = count_commands(self.commands, self.position.n), self.orientation
         return (
             statistics_of_sums(self.position, count, "m", confidence),
             None if turned is None else statistics_of_sums(turned, count, "rad", confidence),
@@ -415,15 +417,15 @@ def totals_of_part(
     """
     data = read()
     errors = predicted.errors(data)
-    commands = DifferentCommands.of(data.hashed_commands())
+    hashes = data.hashed_commands()
     names = () if data.target is None else np.unique(data.target)
     own = {str(name): np.flatnonzero(data.target == name) for name in names}
     turned, (origin, turned_origin) = errors.rotation, origins
     return Totals(
-        ErrorSums.of(errors.position, origin, commands.numbers),
-        None if turned is None or turned_origin is None else ErrorSums.of(turned, turned_origin, commands.numbers),
-        commands,
-        {name: ErrorSums.of(errors.position[:, rows], origin, commands.numbers[rows]) for name, rows in own.items()},
+        ErrorSums.of(errors.position, origin, hashes),
+        None if turned is None or turned_origin is None else ErrorSums.of(turned, turned_origin, hashes),
+        smallest_hashes(hashes),
+        {name: ErrorSums.of(errors.position[:, rows], origin, hashes[rows]) for name, rows in own.items()},
         worst_poses(data, errors),
         data.warnings,
     )

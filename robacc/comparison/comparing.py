@@ -435,16 +435,10 @@ class PairedTargets:
     promise: Mapping[str, Any] | None
     """Test of the remaining error against the prediction, with the keys of the result; None without a model."""
     notes: tuple[str, ...]
-
-    @property
-    def metrics_before(self) -> ErrorMetrics:
-        """Metrics of the error before, m."""
-        return pose_metrics(self.before).position
-
-    @property
-    def metrics_after(self) -> ErrorMetrics:
-        """Metrics of the error after, m."""
-        return pose_metrics(self.after).position
+    metrics_before: ErrorMetrics
+    """Metrics of the error before, m."""
+    metrics_after: ErrorMetrics
+    """Metrics of the error after, m."""
 
 
 def paired_targets(
@@ -504,6 +498,8 @@ def paired_targets(
         _loaded(after - before, planned),
         promise,
         (note,) if model is None else (),
+        pose_metrics(before - wanted).position,
+        pose_metrics(after - wanted).position,
     )
 
 

@@ -7,7 +7,7 @@ come from poses that the model was not fitted to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -71,8 +71,8 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
     return node, holder, name
 
 
-def number_at(document: Document, key: str) -> tuple[float, Interval | None, Document, str]:
-    """Return the number of a short key, its stored interval, the object that holds it, and its full name there.
+def number_at(document: Document, key: str) -> tuple[EstimatedValue, Document, str]:
+    """Return the number of a short key with its stored interval, the object that holds it, and its full name there.
 
     Raises:
         NoValueError: The result has no number there.
@@ -86,11 +86,12 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
     number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
     entry = next((each for each in stored if isinstance(each, Mapping)), None)
     if entry is None:
-        return number, None, holder, name
+        return EstimatedValue(number, None), holder, name
     # Under the names of an interval or of a gain.
     ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
     method = entry.get("method") or "interval stored in the result"
-    return number, Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why")), holder, name
+    interval = Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why"))
+    return EstimatedValue(number, interval), holder, name
 
 
 def finite_number(value: Any) -> float | None:
@@ -99,10 +100,10 @@ def finite_number(value: Any) -> float | None:
     return None if is_other or not math.isfinite(value) else float(value)
 
 
-def _at(document: Document, path: str) -> Any:
+def _at(document: Document, path: str, reader: Callable[[Document, str], tuple[Any, ...]] = value_at) -> Any:
     """Return the value of a short key; None if there is none."""
     try:
-        return value_at(document, path)[0]
+        return reader(document, path)[0]
     except NoValueError:
         return None
 
@@ -296,11 +297,11 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
     alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    held_out = f"{document.get('n_folds')} groups of poses, each in turn"
-    if _at(document, "after.held_out") is None:
-        held_out = "nothing (errors of calibration poses)"
-    elif document.get("poses_apart") is not None:
-        held_out = "separate poses"
+    held_out = (
+        (_at(document, "after.held_out") is None, "nothing (errors of calibration poses)"),
+        (document.get("poses_apart") is not None, "separate poses"),
+        (True, f"{document.get('n_folds')} groups of poses, each in turn"),
+    )
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
     same_poses = any(e["sha256"] in (fitted_to or ()) for e in document["inputs"] if e["kind"] == "poses")
     fitted = "fitted to the same poses" if same_poses else "not fitted to these poses"
@@ -311,7 +312,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         "alignment": "fitted with the model" if command in FITS else alignment,
         "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": held_out if command in FITS else None,
+        "held out": next(text for holds, text in held_out if holds) if command in FITS else None,
         "robot file": None if fitted_to is None else fitted,
         "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
@@ -354,11 +355,8 @@ def _places(document: Document, command: str) -> dict[str, str]:
 def _figures(document: Document, command: str, places: Mapping[str, str]) -> Iterator[tuple[str, EstimatedValue]]:
     names = ("max",) if command == "iso9283" else _LENGTHS if command in FITS else tuple(_STATISTICS)
     for start, place in places.items():
-        for name in names:
-            try:
-                yield f"{start}.{name}", EstimatedValue(*number_at(document, f"{place}.{_STATISTICS[name]}")[:2])
-            except NoValueError:
-                continue
+        figures = {name: _at(document, f"{place}.{_STATISTICS[name]}", number_at) for name in names}
+        yield from ((f"{start}.{name}", figure) for name, figure in figures.items() if figure is not None)
         for i, axis in enumerate("xyz" if len(names) == len(_STATISTICS) else ""):
             variance = _at(document, f"{place}.centred_covariance_{unit_of(start)}2.{i}.{i}")
             if variance is not None:
@@ -605,16 +603,18 @@ def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: fl
     Independence is assumed, which is conservative for results on the same poses. ``confidence`` is recorded where there
     is no interval.
     """
-    value, ends, levels = second.value - first.value, [], []
-    for number, interval in ((first.value, first.interval), (second.value, second.interval)):
-        if interval is None or interval.lower is None or interval.upper is None:
-            return Difference(value, Interval.missing(confidence, "the results have no interval for this figure"))
-        ends.append((min(interval.lower, number), max(interval.upper, number)))
-        levels.append(interval.confidence)
-    if levels[0] != levels[1]:
-        why = f"the intervals of the results have different confidences, {levels[0]:g} and {levels[1]:g}"
+    value = second.value - first.value
+    ends = [
+        (min(own.lower, figure.value), max(own.upper, figure.value), own.confidence)
+        for figure in (first, second)
+        if (own := figure.interval) is not None and own.lower is not None and own.upper is not None
+    ]
+    levels = [level for _, _, level in ends]
+    if len({*levels}) != 1 or len(levels) < 2:
+        why = f"the intervals of the results have different confidences, {' and '.join(f'{p:g}' for p in levels)}"
+        why = why if len(levels) == 2 else "the results have no interval for this figure"
         return Difference(value, Interval.missing(confidence, why))
-    low, high = difference_limits(second.value, ends[1], first.value, ends[0])
+    low, high = difference_limits(second.value, ends[1][:2], first.value, ends[0][:2])
     # The p-value is as if the limit that faces zero were a Gaussian's.
     distance, p_value = value - low if value > 0.0 else high - value, float(value == 0.0)
     if value != 0.0 and distance != 0.0:

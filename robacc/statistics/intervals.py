@@ -20,7 +20,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
-from functools import cached_property, lru_cache
+from functools import cached_property, lru_cache, partial
 from statistics import NormalDist
 from typing import NamedTuple, Protocol
 
@@ -81,9 +81,8 @@ def normal_cdf(x: float) -> float:
     return 0.5 * math.erfc(-x / math.sqrt(2.0))
 
 
-def normal_quantile(probability: float) -> float:
-    """Return the x with P(Z <= x) = ``probability``, 0 < probability < 1."""
-    return NormalDist().inv_cdf(probability)
+normal_quantile = NormalDist().inv_cdf
+"""Returns the x with P(Z <= x) = a probability between 0 and 1 of a standard normal Z."""
 
 
 def _stirling_remainder(a: float) -> float:
@@ -134,14 +133,12 @@ def _chi2_tail(x: float, dof: float, upper: bool) -> float:
     return 1.0 - tail if upper == is_lower else tail
 
 
-def chi2_cdf(x: float, dof: float) -> float:
-    """Return P(chi-square with ``dof`` degrees of freedom <= x)."""
-    return _chi2_tail(x, dof, upper=False)
+chi2_cdf = partial(_chi2_tail, upper=False)
+"""Returns P(chi-square <= x) from x and the degrees of freedom."""
 
 
-def chi2_sf(x: float, dof: float) -> float:
-    """Return P(chi-square with ``dof`` degrees of freedom > x), exact far in the tail too."""
-    return _chi2_tail(x, dof, upper=True)
+chi2_sf = partial(_chi2_tail, upper=True)
+"""Returns P(chi-square > x) from x and the degrees of freedom, exact far in the tail too."""
 
 
 @lru_cache(maxsize=256)
@@ -628,13 +625,11 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     their sum and of their difference, which are uncorrelated.
     """
     scale = math.sqrt(first * second)
-    if scale == 0.0:
-        return 0.0, 0.0
     # Rounding may carry a perfect correlation past one.
-    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / scale))
-    minus = 1.0 - plus
+    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / (scale or 1.0)))
     low, high = (dof / chi2_quantile(1.0 - p, dof) for p in tails(confidence)[:2])
-    limits = difference_limits(plus, (plus * low, plus * high), minus, (minus * low, minus * high))
+    (below, minus_low), (above, minus_high) = ((plus * end, (1.0 - plus) * end) for end in (low, high))
+    limits = difference_limits(plus, (below, above), 1.0 - plus, (minus_low, minus_high))
     return scale * limits[0], scale * limits[1]
 
 

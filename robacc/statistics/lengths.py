@@ -371,11 +371,8 @@ class ScaledPercentileCurve:
         return low, high
 
     @cached_property
-    def _logit(self) -> tuple[Array, Array]:
-        """Logit of F as a Chebyshev series in the logarithm of the squared length less the constant.
-
-        Its domain ``(2,)``, and its coefficients and those of its derivative, ``(n, 2)``.
-        """
+    def _logit(self) -> tuple[np.polynomial.Chebyshev, np.polynomial.Chebyshev]:
+        """Logit of F as a series in the logarithm of the squared length less the constant, and its derivative."""
 
         def logit(logarithms: Array) -> Array:
             radii = [math.sqrt(math.exp(x) + self._constant) for x in logarithms.tolist()]
@@ -386,16 +383,14 @@ class ScaledPercentileCurve:
 
         domain = [math.log(length**2 - self._constant) for length in self._ends]
         series = np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
-        return series.domain, np.column_stack((series.coef, np.append(series.deriv().coef, 0.0)))
+        return series, series.deriv()
 
     def _distribution(self, lengths: Array) -> tuple[Array, Array]:
         """Return F and dF / d length; beyond the range, those of its ends."""
-        (low, high), coefficients = self._logit
-        squares = np.square(np.clip(lengths, *self._ends)) - self._constant
-        place = np.clip((2.0 * np.log(squares) - low - high) / (high - low), -1.0, 1.0)
-        logit, slope = coefficients.T @ np.cos(np.outer(np.arange(_DEGREE + 1), np.arccos(place)))
-        shares = 1.0 / (1.0 + np.exp(-logit))
-        return shares, shares * (1.0 - shares) * slope * 2.0 * lengths / squares
+        squares, (logit, slope) = np.square(np.clip(lengths, *self._ends)) - self._constant, self._logit
+        places = np.clip(np.log(squares), *logit.domain)
+        shares = 1.0 / (1.0 + np.exp(-logit(places)))
+        return shares, shares * (1.0 - shares) * slope(places) * 2.0 * lengths / squares
 
     def _share_below(self, value: float, n: int) -> float:
         """Return the probability that the percentile of ``n`` lengths is below ``value``."""

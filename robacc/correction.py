@@ -478,18 +478,17 @@ def expected_errors(
         scale: Scale of the grades.
         oriented: Whether orientation counts.
     """
-    lengths, rms, bounds = [], [], []
-    for part, covariance in ((error[:3], position), (error[3:], orientation)):
-        square = np.sum(np.square(part), axis=0)
-        lengths.append(np.sqrt(square))
-        rms.append(np.sqrt(square + (0.0 if covariance is None else np.einsum("iin->n", covariance))))
-        bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
+    parts = ((error[:3], position), (error[3:], orientation))
+    lengths = _amounts(error)
+    bounds = [None if own is None else length_bound(RADIUS_PROBABILITY, part, own) for part, own in parts]
+    added = [0.0 if own is None else np.einsum("iin->n", own) for _, own in parts]
+    rms = [np.sqrt(np.square(length) + power) for length, power in zip(lengths, added, strict=True)]
     counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
     sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
     # The best grade whose limits the bounds meet.
     best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
     grades = None if best is None else tuple(map(scale.name_of, best))
-    turn_rms = rms[1] if bounds[0] is None or bounds[1] is not None else None
+    turn_rms = rms[1] if position is None or orientation is not None else None
     return ExpectedErrors(lengths[0], lengths[1], rms[0], turn_rms, bounds[0], bounds[1], grades)
 
 
@@ -501,20 +500,18 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
         mean: ``(3, N)``.
         covariance: ``(3, 3, N)``.
     """
-    moved = np.einsum("ijn,jn->in", covariance, mean)
-    square = np.einsum("ijn,jkn->ikn", covariance, covariance)
-    first = np.einsum("iin->n", covariance) + np.sum(np.square(mean), axis=0)
-    second = np.einsum("iin->n", square) + 2.0 * np.sum(mean * moved, axis=0)
-    third = np.einsum("ijn,jin->n", square, covariance) + 3.0 * np.sum(np.square(moved), axis=0)
+    variances, axes = np.linalg.eigh(np.moveaxis(covariance, 2, 0))
+    squares = np.square(np.einsum("nij,in->nj", axes, mean))
+    # Cumulants of the squared length, over 1, 2 and 8.
+    first, second, third = (np.sum(variances**k + k * variances ** (k - 1) * squares, axis=1) for k in (1, 2, 3))
     scatter = second > 1e-28 * np.square(first)
     dof = np.where(scatter, second**3 / np.where(scatter, third, 1.0) ** 2, 1.0)
     # Wilson and Hilferty's cube root; at one degree of freedom, exactly.
     part = 2.0 / (9.0 * dof)
     quantile = dof * (1.0 - part + normal_quantile(probability) * np.sqrt(part)) ** 3
     quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
-    return np.asarray(
-        np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
-    )
+    beyond = np.where(scatter, (quantile - dof) * np.sqrt(np.maximum(second, 0.0) / dof), 0.0)
+    return np.asarray(np.sqrt(np.maximum(first + beyond, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

@@ -183,12 +183,9 @@ def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry]
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
     """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    changes: list[Entry] = []
-    limits: list[Entry] = []
-    for one in series:
-        found, limit = _changes(one, level, len(series), spread)
-        changes += found
-        limits.append({"key": one.key, "limit": limit, "unit": one.unit})
+    found = [(one, *_changes(one, level, len(series), spread)) for one in series]
+    changes = (change for _, of_series, _ in found for change in of_series)
+    limits: list[Entry] = [{"key": one.key, "limit": limit, "unit": one.unit} for one, _, limit in found]
     return sorted(changes, key=lambda change: float(change["p_value"])), limits
 
 
@@ -532,8 +529,9 @@ def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dic
     for one in coefficients:
         effect, joint, *label = one["key"].split(".")
         zero = "offset" if urdf else "theta" if one["unit"] == "rad" else "d"
-        if effect == "joint_offset" or (effect == "link_geometry" and len(label) == 1):
-            found.setdefault(joint, {})[zero if effect == "joint_offset" else label[0]] = one["std"]
+        names = {"joint_offset": [zero], "link_geometry": label}.get(effect, [])
+        if len(names) == 1:
+            found.setdefault(joint, {})[names[0]] = one["std"]
     return found
 
 
@@ -697,9 +695,8 @@ def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
     Raises:
         UsageError: The database has no such arm.
     """
-    where, values = ("", []) if arm is None else ("WHERE arm = ?", [arm])
-    own = db.execute(f"SELECT {', '.join(_TEST)} FROM results {where} ORDER BY arm, at, id", values)
-    found: list[Test] = [dict(zip(_TEST, row, strict=True)) for row in own]
+    query = f"SELECT {', '.join(_TEST)} FROM results WHERE ifnull(arm = ?1, 1) ORDER BY arm, at, id"
+    found: list[Test] = [dict(zip(_TEST, row, strict=True)) for row in db.execute(query, [arm])]
     arms = ", ".join(name for (name,) in db.execute("SELECT DISTINCT arm FROM results ORDER BY arm LIMIT 20"))
     refuse((arm is not None and not found, f"the database has no arm {arm!r}; it has {arms or 'no results'}"))
     return found

@@ -523,19 +523,20 @@ def _means(values: Array, rows: Rows) -> Array:
 
 def _loaded(measured: Array, planned: Array) -> dict[str, Any]:
     """Return the slope of measured on planned displacements, with an interval from the scatter between targets."""
-    power, n = float(np.sum(np.square(planned))), planned.shape[1]
-    slope = low = high = math.nan
-    verdict = "undecided"
-    if power > 0.0:
-        slope = float(np.sum(measured * planned)) / power
-        scores = np.sum(planned * (measured - slope * planned), axis=0)
-        slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
-        half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
-        low, high = slope - half_width, slope + half_width
-        if low > 0.5:
-            verdict = "loaded"
-        elif high < (0.5 if low <= 0.0 else 0.9):
-            verdict = "not_loaded" if low <= 0.0 else "partly_loaded"
+    # Without a plan, no figure.
+    power, n = float(np.sum(np.square(planned))) or math.nan, planned.shape[1]
+    slope = float(np.sum(measured * planned)) / power
+    scores = np.sum(planned * (measured - slope * planned), axis=0)
+    slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / (n - 1)) / power
+    half_width = student_quantile(0.975, n - 1.0) * slope_std
+    low, high = slope - half_width, slope + half_width
+    verdicts = (
+        (low > 0.5, "loaded"),
+        (low <= 0.0 and high < 0.5, "not_loaded"),
+        (low > 0.0 and high < 0.9, "partly_loaded"),
+        (True, "undecided"),
+    )
+    verdict = next(name for applies, name in verdicts if applies)
     return {"verdict": verdict, "slope": slope, "lower": low, "upper": high, "planned_rms_m": rms_length(planned)}
 
 

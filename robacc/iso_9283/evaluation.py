@@ -48,8 +48,16 @@ from robacc.robots.description import Frame, Robot
 # four corners of a plane tilted by 45 degrees, 10 % of the diagonal's length (8 to 12 %) from its ends.
 
 Plane = Literal["x+", "x-", "y+", "y-"]
-PLANES: tuple[Plane, ...] = ("x+", "x-", "y+", "y-")
-"""Four planes of the standard, named by the horizontal direction in which each rises at 45 degrees."""
+PLANES: dict[Plane, tuple[int, ...]] = {
+    "x+": (0, 2, 7, 5),
+    "x-": (4, 6, 3, 1),
+    "y+": (0, 4, 7, 3),
+    "y-": (2, 6, 5, 1),
+}
+"""Corners of the cube, as :func:`corners` numbers them, next to P2 to P5 in the four planes of the standard.
+
+The planes are named by the horizontal direction in which each rises at 45 degrees.
+"""
 PREFERRED_EDGES = (1.0, 0.63, 0.4, 0.25)
 """Edge lengths that the standard prefers, m, the largest first."""
 PREFERRED_SIZES = ", ".join(f"{1e3 * edge:.0f}" for edge in reversed(PREFERRED_EDGES))
@@ -60,17 +68,15 @@ _SIZE_TOLERANCE = 0.01
 """Relative difference below which two sizes count as equal: 1 mm in 100 mm is accepted."""
 
 
+def corners(centre: Array, edge: float) -> Array:
+    """Return the cube's corners ``(3, 8)``, m; the binary digits of a corner's number are its sides along x, y, z."""
+    return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
+
+
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
-    level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
-    along = up if plane[1] == "+" else -up
-    outer = np.stack((along, level, up) if plane[0] == "x" else (level, along, up))
-    return np.asarray(centre[:, None] + np.pad((0.5 - FROM_CORNER) * edge * outer, ((0, 0), (1, 0))))
-
-
-def corners(centre: Array, edge: float) -> Array:
-    """Return the cube's corners ``(3, 8)``, m."""
-    return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
+    inner = corners(centre, (1.0 - 2.0 * FROM_CORNER) * edge)
+    return np.column_stack((centre, inner[:, PLANES[plane]]))
 
 
 def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
@@ -94,12 +100,11 @@ def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
     # A corner's coordinate along each axis is 1/sqrt(3) of its distance from the centre.
     half = mean_radius / math.sqrt(3.0)
     if np.max(np.abs(np.abs(outer) - half)) <= _SIZE_TOLERANCE * mean_radius:
-        # The four planes in their order: along x and y, rising and falling.
-        slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
-        rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
+        numbers = {*(np.array([4, 2, 1]) @ (outer > 0.0)).tolist()}
+        rising = next((plane for plane, own in PLANES.items() if numbers == {*own}), None)
         preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - half / edge - FROM_CORNER) <= 0.02)
         edge = next(preferred, half / (0.5 - FROM_CORNER))
-        return centre, edge, 0.5 - half / edge, rising[0] if rising else None
+        return centre, edge, 0.5 - half / edge, rising
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
@@ -322,8 +327,7 @@ def _best_plane(
     outer = inverse_kinematics(arm, _at(inner, own), starts=starts, oriented=is_oriented)
     best: Proposal | None = None
     for candidate in PLANES if plane is None else (plane,):
-        points = five_points(centre, edge, candidate)
-        nearest = np.argmin(np.sum(np.square(points[:, 1:, None] - inner[:, None, :]), axis=0), axis=1)
+        nearest = list(PLANES[candidate])
         solved = np.flatnonzero(outer.converged[nearest].all(axis=0))
         if solved.size == 0:
             continue
@@ -334,7 +338,7 @@ def _best_plane(
         if margins[i] >= 0.01 and (best is None or margins[i] > best.margin):
             # The decimals limit how exactly the poses are met.
             q = np.round(joints[..., i], 11) + 0.0
-            poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
+            poses = arm.chain.forward(q) if rotation is None else _at(five_points(centre, edge, candidate), rotation)
             best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())
     return best
 

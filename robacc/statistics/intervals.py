@@ -43,13 +43,15 @@ _STIRLING_FROM = 10.0
 
 
 def root(function: Callable[[float], float], low: float, high: float, tolerance: float = 1e-15) -> float:
-    """Return the zero of a function whose signs at ``low`` and ``high`` differ, to the relative ``tolerance``.
+    """Return the zero of a function between ``low`` and ``high``, to the relative ``tolerance``.
 
-    Inverse quadratic interpolation where it is safe, else bisection: T. R. Chandrupatla, "A new hybrid
-    quadratic/bisection algorithm for finding the zero of a nonlinear function", Advances in Engineering Software 28
-    (1997).
+    If its signs there are the same, the zero is looked for above ``high``. Inverse quadratic interpolation where it is
+    safe, else bisection: T. R. Chandrupatla, "A new hybrid quadratic/bisection algorithm for finding the zero of a
+    nonlinear function", Advances in Engineering Software 28 (1997).
     """
     b, a, f_b, f_a = low, high, function(low), function(high)
+    while (f_a > 0.0) == (f_b > 0.0) and abs(a) < _LARGEST:
+        b, a, f_b, f_a = a, 2.0 * a, f_a, function(2.0 * a)
     c, f_c, share = b, f_b, 0.5
     while True:
         best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
@@ -66,14 +68,6 @@ def root(function: Callable[[float], float], low: float, high: float, tolerance:
         ratio, height = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
         if height**2 < ratio and (1.0 - height) ** 2 < 1.0 - ratio:
             share = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
-
-
-def _root_above(function: Callable[[float], float], high: float) -> float:
-    """Return the zero of a function that is negative at 0 and rises; ``high`` is tried first as the upper end."""
-    low = 0.0
-    while high < _LARGEST and function(high) < 0.0:
-        low, high = high, 2.0 * high
-    return root(function, low, high)
 
 
 def normal_cdf(x: float) -> float:
@@ -145,8 +139,8 @@ chi2_sf = partial(_chi2_tail, upper=True)
 def chi2_quantile(probability: float, dof: float) -> float:
     """Return the x with P(chi-square <= x) = ``probability``, 0 < probability < 1."""
     if probability < 0.5:  # the nearer tail keeps its digits
-        return _root_above(lambda x: chi2_cdf(x, dof) - probability, dof)
-    return _root_above(lambda x: 1.0 - probability - chi2_sf(x, dof), dof)
+        return root(lambda x: chi2_cdf(x, dof) - probability, 0.0, dof)
+    return root(lambda x: 1.0 - probability - chi2_sf(x, dof), 0.0, dof)
 
 
 def _log_beta(a: float, b: float) -> float:
@@ -202,7 +196,7 @@ probabilities by less than 3e-4: it counts as its mean."""
 @lru_cache(maxsize=256)
 def f_critical(tail: float, dof1: float, dof2: float) -> float:
     """Return the x with P(F > x) = ``tail``, 0 < ``tail`` < 1."""
-    return _root_above(lambda x: tail - f_sf(x, dof1, dof2), 1.0)
+    return root(lambda x: tail - f_sf(x, dof1, dof2), 0.0, 1.0)
 
 
 def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) -> float:
@@ -221,7 +215,7 @@ def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) ->
 def needed_noncentrality(power: float, level: float, dof1: float, dof2: float) -> float:
     """Return the noncentrality at which the F test of ``level`` finds an effect with probability ``power``."""
     critical = f_critical(level, dof1, dof2)
-    return _root_above(lambda size: noncentral_f_sf(critical, dof1, dof2, size) - power, 8.0)
+    return root(lambda size: noncentral_f_sf(critical, dof1, dof2, size) - power, 0.0, 8.0)
 
 
 # Confidence curves and intervals.

@@ -162,9 +162,8 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
     types = [[joint.type for joint in robot.variables] for robot in (model, nominal)]
     texts = [", ".join(f"{joint.name} ({joint.type})" for joint in robot.variables) for robot in (model, nominal)]
     message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
-    refuse(
-        (types[0] != types[1], Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
-    )
+    fix = "give the robot file that the model was fitted from"
+    refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
 
 
 _REACHED = 1e-7
@@ -408,34 +407,27 @@ def _solved(
     ``beside`` and whether each target was refused in it, return the one where these stay at their nominal joints.
     """
     nominal, n = wanted.q, wanted.q.shape[1]
-    chosen, index, motion = np.ones(n, dtype=bool), np.arange(n), setting.motion(nominal)
     q, error, settled = nominal.copy(), np.zeros((joints.weights.size, n)), np.zeros(n, dtype=bool)
-
-    def follow() -> None:
-        """Take the approach to the present commands, and the targets that are to be solved again for it."""
-        nonlocal motion, index
-        previous, motion = motion, setting.motion(q)
-        now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
-        # m and rad: change of a pose with its approach that is not worth another solution.
-        index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
-
-    def evaluator() -> Evaluate:
-        return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
-
+    chosen, index, motion = np.ones(n, dtype=bool), np.arange(n), setting.motion(nominal)
     if beside is not None:
         before, chosen = beside[0], ~np.array(beside[1])
         motion = setting.motion(before.q)
         q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.converged.copy()
-        follow()
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS + 1):
+        previous, motion = motion, setting.motion(q)
+        if number or beside is not None:
+            now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
+            # m and rad: change of a pose with its approach that is not worth another solution.
+            index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
         if index.size == 0:
             break
-        part = solve(evaluator(), nominal[:, index], joints, q[:, index])
-        q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
-        follow()
-    if index.size:
-        # The approach does not agree with the commands: the error shows it, and the target is refused.
-        error[:, index] = evaluator()(q[:, index], np.arange(index.size))[0]
+        evaluate = pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
+        if number == _ROUNDS:
+            # The approach does not agree with the commands: the error shows it, and the target is refused.
+            error[:, index] = evaluate(q[:, index], np.arange(index.size))[0]
+        else:
+            part = solve(evaluate, nominal[:, index], joints, q[:, index])
+            q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
     return JointSolution(q, error, settled)
 
 

@@ -85,21 +85,6 @@ class PoseErrors(NamedTuple):
     rotation: Array | None
     """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is unknown."""
 
-    @property
-    def mean(self) -> Array:
-        """Mean position error ``(3,)``, m."""
-        return np.asarray(self.position.mean(axis=1))
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the position errors ``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee, m²."""
-        return np.asarray(self.position @ self.position.T / self.position.shape[1])
-
-    @property
-    def centred(self) -> Array:
-        """Covariance of the position errors ``(3, 3)`` about the mean, divisor N, m²."""
-        return np.asarray(self.covariance - np.outer(self.mean, self.mean))
-
 
 def commanded_poses(
     data: Measurements, robot: Robot | None, alignment: Alignment | None = None
@@ -456,7 +441,7 @@ def totals_of_parts(
     work = partial(
         totals_of_part,
         predicted=PredictedBy.of(robot, alignment, errors.frame),
-        origins=(errors.mean, None if errors.rotation is None else errors.rotation.mean(axis=1)),
+        origins=(errors.position.mean(axis=1), None if errors.rotation is None else errors.rotation.mean(axis=1)),
     )
     return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))
 

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.errors import given, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, vector_lengths
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
     MOST_FOR_BOOTSTRAP,
@@ -28,6 +28,7 @@ from robacc.statistics.intervals import (
     normal_quantile,
     quantiles,
     resampled_counts,
+    resampled_moment,
     student_quantile,
 )
 
@@ -146,14 +147,9 @@ class ErrorSet:
         """Return the share of the commanded poses that intervals count."""
         return (self.independent_poses or self.n_groups) / self.n_groups
 
-    @property
-    def lengths(self) -> Array:
-        """Return the lengths of the errors ``(n,)``."""
-        return np.asarray(np.sqrt(np.sum(np.square(self.vectors), axis=0)))
-
     def sums(self) -> Array:
         """Return sums over each pose's rows ``(9, G)``: count, length, its square, components and their squares."""
-        lengths = self.lengths
+        lengths = vector_lengths(self.vectors)
         features = (np.ones(lengths.size), lengths, lengths**2, *self.vectors, *np.square(self.vectors))
         return np.stack([np.bincount(self.groups, weights=feature, minlength=self.n_groups) for feature in features])
 
@@ -504,7 +500,9 @@ def difference(
     if is_smooth:
         values, variances = _moments(statistic, sums, [np.ones((1, size)) for size in sizes], paired)
     else:
-        values = [np.array(quantiles(part.lengths, [0.95 if statistic == "p95" else 1.0])) for part in sets]
+        values = [
+            np.array(quantiles(vector_lengths(part.vectors), [0.95 if statistic == "p95" else 1.0])) for part in sets
+        ]
     value = float(values[1][0] - values[0][0])
     # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
     fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
@@ -556,26 +554,14 @@ def difference(
 
 def _moments(
     statistic: str, sums: Sequence[Array], counts: Sequence[Array], paired: bool
-) -> tuple[list[Array], list[Array]]:
+) -> tuple[Sequence[Array], list[Array]]:
     """Return the statistic of each set over resamples ``(B,)``, and the squared standard errors of the difference.
 
     These are a single term for paired sets, else a term for each set. ``counts`` ``(B, G)`` says how often each
     resample contains each pose.
     """
-    first, second = _MOMENTS[statistic]
-    values, influences = [], []
-    for part, weight in zip(sums, counts, strict=True):
-        used = part[[0, first, second]]
-        rows, mean, square = (weight @ used.T).T
-        mean, square = (mean / rows if first else np.zeros_like(rows)), square / rows
-        value, by_mean, by_square = mean, np.ones_like(rows), np.zeros_like(rows)
-        if second:
-            value = np.sqrt(np.maximum(square - mean**2, 0.0))
-            by_square = 0.5 / np.maximum(value, 1e-300)
-            by_mean = -2.0 * mean * by_square
-        gradient = np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows
-        values.append(value)
-        influences.append(gradient.T @ used)
+    own = [resampled_moment(part, weight, *_MOMENTS[statistic]) for part, weight in zip(sums, counts, strict=True)]
+    values, influences = zip(*own, strict=True)
     terms = [influences[1] - influences[0]] if paired else influences
     pairs = [(term, weight, term.shape[-1]) for term, weight in zip(terms, counts, strict=False)]
     return values, [np.sum(w * np.square(term), axis=-1) * (size / (size - 1.0)) for term, w, size in pairs if size > 1]
@@ -583,8 +569,9 @@ def _moments(
 
 def _resampled_percentile(errors: ErrorSet, seed: int, stream: int) -> Array:
     """Return the 95th percentiles of resamples of poses, ``(B,)``; repetitions of a pose stay together."""
-    order = np.argsort(errors.lengths, kind="stable")
-    lengths, groups, size = errors.lengths[order], errors.groups[order], errors.n_groups
+    lengths, size = vector_lengths(errors.vectors), errors.n_groups
+    order = np.argsort(lengths, kind="stable")
+    lengths, groups = lengths[order], errors.groups[order]
     rng = np.random.default_rng([seed, stream])
     # With many poses the percentile is nearly Gaussian, and few draws suffice for its standard error.
     percentiles = np.empty(DRAWS if size <= MOST_FOR_BOOTSTRAP else 200)

@@ -769,23 +769,25 @@ def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
 ) -> Evaluation:
     if criterion.kind == "word":
-        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
         word = value_at(document, criterion.key)[0]
         word = str(word).lower() if isinstance(word, bool | np.bool_) else word
         refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
-        outcome: Outcome = "pass" if word in criterion.accepted else "fail"
-        warnings, why = tuple[str, ...](), None
-        if criterion.key == "verdict" and outcome == "pass":
-            after = document.get("after")
-            if isinstance(after, Mapping) and after.get("held_out") is None:
-                outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
-            elif (document.get("noise") or {}).get("source") == "residual":
-                warnings = (
-                    "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
-                    "says that no structure remains, not how large the remaining error is; add a limit on "
-                    "after.held_out.position.p95",
-                )
-        return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
+        after, noise = document.get("after"), document.get("noise") or {}
+        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
+        is_verdict = criterion.key == "verdict" and word in criterion.accepted
+        is_unconfirmed = is_verdict and isinstance(after, Mapping) and after.get("held_out") is None
+        unknown = (
+            "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
+            "says that no structure remains, not how large the remaining error is; add a limit on "
+            "after.held_out.position.p95",
+        )
+        return evaluated(
+            criterion,
+            outcome="inconclusive" if is_unconfirmed else "pass" if word in criterion.accepted else "fail",
+            why="the result has no held-out poses to confirm the verdict" if is_unconfirmed else None,
+            value=word,
+            warnings=unknown if is_verdict and not is_unconfirmed and noise.get("source") == "residual" else (),
+        )
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
     compared, ratio = None, None
@@ -794,11 +796,9 @@ def _evaluate(
         compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
-        noise, noise_std = document.get("noise"), None
-        if isinstance(noise, Mapping) and noise.get("source") != "residual":
-            noise_std = finite_number(
-                noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
-            )
+        stated = document.get("noise")
+        stated = stated if isinstance(stated, Mapping) and stated.get("source") != "residual" else {}
+        noise_std = finite_number(stated.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind)))
         # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
         ratio = None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
     other = (

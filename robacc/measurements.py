@@ -302,7 +302,7 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
         commands: ``(K, N)`` rad or m, or None.
     """
     if ids is None:
-        return None if commands is None else Grouping(_equal_columns(commands))
+        return None if commands is None else Grouping(numbered(hashed(commands)))
     number = numbered(ids)
     count = int(number.max(initial=-1)) + 1
     if commands is None or count == ids.size:
@@ -313,7 +313,7 @@ def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Groupi
     # that were read back. An arm's error changes by about a thousandth of itself over such a distance.
     differ = np.any(np.abs(commands - commands[:, last[number]]) > 1e-3, axis=0)
     rows = (np.bincount(number, weights=differ) > 0.0)[number]
-    number[rows] = count + _equal_columns(commands[:, rows])
+    number[rows] = count + numbered(hashed(commands[:, rows]))
     return Grouping(numbered(number), rows if rows.any() else None)
 
 
@@ -322,17 +322,12 @@ def even_rows(n: int, most: int) -> NDArray[np.int64]:
     return np.linspace(0, n - 1, min(n, most)).astype(np.int64)
 
 
-def _equal_columns(values: Array) -> NDArray[np.int64]:
-    """Number the columns of ``(K, N)``, ``(N,)``: columns equal to 1e-9 get the same number.
+def hashed(values: Array) -> NDArray[np.uint64]:
+    """Return a hash ``(N,)`` of each column of ``(K, N)``, rounded to 1e-9.
 
-    Sorting a hash per column takes a tenth of the time of sorting columns; two of a million columns collide once in
+    Sorting it takes a tenth of the time of sorting columns; two of a million different columns share a hash once in
     thirty million files.
     """
-    return np.unique(hashed(values), return_inverse=True)[1].astype(np.int64)
-
-
-def hashed(values: Array) -> NDArray[np.uint64]:
-    """Return a hash ``(N,)`` of each column of ``(K, N)``, rounded to 1e-9."""
     mixed = np.zeros(values.shape[1], dtype=np.uint64)
     for row in values:
         mixed = (mixed ^ (np.round(row, 9) + 0.0).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)

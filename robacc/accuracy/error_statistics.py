@@ -339,8 +339,7 @@ class _ErrorSample(PoseSampling):
         mean = sums.origin + sums.products[0, 1:4] / n
         tests = tests_of_sums(sums.products, sums.origin, mean)
         if count < n:
-            tested = (tests.zero_mean, tests.skewness, tests.kurtosis)
-            tests = AssumptionTests(*(AssumptionTest(test.method, None, None, 3, IN_PARTS) for test in tested))
+            tests = AssumptionTests(*(AssumptionTest(test.method, None, None, 3, IN_PARTS) for test in tests))
         return cls(
             n,
             None,
@@ -458,12 +457,12 @@ class _ErrorSample(PoseSampling):
             (self.zero_mean, "their mean is not zero (Hotelling)"),
             (not self.is_repeated, "commanded poses were repeated, and repetitions are not independent"),
         )
-        if rejections := [text for holds, text in assumptions if not holds]:
-            return f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
-        tests = self.tests
-        if None in (tests.skewness.p_value, tests.kurtosis.p_value, tests.zero_mean.p_value):
-            return "errors assumed Gaussian with zero mean; the poses are too few to test it"
-        return f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
+        rejections = "; ".join(text for holds, text in assumptions if not holds)
+        if rejections:
+            return f"{rejections}: intervals come from resampling, not from a Gaussian model"
+        is_tested = all(test.p_value is not None for test in self.tests)
+        tested = f"no test rejects it at {100 * SIGNIFICANCE:g} %" if is_tested else "the poses are too few to test it"
+        return f"errors assumed Gaussian with zero mean; {tested}"
 
     def mean_intervals(self, confidence: float) -> tuple[Interval, ...]:
         """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""

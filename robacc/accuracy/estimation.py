@@ -72,9 +72,6 @@ def length_metrics(length: Array) -> ErrorMetrics:
 
 ErrorFrame = Literal["tool", "base"]
 
-_BLOCK = 16384
-"""Poses per block: the working arrays of a block stay in the cache."""
-
 
 class PoseErrors(NamedTuple):
     """Error vectors of all poses."""
@@ -132,17 +129,12 @@ def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame
     """
     missing = "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
     refuse((frame == "tool" and turns is None, missing))
-    position = np.empty((3, data.n))
-    rotation = None if data.rotation is None or turns is None else np.empty((3, data.n))
-    for start in range(0, data.n, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        turn = None if turns is None else turns[..., block]
-        difference = data.position[:, block] - commanded[:, block]
-        position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
-        if rotation is not None and data.rotation is not None and turn is not None:
-            attained = data.rotation[..., block]
-            pair = (transpose(turn), transpose(attained)) if frame == "tool" else (attained, turn)
-            rotation[:, block] = log_between(*pair)
+    position, rotation = data.position - commanded, None
+    if frame == "tool" and turns is not None:
+        position = rotate_back(turns, position)
+    if data.rotation is not None and turns is not None:
+        pair = (transpose(turns), transpose(data.rotation)) if frame == "tool" else (data.rotation, turns)
+        rotation = log_between(*pair)
     return PoseErrors(frame, position, rotation)
 
 

@@ -563,11 +563,12 @@ def _against_model(
     stated = files[1].stated_noise[0]
     # Noise within the unexplained error of the model is only its lower bound.
     is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
-    if noise is not None:
-        position, source = size(noise, "length", "`noise`"), "given"
-    elif stated is not None:
-        position, source = stated, "file"
+    sources = (
+        (None if noise is None else size(noise, "length", "`noise`"), "given"),
+        (stated, "file"),
+        (0.0 if is_in_unexplained else fit.noise[0], "model"),
+    )
+    position, source = next((value, name) for value, name in sources if value is not None)
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
     variance = (position**2 / np.array([len(own) for own in rows[1]]))[:, None]

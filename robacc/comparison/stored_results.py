@@ -60,14 +60,13 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         path = ".".join(parts[: i + 1])
         if isinstance(node, list) and part.isdecimal():
             node = node[int(part)] if int(part) < len(node) else None
-        elif not isinstance(node, Mapping):
-            raise NoValueError(f"the result has no keys within {path.rpartition('.')[0]}")
         else:
+            outside = f"the result has no keys within {path.rpartition('.')[0]}"
+            refuse((not isinstance(node, Mapping), outside), error=NoValueError)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in node), "")
             refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
-        why = holder.get("why")
-        reason = f": {why}" if isinstance(why, str) else ""
+        reason = f": {why}" if isinstance(why := holder.get("why"), str) else ""
         refuse((node is None, f"the result has no {path}{reason}"), error=NoValueError)
     return node, holder, name
 
@@ -201,9 +200,12 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
         return None
     array = np.array(rows, dtype=None if width is None else float)
     shape = (n,) + (() if width is None else (width or array.shape[-1],))
-    refuse((array.shape != shape, f"{_APART}: {path}: expected {n} rows"), error=NoValueError)
     is_too_large = width is not None and not np.all(np.abs(array) < _LARGEST)
-    refuse((is_too_large, f"{_APART}: {path}: expected numbers below {_LARGEST:g}"), error=NoValueError)
+    refuse(
+        (array.shape != shape, f"{_APART}: {path}: expected {n} rows"),
+        (is_too_large, f"{_APART}: {path}: expected numbers below {_LARGEST:g}"),
+        error=NoValueError,
+    )
     return array.T
 
 

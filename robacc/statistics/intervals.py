@@ -467,12 +467,9 @@ def largest_known(numbers: Sequence[int | None]) -> int | None:
 
 @lru_cache(maxsize=4)
 def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Array:
-    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``, read-only; kept for reuse."""
-    indices = np.random.default_rng(seed).integers(size, size=(draws, size))
-    indices += size * np.arange(draws)[:, None]
-    counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
-    counts.flags.writeable = False
-    return counts
+    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``; kept for reuse."""
+    drawn = np.random.default_rng(seed).integers(size, size=(draws, size))
+    return np.stack([np.bincount(row, minlength=size) for row in drawn]).astype(float)
 
 
 def resampled_moment(sums: Array, counts: Array, first: int, second: int) -> tuple[Array, Array]:

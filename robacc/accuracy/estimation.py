@@ -556,6 +556,8 @@ def _notes(
 ) -> tuple[str, ...]:
     effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
     missing = "measured" if data.rotation is None else "commanded"
+    n_parameters, of_fit = (0, ()) if alignment is None else (alignment.n_parameters, alignment.notes)
+    sigma = 0.0 if data.sigma_position is None else rms_length(data.sigma_position) * 1e3
     notes = (
         (
             requested is None and frame == "base",
@@ -566,18 +568,18 @@ def _notes(
             f"no orientation was {missing}, so there are no orientation errors",
         ),
         (bool(effects), f"effects of the robot file are applied: {', '.join(effects)}"),
-    )
-    texts = [note for applies, note in notes if applies]
-    if alignment is not None:
-        texts += [
-            f"{alignment.n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
+        (
+            alignment is not None,
+            f"{n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
             "that with the frames registered to the other poses",
-            *alignment.notes,
-        ]
-    if data.sigma_position is not None:
-        sigma = rms_length(data.sigma_position) * 1e3
-        texts.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
-    return tuple(texts)
+        ),
+        *((True, note) for note in of_fit),
+        (
+            data.sigma_position is not None,
+            f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms",
+        ),
+    )
+    return tuple(note for applies, note in notes if applies)
 
 
 def _moves(data: Measurements) -> bool:

@@ -244,15 +244,12 @@ class Grade(NamedTuple):
     @property
     def reason(self) -> str:
         """Estimates, their limits, the next better grade and the confirmation, in sentences."""
-        scale, own = self.scale, self.quantities
-        sentences = ["; ".join(self._estimate(name, quantity) for name, quantity in own.items())]
-        if self.orientation is None:
-            sentences.append("orientation was not measured, so the grade covers position only")
-        if self.next is not None:
-            excesses = {name: self.next[f"{name}_excess_{quantity.unit}"] for name, quantity in own.items()}
-            missing = [f"{_amount(size, own[name].unit)} less in {name}" for name, size in excesses.items() if size]
-            limited_by = " and ".join(self.limited_by)
-            sentences.append(f"limited by {limited_by}: grade {self.next['grade']} needs {' and '.join(missing)}")
+        scale, own, following = self.scale, self.quantities, self.next or {}
+        missing = [
+            f"{_amount(excess, quantity.unit)} less in {name}"
+            for name, quantity in own.items()
+            if (excess := following.get(f"{name}_excess_{quantity.unit}"))
+        ]
         at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
         known = [(name, quantity.interval.upper_bound, quantity.unit) for name, quantity in own.items()]
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
@@ -264,7 +261,17 @@ class Grade(NamedTuple):
             (self.rank == len(scale.steps), "no step of the scale is met, so no grade can be confirmed"),
             (True, f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}"),
         )
-        return ". ".join([*sentences, next(text for applies, text in confirmations if applies)])
+        sentences = (
+            (True, "; ".join(self._estimate(name, quantity) for name, quantity in own.items())),
+            (self.orientation is None, "orientation was not measured, so the grade covers position only"),
+            (
+                self.next is not None,
+                f"limited by {' and '.join(self.limited_by)}: grade {following.get('grade')} needs "
+                f"{' and '.join(missing)}",
+            ),
+            (True, next(text for applies, text in confirmations if applies)),
+        )
+        return ". ".join(text for applies, text in sentences if applies)
 
     def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
         steps, unit = self.scale.steps, quantity.unit

@@ -372,14 +372,18 @@ def _ranking(
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
     ties = [[names[i] for i in group] for group in groups if len(group) > 1]
-    text = ["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups)
-    if groups:
-        text = [f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different]
-        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in ties]
-        untested = [(i, j) for i, j, pair_difference in pairs if pair_difference.p_value is None]
-        text += [f"{names[i]} and {names[j]} could not be tested" for i, j in untested]
-    unranked = [result.name for i, result in enumerate(results) if i not in ranked]
-    text += [f"{name} is a prediction, which is not ranked with measured arms" for name in unranked]
+    untested = [(i, j) for i, j, pair_difference in pairs if groups and pair_difference.p_value is None]
+    text = [
+        *["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups),
+        *(f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different),
+        *(f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in ties),
+        *(f"{names[i]} and {names[j]} could not be tested" for i, j in untested),
+        *(
+            f"{result.name} is a prediction, which is not ranked with measured arms"
+            for i, result in enumerate(results)
+            if i not in ranked
+        ),
+    ]
     return {
         "by": key,
         "unit": unit_of(key),

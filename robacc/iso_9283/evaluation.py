@@ -707,7 +707,6 @@ def _notes(
 def _warnings(
     files: Sequence[Measurements], poses_by_file: Sequence[Sequence[CommandedPose]], registered: bool
 ) -> tuple[str, ...]:
-    warnings = [warning for data in files for warning in data.warnings]
     moves = [
         (float(np.max(np.abs(pose.data.position - pose.deviation - pose.commanded[:, None]))), pose.label)
         for poses in poses_by_file
@@ -715,15 +714,19 @@ def _warnings(
         if pose.deviation is not None and pose.commanded is not None
     ]
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
-    if move > SAME_COMMAND:
-        warnings.append(
+    # A single pose does not show whether the accuracy of a robot is too bad for an arm.
+    is_far = any(
+        too_far(_largest_accuracy(poses), np.column_stack([pose.data.position.mean(axis=1) for pose in poses]))
+        for poses in poses_by_file
+        if len(poses) > 1 and all(pose.deviation is not None for pose in poses)
+    )
+    warnings = (
+        *((True, warning) for data in files for warning in data.warnings),
+        (
+            move > SAME_COMMAND,
             f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
-            "commanded pose; put commanded joint values into the q columns, not encoder readings"
-        )
-    for poses in poses_by_file:
-        # A single pose does not show whether the accuracy of a robot is too bad for an arm.
-        if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
-            barycentres = np.column_stack([pose.data.position.mean(axis=1) for pose in poses])
-            if too_far(_largest_accuracy(poses), barycentres):
-                warnings.append(TOO_LARGE if registered else UNREGISTERED)
-    return tuple(dict.fromkeys(warnings))
+            "commanded pose; put commanded joint values into the q columns, not encoder readings",
+        ),
+        (is_far, TOO_LARGE if registered else UNREGISTERED),
+    )
+    return tuple(dict.fromkeys(warning for applies, warning in warnings if applies))

@@ -302,13 +302,20 @@ def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> t
         return None, kind
     expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
     limit, dimension = parse_quantity(text) or (None, None)
-    if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
-        units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
-        wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
-        example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
-        section.report(name, f"expected {wanted}, found {text!r}", example)
-    elif limit < 0 and baseline is None and expected is not None and key != "gain":
-        section.report(name, f"{key} is never negative, so no result can meet {text!r}")
+    units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
+    wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
+    example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
+    is_other = kind is not None and dimension != expected and (limit, dimension) != (0, None)
+    is_signed = baseline is not None or expected is None or key == "gain"
+    section.report_if(
+        (limit is None or is_other, name, f"expected {wanted}, found {text!r}", example),
+        (
+            (limit or 0.0) < 0.0 and not (is_other or is_signed),
+            name,
+            f"{key} is never negative, so no result can meet {text!r}",
+            None,
+        ),
+    )
     return limit, kind or dimension
 
 

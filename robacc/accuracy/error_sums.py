@@ -9,6 +9,7 @@ sum of z z^T, and quantiles come from a histogram of the lengths.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -74,8 +75,8 @@ class ErrorSums:
     """``(G, 11)`` sums of z over groups of poses."""
     products: Array
     """``(11, 11)`` sum of z z^T."""
-    bins: NDArray[np.int64]
-    """``(2, B)`` numbers of the bins of lengths that have poses, ascending, and how many each has."""
+    bins: Counter[int]
+    """Number of lengths in each bin, by the number of the bin."""
     largest: float
     """Largest length."""
 
@@ -87,18 +88,16 @@ class ErrorSums:
         numbers = (hashes % np.uint64(_GROUPS)).astype(np.int64)
         groups = [np.bincount(numbers, weights=row, minlength=_GROUPS).astype(float) for row in z]
         keys, counts = np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True)
-        return cls(origin, np.stack(groups, axis=1), z @ z.T, np.stack((keys, counts)), float(length.max(initial=0.0)))
+        bins = Counter(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
+        return cls(origin, np.stack(groups, axis=1), z @ z.T, bins, float(length.max(initial=0.0)))
 
     def __add__(self, other: ErrorSums) -> ErrorSums:
         """Return the sums over the errors of both."""
-        keys, place = np.unique(np.concatenate((self.bins[0], other.bins[0])), return_inverse=True)
-        counts = np.zeros(keys.size, dtype=np.int64)
-        np.add.at(counts, place, np.concatenate((self.bins[1], other.bins[1])))
         return ErrorSums(
             self.origin,
             self.groups + other.groups,
             self.products + other.products,
-            np.stack((keys, counts)),
+            self.bins + other.bins,
             max(self.largest, other.largest),
         )
 
@@ -109,15 +108,17 @@ class ErrorSums:
 
     def above(self, length: float) -> int:
         """Return how many lengths are in bins above that of ``length``."""
-        return int(self.bins[1, self.bins[0] > int(np.float64(length).view(np.uint64) >> _SHIFT)].sum())
+        own = int(np.float64(length).view(np.uint64) >> _SHIFT)
+        return sum(count for number, count in self.bins.items() if number > own)
 
     @property
     def lengths(self) -> Array:
         """Quantiles of the lengths at equal steps of the probability from 0 to 1, linear within a bin."""
-        edges = np.stack((self.bins[0], self.bins[0] + 1)).astype(np.uint64) << _SHIFT
-        below = np.concatenate(([0], np.cumsum(self.bins[1])))
+        numbers, counts = np.array(sorted(self.bins.items())).T
+        edges = np.stack((numbers, numbers + 1)).astype(np.uint64) << _SHIFT
+        below = np.concatenate(([0], np.cumsum(counts)))
         probability = np.linspace(0.0, self.n, _LEVELS)
-        place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, self.bins.shape[1] - 1)
+        place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, counts.size - 1)
         low, high = edges.view(np.float64)[:, place]
-        share = (probability - below[place]) / self.bins[1, place]
+        share = (probability - below[place]) / counts[place]
         return np.asarray(np.minimum(low + share * (high - low), self.largest))

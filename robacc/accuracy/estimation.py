@@ -305,25 +305,23 @@ class Totals:
     """Hashes of different commands, the smallest."""
     of_targets: dict[str, ErrorSums]
     """Position errors of each target, where targets are named."""
-    worst: tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]
+    worst: Sequence[tuple[WorstPose, ...]]
     """Largest errors of position and of orientation."""
     warnings: tuple[str, ...]
     """The first warnings of rows and of how the file was read."""
 
     def __add__(self, other: Totals) -> Totals:
         """Return what is counted over the poses of both; those of the other come later in the file."""
-        targets = {**self.of_targets, **other.of_targets}
-        for name in self.of_targets.keys() & other.of_targets.keys():
-            targets[name] = self.of_targets[name] + other.of_targets[name]
-        by_position, by_orientation = ((*a, *b) for a, b in zip(self.worst, other.worst, strict=True))
-        worst_position = sorted(by_position, key=lambda pose: -pose.position)[:N_WORST]
-        worst_orientation = sorted(by_orientation, key=lambda pose: -(pose.orientation or 0.0))[:N_WORST]
+        both = (self.of_targets, other.of_targets)
+        names = dict.fromkeys((*self.of_targets, *other.of_targets))
+        longest = (lambda pose: -pose.position, lambda pose: -(pose.orientation or 0.0))
+        worst = zip(self.worst, other.worst, longest, strict=True)
         return Totals(
             self.position + other.position,
             self.orientation and other.orientation and self.orientation + other.orientation,
             smallest_hashes(self.commands, other.commands),
-            targets,
-            (tuple(worst_position), tuple(worst_orientation)),
+            {name: reduce(add, (sums[name] for sums in both if name in sums)) for name in names},
+            [tuple(sorted((*own, *its), key=length)[:N_WORST]) for own, its, length in worst],
             tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:_MOST_WARNINGS],
         )
 
@@ -529,7 +527,7 @@ def check_confidence(confidence: float) -> None:
     refuse((not 0.5 <= confidence < 1.0, f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"))
 
 
-def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]:
+def worst_poses(data: Measurements, errors: PoseErrors) -> Sequence[tuple[WorstPose, ...]]:
     """Return the poses with the largest errors of position and of orientation, descending.
 
     Equal lengths are in the order of rows.
@@ -542,8 +540,8 @@ def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose
         return WorstPose(data.line(i), data.place(i), pose, target, position or 0.0, orientation)
 
     # A stable sort, so that the choice among ties does not depend on it.
-    first = [np.argsort(-size, kind="stable")[:N_WORST].tolist() for size in sizes]
-    return tuple(map(pose, first[0])), tuple(map(pose, first[1])) if len(first) > 1 else ()
+    first = [tuple(map(pose, np.argsort(-size, kind="stable")[:N_WORST].tolist())) for size in sizes]
+    return (*first, ())[:2]
 
 
 def _notes(

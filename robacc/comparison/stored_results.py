@@ -573,17 +573,12 @@ def _resampled_percentile(errors: ErrorSet, seed: int, stream: int) -> Array:
     """Return the 95th percentiles of resamples of poses, ``(B,)``; repetitions of a pose stay together."""
     lengths, size = vector_lengths(errors.vectors), errors.n_groups
     order = np.argsort(lengths, kind="stable")
-    lengths, groups = lengths[order], errors.groups[order]
-    rng = np.random.default_rng([seed, stream])
+    lengths, groups, rng = lengths[order], errors.groups[order], np.random.default_rng([seed, stream])
     # With many poses the percentile is nearly Gaussian, and few draws suffice for its standard error.
-    percentiles = np.empty(DRAWS if size <= MOST_FOR_BOOTSTRAP else 200)
-    for i in range(percentiles.size):
-        cumulative = np.cumsum(np.bincount(rng.integers(size, size=size), minlength=size)[groups])
-        position = 0.95 * (cumulative[-1] - 1.0)
-        low = int(position)
-        ranks = np.searchsorted(cumulative, [low, min(low + 1, cumulative[-1] - 1)], side="right")
-        percentiles[i] = lengths[ranks[0]] + (position - low) * (lengths[ranks[1]] - lengths[ranks[0]])
-    return percentiles
+    draws = DRAWS if size <= MOST_FOR_BOOTSTRAP else 200
+    counts = (np.bincount(rng.integers(size, size=size), minlength=size)[groups] for _ in range(draws))
+    samples = (np.repeat(lengths, count) for count in counts)
+    return np.array([np.interp(0.95 * (own.size - 1), np.arange(own.size), own) for own in samples])
 
 
 def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: float) -> Difference:

@@ -211,8 +211,7 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     solution = solve(evaluate, start, setting.joint_space(start, oriented))
     reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < _REACHED
     reached |= (oriented and start.shape[0] < 6) & solution.converged
-    if not oriented:
-        wanted = Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
+    wanted = wanted if oriented else Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
     return WantedPoses("poses" if data.q is None else "poses and joints", wanted, oriented, solution.q, reached)
 
 

@@ -471,9 +471,7 @@ def evaluated(criterion: GateCriterion, dimension: str | None = None, **known: A
     the rule tests to the limit, negative beyond the limit. The operating curve has true values and the probability to
     pass at each, for the same number of poses.
     """
-    limit: Any = criterion.limit
-    if criterion.accepted:
-        limit = list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+    grades = criterion.accepted[:1] if criterion.kind == "grade" else ()
     return {
         "name": criterion.name,
         "key": criterion.key,
@@ -481,7 +479,7 @@ def evaluated(criterion: GateCriterion, dimension: str | None = None, **known: A
         "why": None,
         "unit": {"length": "m", "angle": "rad"}.get(dimension or criterion.kind, "1"),
         "value": None,
-        "limit": limit,
+        "limit": next(iter(grades), list(criterion.accepted) or criterion.limit),
         "at_least": criterion.at_least,
         "rule": criterion.rule,
         "rule_text": RULES[criterion.rule],
@@ -713,16 +711,17 @@ def difference_to_baseline(
         is_whole = pair is not None and pair[0].n_groups == before.n_groups == after.n_groups
         other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
         refuse((paired and not is_whole and sizes[0] != sizes[1], other), error=NoValueError)
-        if pair is None or not is_whole:
-            pair = before, replace(after, groups=before.groups)
         if is_whole or paired:
+            pair = pair if pair is not None and is_whole else (before, replace(after, groups=before.groups))
             seed, levels = document.get("seed") or 0, _levels(confidence)
             changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
             curve = BoundCurve.through(each.interval for each in changes)
             return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
-    change = None
-    if figure.curve is not None and reference.curve is not None:
-        change = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    change = (
+        None
+        if figure.curve is None or reference.curve is None
+        else difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    )
     return GateFigure(figure.value - reference.value, figure.dimension, change, figure.n), reference.value
 
 

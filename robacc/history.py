@@ -127,9 +127,9 @@ class _Fit:
         self.coefficients = self.inverse @ (self.weighted.T @ series.values)
         self.rest = series.values - x @ self.coefficients
         self.dof = len(x) - x.shape[1] + spread.dof
-        factor = spread.factor
-        if math.isfinite(self.dof) and self.dof > 0.0:
-            factor = (spread.dof * factor + float(self.weights @ np.square(self.rest))) / self.dof
+        squares = float(self.weights @ np.square(self.rest))
+        has_own = math.isfinite(self.dof) and self.dof > 0.0
+        factor = (spread.dof * spread.factor + squares) / self.dof if has_own else spread.factor
         rest = self.rest * np.sqrt(self.weights)
         lag, n = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), _TINY), len(x)
         # White errors have a correlation of up to 1.6 / sqrt(n) by chance.

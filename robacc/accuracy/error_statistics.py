@@ -609,9 +609,8 @@ class _ErrorSample(PoseSampling):
             for level in levels
         )
         too_few = f"{self.described}: too few for an upper limit without assuming a distribution"
-        method = f"order statistics of {self.described}"
-        if self.is_repeated:
-            method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
+        cautious = "; all repetitions of a pose count as one, so the confidence is at least the stated one"
+        method = f"order statistics of {self.described}" + cautious * self.is_repeated
         return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
 
 

@@ -101,9 +101,8 @@ def commanded_poses(
         return poses.translation, None if robot is None and rotation is None else poses.rotation
     if robot is not None:
         if q is None:
-            fix = "add the commanded joints q1, q2, …"
-            if position is not None:
-                fix += ", or omit `robot` to use the cmd_ columns of the file"
+            without = ", or omit `robot` to use the cmd_ columns of the file"
+            fix = "add the commanded joints q1, q2, …" + without * (position is not None)
             raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
         if robot.effects or robot.targets or len(q) != len(robot.variables):
             from robacc.modelling.model import predict
@@ -129,9 +128,8 @@ def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame
     """
     missing = "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
     refuse((frame == "tool" and turns is None, missing))
-    position, rotation = data.position - commanded, None
-    if frame == "tool" and turns is not None:
-        position = rotate_back(turns, position)
+    difference, rotation = data.position - commanded, None
+    position = rotate_back(turns, difference) if frame == "tool" and turns is not None else difference
     if data.rotation is not None and turns is not None:
         pair = (transpose(turns), transpose(data.rotation)) if frame == "tool" else (data.rotation, turns)
         rotation = log_between(*pair)

@@ -600,8 +600,8 @@ def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: fl
         return Difference(value, Interval.missing(confidence, why))
     low, high = difference_limits(second.value, ends[1][:2], first.value, ends[0][:2])
     # The p-value is as if the limit that faces zero were a Gaussian's.
-    distance, p_value = value - low if value > 0.0 else high - value, float(value == 0.0)
-    if value != 0.0 and distance != 0.0:
-        p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * abs(value) / distance)
+    distance = value - low if value > 0.0 else high - value
+    ratio = abs(value) / distance if distance else math.inf if value else 0.0
+    p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * ratio)
     method = "from the intervals of the two results, assumed independent (Zou and Donner)"
     return Difference(value, Interval(low, high, None, levels[0], method), p_value)

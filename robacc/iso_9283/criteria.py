@@ -184,9 +184,11 @@ def visits_of(
             wanted = rotation[..., :1] if orientation is None else orientation
             angles = rpy_from_rotation(wanted)
             reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
-            turn = wrapped(rpy_from_rotation(rotation) - angles)
-            if at_pole:
-                turn = log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+            turn = (
+                log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
+                if at_pole
+                else wrapped(rpy_from_rotation(rotation) - angles)
+            )
         label = f"pose {index + 1}" if data.pose is None else str(own)
         poses.append(
             CommandedPose(
@@ -527,9 +529,11 @@ def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) 
 
 def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Characteristic:
     """Return the variation (vAP) of every commanded pose with several approaches (directions of the joints)."""
-    why = "every commanded pose was always approached from the same direction"
-    if all(pose.data.direction is None for pose in poses):
-        why = "approach directions are not known: give dir_q columns, or `ordered`"
+    why = (
+        "approach directions are not known: give dir_q columns, or `ordered`"
+        if all(pose.data.direction is None for pose in poses)
+        else "every commanded pose was always approached from the same direction"
+    )
     places = []
     for pose in poses:
         if (direction := pose.data.direction) is None:
@@ -597,15 +601,11 @@ MAX_POSES_ALL_PAIRS = 10
 def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tuple[Characteristic, Characteristic]:
     """Return AD and RD between the commanded poses of each file."""
     pairs: list[tuple[CommandedPose, CommandedPose]] = []
-    notes: list[str] = []
-    for number in sorted({pose.number for pose in poses}):
-        file_poses = [pose for pose in poses if pose.number == number]
-        is_large = len(file_poses) > MAX_POSES_ALL_PAIRS
-        pairs += pairwise(file_poses) if is_large else combinations(file_poses, 2)
-        if is_large:
-            notes = [
-                f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
-            ]
+    by_file = [[pose for pose in poses if pose.number == number] for number in sorted({pose.number for pose in poses})]
+    for file in by_file:
+        pairs += pairwise(file) if len(file) > MAX_POSES_ALL_PAIRS else combinations(file, 2)
+    note = f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
+    notes = [note] * any(len(file) > MAX_POSES_ALL_PAIRS for file in by_file)
     why = why_accuracy = "no cycle visits two commanded poses" if pairs else "one commanded pose has no distances"
     accurate, repeatable = [], []
     is_commanded = all(pose.commanded is not None for pose in poses)

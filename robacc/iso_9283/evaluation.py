@@ -408,9 +408,10 @@ def protocol(
         if (way := pose.data.direction) is not None and np.unique(way[:, np.any(way != 0, axis=0)], axis=1).shape[1] > 1
     ]
     several = f"{', '.join(turning[:3])}{' …' * (len(turning) > 3)} approached from several directions"
-    approach: Finding = ("met", "every visit of a pose has the same approach direction")
-    if turning:
-        approach = ("not_met", f"{several}: AP and RP include vAP")
+    approach = _first(
+        (bool(turning), "not_met", f"{several}: AP and RP include vAP"),
+        (True, "met", "every visit of a pose has the same approach direction"),
+    )
     no_sigma = "no columns sigma_x, sigma_y, sigma_z"
     no_approach = "approach directions are not known; `ordered` derives them from the rows"
     findings: tuple[tuple[str, str, Finding], ...] = (
@@ -614,8 +615,7 @@ def iso9283(
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
     scatter = repeatability(poses, confidence, seed)
     *drifts, shift = drift(poses, confidence, seed, windows)
-    if robot is not None and alignments:
-        robot = alignments[0].robot
+    robot = alignments[0].robot if robot is not None and alignments else robot
     return Iso9283Result(
         n_poses=sum(data.n for data in files),
         sources=tuple(sources),

@@ -90,9 +90,9 @@ def _log_gamma_weight(a: float, x: float) -> float:
     if a < _STIRLING_FROM:
         return a * math.log(x) - x - math.lgamma(a)
     excess = (x - a) / a
-    fall = math.log(x / a) - excess
-    if abs(excess) <= 0.1:  # log(1 + x) - x without cancellation near zero
-        fall = math.fsum(-((-excess) ** k) / k for k in range(2, 18))
+    # log(1 + x) - x without cancellation near zero
+    near = math.fsum(-((-excess) ** k) / k for k in range(2, 18)) if abs(excess) <= 0.1 else None
+    fall = math.log(x / a) - excess if near is None else near
     return a * fall + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
 
 

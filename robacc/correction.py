@@ -356,11 +356,10 @@ def refusals(
     far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
     allowed = f"is larger than {_sizes(limits.position, limits.orientation)}, see `most`"
     rules.append((far, "too_large", lambda i: f"the correction of {_sizes(*correction[:, i])} {allowed}"))
-    result: list[Refusal | None] = [None] * solution.q.shape[1]
-    for refused, cause, reason in reversed(rules):
-        for i in np.flatnonzero(refused).tolist():
-            result[i] = Refusal(cause, reason if isinstance(reason, str) else reason(i))
-    return result
+    first = [next((rule for rule in rules if rule[0][i]), None) for i in range(solution.q.shape[1])]
+    return [
+        rule and Refusal(rule[1], rule[2] if isinstance(rule[2], str) else rule[2](i)) for i, rule in enumerate(first)
+    ]
 
 
 def _out_of_range(

@@ -846,12 +846,13 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
         error=NoValueError,
     )
     confidence = grade.get("confidence") or criterion.confidence
-    own: list[Evaluation] = []
-    for quantity, unit in (("position", "m"), ("orientation", "rad")):
-        limit = steps[required].get(f"{quantity}_{unit}")
-        if limit is not None and document.get(quantity):
-            each = criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
-            own.append(_decide_figure(each, figure_at(document, each.key, confidence)))
+    limits = {"position": steps[required].get("position_m"), "orientation": steps[required].get("orientation_rad")}
+    criteria = [
+        criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
+        for quantity, limit in limits.items()
+        if limit is not None and document.get(quantity)
+    ]
+    own = [_decide_figure(each, figure_at(document, each.key, confidence)) for each in criteria]
     outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
     deciding = [each for each in own if each["outcome"] == outcome]
     reasons = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None

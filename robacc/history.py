@@ -649,7 +649,6 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
     document = result.document
     with understood(result.name, result.command):
         figures = read_compared_result(document, result.name, result.name, result.sha256).figures
-        coefficients = document.get("parameters", [])
         robot: dict[str, Any] = next((entry for entry in document["inputs"] if entry["kind"] == "robot"), {})
         heat = [value for value in (document.get("poses") or {}).get("temperature_c") or () if value is not None]
         values = {
@@ -670,22 +669,17 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
         if not added.rowcount:
             return False
         number = added.lastrowid
-        of_figures = [
-            (
-                number,
-                key,
-                figure.value,
-                *(getattr(figure.interval, end, None) for end in ("lower", "upper")),
-                unit_of(key),
-            )
+        of_figures = (
+            (number, key, figure.value, getattr(own, "lower", None), getattr(own, "upper", None), unit_of(key))
             for key, figure in figures.items()
-        ]
-        of_coefficients = [
+            for own in [figure.interval]
+        )
+        of_coefficients = (
             (number, e["name"], e["value"] if e["std"] is not None else None, e["std"], e["unit"], e.get("why"))
-            for e in coefficients
-        ]
-        db.executemany("INSERT INTO figures VALUES (?, ?, ?, ?, ?, ?)", of_figures)
-        db.executemany("INSERT INTO coefficients VALUES (?, ?, ?, ?, ?, ?)", of_coefficients)
+            for e in document.get("parameters", [])
+        )
+        for table, rows in (("figures", of_figures), ("coefficients", of_coefficients)):
+            db.executemany(f"INSERT INTO {table} VALUES (?, ?, ?, ?, ?, ?)", rows)
     return True
 
 

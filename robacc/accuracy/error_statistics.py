@@ -510,7 +510,6 @@ class _ErrorSample(PoseSampling):
         # neighbours differ by 2.5 standard errors.
         run = np.cumsum([0, *(variances[:-1] > variances[1:] * math.exp(2.5 * math.sqrt(4.0 / n)))])
         single: list[Interval] = []
-        intervals: list[Interval] = []
         for k, variance in enumerate(variances.tolist()):
             others, unbias, exact = np.delete(variances, k), 1.0, None
             # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
@@ -519,16 +518,17 @@ class _ErrorSample(PoseSampling):
             if self.is_gaussian(about_zero=True):
                 exact = chi2_interval(unbias * variance, n, confidence, "chi-square along a principal axis")
             single.append(self.of_square(unbias * np.outer(axes[:, k], axes[:, k]), confidence, exact))
-        for number in run:
-            first, *_, last = shared = [single[k] for k in np.flatnonzero(run == number)] * 2
-            if len(shared) > 2:
-                method = (
-                    f"{first.method}, shared by {len(shared) // 2} axes that are not distinguishable on these poses"
-                )
-                ends = last.lower, first.upper, first.upper_bound
-                first = Interval(*ends, confidence, f"{method}, with at least the confidence")
-            intervals.append(first.root())
-        return Ellipsoid(axes, np.sqrt(variances), tuple(intervals))
+
+        def shared(axes_of_run: Sequence[int]) -> Interval:
+            """Return the interval of axes that are not distinguishable, the longest first."""
+            first, last, count = single[axes_of_run[0]], single[axes_of_run[-1]], len(axes_of_run)
+            method = f"{first.method}, shared by {count} axes that are not distinguishable on these poses"
+            ends = last.lower, first.upper, first.upper_bound
+            common = Interval(*ends, confidence, f"{method}, with at least the confidence")
+            return (first if count == 1 else common).root()
+
+        intervals = tuple(shared(np.flatnonzero(run == number).tolist()) for number in run)
+        return Ellipsoid(axes, np.sqrt(variances), intervals)
 
     def radius95(self, about_zero: bool, confidence: float) -> tuple[EstimateOrReason, Shape]:
         """Return the radius about zero that contains 95 % of the fitted Gaussian, and the shape of its lengths.

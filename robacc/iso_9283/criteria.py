@@ -600,10 +600,12 @@ MAX_POSES_ALL_PAIRS = 10
 
 def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tuple[Characteristic, Characteristic]:
     """Return AD and RD between the commanded poses of each file."""
-    pairs: list[tuple[CommandedPose, CommandedPose]] = []
     by_file = [[pose for pose in poses if pose.number == number] for number in sorted({pose.number for pose in poses})]
-    for file in by_file:
-        pairs += pairwise(file) if len(file) > MAX_POSES_ALL_PAIRS else combinations(file, 2)
+    pairs = [
+        pair
+        for file in by_file
+        for pair in (pairwise(file) if len(file) > MAX_POSES_ALL_PAIRS else combinations(file, 2))
+    ]
     note = f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
     notes = [note] * any(len(file) > MAX_POSES_ALL_PAIRS for file in by_file)
     why = why_accuracy = "no cycle visits two commanded poses" if pairs else "one commanded pose has no distances"

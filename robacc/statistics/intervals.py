@@ -22,7 +22,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from functools import cached_property, lru_cache, partial
 from statistics import NormalDist
-from typing import NamedTuple, Protocol
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -521,9 +521,8 @@ class Interval:
     @property
     def limits(self) -> tuple[float, float, float] | None:
         """Lower limit, upper limit and upper bound; None where one is missing."""
-        if self.lower is None or self.upper is None or self.upper_bound is None:
-            return None
-        return self.lower, self.upper, self.upper_bound
+        ends = self.lower, self.upper, self.upper_bound
+        return None if None in ends else cast("tuple[float, float, float]", ends)
 
     @classmethod
     def missing(cls, confidence: float, why: str) -> Interval:
@@ -677,9 +676,8 @@ class PoseSampling:
     @property
     def too_few(self) -> str | None:
         """Reason why no interval can be given; None if the poses suffice."""
-        if self.n_groups < 2:
-            return "one commanded pose: no scatter between poses to estimate from"
-        return None if self.n_independent >= 2.0 else f"{self.described}: too few for an interval"
+        few = f"{self.described}: too few for an interval" if self.n_independent < 2.0 else None
+        return "one commanded pose: no scatter between poses to estimate from" if self.n_groups < 2 else few
 
     @property
     def described(self) -> str:

@@ -203,17 +203,15 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     baseline, kind = section.text("baseline"), KEYS.get(key)
     given = [name for name in ("limit", "at_least", *_SETTING.values(), "share", "paired") if section.get(name)]
     limits = [name for name in given if name in ("limit", "at_least")]
-    accepted: tuple[str, ...] = ()
-    limit, is_word, is_list = None, kind in ("word", "grade"), False
-    if is_word and limits == ["limit"]:
-        node = section.values["limit"]
-        is_list = isinstance(node, SequenceNode)
-        texts = [source.text(item, section.at("limit")) for item in (node.value if is_list else [node])]
-        accepted = tuple(text for text in texts if text is not None)
-    elif not is_word and limits:
+    is_word = kind in ("word", "grade")
+    nodes = [section.values["limit"]] if is_word and limits == ["limit"] else []
+    is_list = any(isinstance(node, SequenceNode) for node in nodes)
+    texts = [source.text(item, section.at("limit")) for node in nodes for item in (node.value if is_list else [node])]
+    accepted = tuple(text for text in texts if text is not None)
+    # With a baseline, the default question is whether the figure got worse at all.
+    limit = None if is_word else 0.0
+    if not is_word and limits:
         limit, kind = _limit(section, limits[0], key, baseline)
-    elif not is_word:
-        limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
     kind = kind or "number"
     default = "guarded_rejection" if baseline is not None else "simple" if kind in ("word", "number") else "bound"
     rule = cast("Rule", section.text("rule", RULES) or default)
@@ -396,11 +394,9 @@ class BoundCurve(NamedTuple):
         if self.exact is not None:
             return self.exact.below(limit)
         at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
-        end = -1 if at > scaled[-1] else 0
-        if scaled[0] <= at <= scaled[-1]:
-            return normal_cdf(float(np.interp(at, scaled, self.z)))
-        beyond = self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
-        return normal_cdf(beyond) if self.reaches[end] else None
+        beyond = at - min(max(at, scaled[0]), scaled[-1])
+        z = float(np.interp(at, scaled, self.z)) + beyond * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
+        return normal_cdf(z) if beyond == 0.0 or self.reaches[beyond > 0.0] else None
 
     def standard_error(self, level: float) -> float | None:
         """Return half the distance between the bounds at 1 - ``level`` and ``level`` per normal quantile, scaled.
@@ -518,11 +514,15 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         return sign * (limit - number)
 
     outcome: Outcome = "pass" if margin(value) >= 0.0 else "fail"
-    if curve is None and rule == "simple":
-        return {"outcome": outcome, "why": None, "margin": margin(value)}
     if curve is None:
-        missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-        return {"outcome": "not_evaluated", "why": missing}
+        lacks = (
+            None if rule == "simple" else f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+        )
+        return {
+            "outcome": "not_evaluated" if lacks else outcome,
+            "why": lacks,
+            "margin": None if lacks else margin(value),
+        }
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.

@@ -603,11 +603,11 @@ def iso9283(
         # Registered robots were measured in different frames: positions move from the registered to the nominal base.
         shared = [
             tuple(
-                pose._replace(data=replace(pose.data, position=(move @ position).translation))
+                pose._replace(data=replace(pose.data, position=move.rotation @ pose.data.position + offset))
                 for pose in poses
-                for position in [_at(pose.data.position, np.eye(3))]
             )
             for move, poses in zip(moves, nominal, strict=True)
+            for offset in [move.translation[:, None]]
         ]
         poses_by_file = [
             visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)

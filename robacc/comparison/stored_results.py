@@ -28,7 +28,6 @@ from robacc.statistics.intervals import (
     normal_quantile,
     quantiles,
     resampled_counts,
-    resampled_moment,
     student_quantile,
 )
 
@@ -556,14 +555,25 @@ def difference(
 
 def _moments(
     statistic: str, sums: Sequence[Array], counts: Sequence[Array], paired: bool
-) -> tuple[Sequence[Array], list[Array]]:
+) -> tuple[list[Array], list[Array]]:
     """Return the statistic of each set over resamples ``(B,)``, and the squared standard errors of the difference.
 
     These are a single term for paired sets, else a term for each set. ``counts`` ``(B, G)`` says how often each
     resample contains each pose.
     """
-    own = [resampled_moment(part, weight, *_MOMENTS[statistic]) for part, weight in zip(sums, counts, strict=True)]
-    values, influences = zip(*own, strict=True)
+    first, second = _MOMENTS[statistic]
+    values, influences = [], []
+    for part, weight in zip(sums, counts, strict=True):
+        used = part[[0, first, second]]
+        rows, mean, square = (weight @ used.T).T
+        mean, square = (mean / rows if first else np.zeros_like(rows)), square / rows
+        value, by_mean, by_square = mean, np.ones_like(rows), np.zeros_like(rows)
+        if second:
+            value = np.sqrt(np.maximum(square - mean**2, 0.0))
+            by_square = 0.5 / np.maximum(value, 1e-300)
+            by_mean = -2.0 * mean * by_square
+        values.append(value)
+        influences.append((np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows).T @ used)
     terms = [influences[1] - influences[0]] if paired else influences
     pairs = [(term, weight, term.shape[-1]) for term, weight in zip(terms, counts, strict=False)]
     return values, [np.sum(w * np.square(term), axis=-1) * (size / (size - 1.0)) for term, w, size in pairs if size > 1]

@@ -468,31 +468,8 @@ def largest_known(numbers: Sequence[int | None]) -> int | None:
 @lru_cache(maxsize=4)
 def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Array:
     """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``; kept for reuse."""
-    drawn = np.random.default_rng(seed).integers(size, size=(draws, size))
-    return np.stack([np.bincount(row, minlength=size) for row in drawn]).astype(float)
-
-
-def resampled_moment(sums: Array, counts: Array, first: int, second: int) -> tuple[Array, Array]:
-    """Return a statistic of a mean m and a mean of squares s over resamples ``(B,)``, and each pose's influence on it.
-
-    The statistic is m, or with squares the root of s - m^2; the influences ``(B, G)`` are first-order.
-
-    Args:
-        sums: ``(K, G)`` sums over each pose's rows; their number first.
-        counts: ``(B, G)`` how often each resample contains each pose.
-        first: Row of ``sums`` with the sums behind m; 0 for none.
-        second: Row with the sums behind s; 0 for none.
-    """
-    used = sums[[0, first, second]]
-    rows, mean, square = (counts @ used.T).T
-    mean, square = (mean / rows if first else np.zeros_like(rows)), square / rows
-    value, by_mean, by_square = mean, np.ones_like(rows), np.zeros_like(rows)
-    if second:
-        value = np.sqrt(np.maximum(square - mean**2, 0.0))
-        by_square = 0.5 / np.maximum(value, 1e-300)
-        by_mean = -2.0 * mean * by_square
-    gradient = np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows
-    return value, gradient.T @ used
+    drawn = np.random.default_rng(seed).integers(size, size=(draws, size)) + size * np.arange(draws)[:, None]
+    return np.bincount(drawn.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
 
 
 STUDENT = "Student's t"
@@ -723,8 +700,13 @@ class PoseSampling:
     def _studentised(self, sums: Array, mean: float, positive: bool) -> Array:
         """Return (resampled mean - mean) / its own standard error, ``(draws,)``; of the root if ``positive``."""
         counts, sizes, size = resampled_counts(sums.size, self.draws, self.seed), self.sizes, sums.size
-        given = np.stack((sizes, sums + mean * sizes if positive else sums))
-        values, influences = resampled_moment(given, counts, *((0, 1) if positive else (1, 0)))
-        error = np.sqrt(np.sum(counts * np.square(influences), axis=1) * (size / (size - 1.0)))
+        totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
+        total, squares, cross, square_sizes, number = totals.T
+        shift = total / number
+        variance = squares - 2.0 * shift * cross + shift * shift * square_sizes
+        error = np.sqrt(np.maximum(variance, 0.0) * (size / (size - 1.0))) / number
+        if positive:
+            roots = np.sqrt(np.maximum(mean + shift, 0.0))
+            shift = 2.0 * roots * (roots - math.sqrt(mean))
         usable = error > 0.0
-        return np.asarray((values - (math.sqrt(mean) if positive else 0.0))[usable] / error[usable])
+        return np.asarray(shift[usable] / error[usable])

@@ -164,7 +164,7 @@ def test_weights_of_features_are_the_quadratic_function() -> None:
     assert weights(origin, about, linear, square) @ z == pytest.approx(expected, abs=1e-12)
 
 
-@pytest.mark.parametrize("count", [1, 60, 20_000, 1_500_000])
+@pytest.mark.parametrize("count", [1, 60, 20_000, 600_000])
 def test_different_commands_are_counted(count: int) -> None:
     rng = np.random.default_rng(count)
     hashes = rng.integers(0, 2**64, size=count, dtype=np.uint64)

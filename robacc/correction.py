@@ -195,11 +195,13 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     Raises:
         InputError: The targets have neither joints nor poses.
     """
-    position, rotation = data.commanded_position, data.commanded_rotation
-    if position is None and data.q is not None:
+    if data.commanded_position is None and data.q is not None:
         return WantedPoses("joints", setting.nominal_poses(data.q), True, data.q, np.ones(data.n, dtype=bool))
-    if position is None:
-        position, rotation = data.position, data.rotation
+    position, rotation = (
+        (data.position, data.rotation)
+        if data.commanded_position is None
+        else (data.commanded_position, data.commanded_rotation)
+    )
     fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
     nothing = Problem("the targets have neither joints nor poses", data.source, fix=fix)
     refuse((data.n and data.q is None and not np.any(position), nothing))

@@ -658,11 +658,11 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     statistic = key.rpartition(".")[2]
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
     n = next((int(count) for count in map(finite_number, counts) if count is not None), None)
-    curve = None
-    if interval is not None:
-        # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
-        two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
-        curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
+    # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
+    ends = () if interval is None or interval.lower is None else (interval.upper_bound, interval.upper)
+    is_bounded = any(end is not None for end in ends)
+    centre = None if is_bounded and statistic == "p95" else number
+    curve = None if interval is None else BoundCurve.through([interval], centre)
     errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
     # With more poses, the stored interval is as good as a recomputed one and costs nothing.
     if errors is not None and errors.groups.size <= 20_000:

@@ -329,24 +329,23 @@ def quick_test(
     poses, jacobian, covariance = fitted_jacobian(model, record, data)
     error = residuals(data, poses)
     rows, n = error.shape
-    free, common, single = [], [], np.zeros((n, rows, n, rows))
-    for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
-        free.append(own[:rows])
-        common.append(correlated[:rows])
-        for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
-            # m or rad: no instrument measures finer, and exact data have no noise.
-            single[i, :, i, :] = variance + np.square(1e-9) * np.eye(rows)
+    blocks = blocks_with_frames(robot, record, data, data, Model.of(robot, frames))
+    _, free, common, alone = zip(*blocks, strict=True)
+    single = np.zeros((n, rows, n, rows))
+    # m or rad: no instrument measures finer than the last term, and exact data have no noise.
+    each = np.concatenate(alone, axis=2)[:rows, :rows].T + np.square(1e-9) * np.eye(rows)
+    single[np.arange(n), :, np.arange(n)] = each
 
     def flat(columns: Array) -> Array:
         """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""
         return columns.transpose(2, 0, 1).reshape(n * rows, -1)
 
-    shared = flat(np.concatenate(common, axis=2))
+    shared = flat(np.concatenate(common, axis=2)[:rows])
     shared[:, : len(covariance)] *= math.sqrt(max(1.0, factor))
     whitener = np.linalg.cholesky(single.reshape(n * rows, n * rows) + shared @ shared.T)
     setup, moved, rest = (
         np.linalg.solve(whitener, flat(columns))
-        for columns in (np.concatenate(free, axis=2), jacobian[:rows], error[:, None, :])
+        for columns in (np.concatenate(free, axis=2)[:rows], jacobian[:rows], error[:, None, :])
     )
     setup = setup[:, np.linalg.norm(setup, axis=0) > 0.0]  # without orientations, a target has no turn
     few = Problem(f"{n} poses say nothing beyond where base and target are; measure more", data.source)

@@ -286,8 +286,7 @@ def motion_between_rows(q: Array) -> tuple[Array, Array]:
     Speed is dq over the largest |dq| of the move; all joints arrive together. The first row and a row equal to its
     predecessor get 0.
     """
-    speed = np.zeros(q.shape)
-    np.subtract(q[:, 1:], q[:, :-1], out=speed[:, 1:])
+    speed = np.diff(q, axis=1, prepend=q[:, :1])
     direction = np.sign(speed)
     largest = np.max(np.abs(speed), axis=0, initial=0.0)
     np.divide(speed, largest, out=speed, where=largest > 0)

@@ -396,7 +396,7 @@ class BoundCurve(NamedTuple):
         at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
         beyond = at - min(max(at, scaled[0]), scaled[-1])
         z = float(np.interp(at, scaled, self.z)) + beyond * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
-        return normal_cdf(z) if beyond == 0.0 or self.reaches[beyond > 0.0] else None
+        return normal_cdf(z) if beyond == 0.0 or self.reaches[int(beyond > 0.0)] else None
 
     def standard_error(self, level: float) -> float | None:
         """Return half the distance between the bounds at 1 - ``level`` and ``level`` per normal quantile, scaled.

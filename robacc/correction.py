@@ -40,7 +40,7 @@ from robacc.robots.arm import (
     solve,
 )
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import normal_quantile
+from robacc.statistics.intervals import normal_quantile
 
 # Circumstances of targets other than the joints, and the two arms of a correction in common frames.
 
@@ -162,9 +162,8 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
     types = [[joint.type for joint in robot.variables] for robot in (model, nominal)]
     texts = [", ".join(f"{joint.name} ({joint.type})" for joint in robot.variables) for robot in (model, nominal)]
     message = f"the model has the joints {texts[0]}, the nominal robot has {texts[1]}"
-    refuse(
-        (types[0] != types[1], Problem(message, nominal.name, fix="give the robot file that the model was fitted from"))
-    )
+    fix = "give the robot file that the model was fitted from"
+    refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
 
 
 _REACHED = 1e-7
@@ -196,11 +195,13 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     Raises:
         InputError: The targets have neither joints nor poses.
     """
-    position, rotation = data.commanded_position, data.commanded_rotation
-    if position is None and data.q is not None:
+    if data.commanded_position is None and data.q is not None:
         return WantedPoses("joints", setting.nominal_poses(data.q), True, data.q, np.ones(data.n, dtype=bool))
-    if position is None:
-        position, rotation = data.position, data.rotation
+    position, rotation = (
+        (data.position, data.rotation)
+        if data.commanded_position is None
+        else (data.commanded_position, data.commanded_rotation)
+    )
     fix = "add joints q1, q2, …, or wanted poses cmd_x, cmd_y, cmd_z with cmd_qw …"
     nothing = Problem("the targets have neither joints nor poses", data.source, fix=fix)
     refuse((data.n and data.q is None and not np.any(position), nothing))
@@ -212,8 +213,7 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     solution = solve(evaluate, start, setting.joint_space(start, oriented))
     reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < _REACHED
     reached |= (oriented and start.shape[0] < 6) & solution.converged
-    if not oriented:
-        wanted = Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
+    wanted = wanted if oriented else Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
     return WantedPoses("poses" if data.q is None else "poses and joints", wanted, oriented, solution.q, reached)
 
 
@@ -358,11 +358,10 @@ def refusals(
     far = np.any(correction > [[np.inf if limit is None else limit] for limit in most], axis=0)
     allowed = f"is larger than {_sizes(limits.position, limits.orientation)}, see `most`"
     rules.append((far, "too_large", lambda i: f"the correction of {_sizes(*correction[:, i])} {allowed}"))
-    result: list[Refusal | None] = [None] * solution.q.shape[1]
-    for refused, cause, reason in reversed(rules):
-        for i in np.flatnonzero(refused).tolist():
-            result[i] = Refusal(cause, reason if isinstance(reason, str) else reason(i))
-    return result
+    first = [next((rule for rule in rules if rule[0][i]), None) for i in range(solution.q.shape[1])]
+    return [
+        rule and Refusal(rule[1], rule[2] if isinstance(rule[2], str) else rule[2](i)) for i, rule in enumerate(first)
+    ]
 
 
 def _out_of_range(
@@ -408,34 +407,27 @@ def _solved(
     ``beside`` and whether each target was refused in it, return the one where these stay at their nominal joints.
     """
     nominal, n = wanted.q, wanted.q.shape[1]
-    chosen, index, motion = np.ones(n, dtype=bool), np.arange(n), setting.motion(nominal)
     q, error, settled = nominal.copy(), np.zeros((joints.weights.size, n)), np.zeros(n, dtype=bool)
-
-    def follow() -> None:
-        """Take the approach to the present commands, and the targets that are to be solved again for it."""
-        nonlocal motion, index
-        previous, motion = motion, setting.motion(q)
-        now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
-        # m and rad: change of a pose with its approach that is not worth another solution.
-        index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
-
-    def evaluator() -> Evaluate:
-        return pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
-
+    chosen, index, motion = np.ones(n, dtype=bool), np.arange(n), setting.motion(nominal)
     if beside is not None:
         before, chosen = beside[0], ~np.array(beside[1])
         motion = setting.motion(before.q)
         q, error, settled = np.where(chosen, before.q, nominal), before.error.copy(), before.converged.copy()
-        follow()
-    for _ in range(_ROUNDS):
+    for number in range(_ROUNDS + 1):
+        previous, motion = motion, setting.motion(q)
+        if number or beside is not None:
+            now, then = (setting.errors(wanted.poses, q.copy(), approach) for approach in (motion, previous))
+            # m and rad: change of a pose with its approach that is not worth another solution.
+            index = np.flatnonzero(np.any(np.abs(now - then) > 1e-10, axis=0) & chosen)
         if index.size == 0:
             break
-        part = solve(evaluator(), nominal[:, index], joints, q[:, index])
-        q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
-        follow()
-    if index.size:
-        # The approach does not agree with the commands: the error shows it, and the target is refused.
-        error[:, index] = evaluator()(q[:, index], np.arange(index.size))[0]
+        evaluate = pose_evaluator(setting, setting.model, part_of(wanted.poses, index), wanted.oriented, motion, index)
+        if number == _ROUNDS:
+            # The approach does not agree with the commands: the error shows it, and the target is refused.
+            error[:, index] = evaluate(q[:, index], np.arange(index.size))[0]
+        else:
+            part = solve(evaluate, nominal[:, index], joints, q[:, index])
+            q[:, index], error[:, index], settled[index] = part.q, part.error, part.converged
     return JointSolution(q, error, settled)
 
 
@@ -478,18 +470,17 @@ def expected_errors(
         scale: Scale of the grades.
         oriented: Whether orientation counts.
     """
-    lengths, rms, bounds = [], [], []
-    for part, covariance in ((error[:3], position), (error[3:], orientation)):
-        square = np.sum(np.square(part), axis=0)
-        lengths.append(np.sqrt(square))
-        rms.append(np.sqrt(square + (0.0 if covariance is None else np.einsum("iin->n", covariance))))
-        bounds.append(None if covariance is None else length_bound(RADIUS_PROBABILITY, part, covariance))
+    parts = ((error[:3], position), (error[3:], orientation))
+    lengths = _amounts(error)
+    bounds = [None if own is None else length_bound(RADIUS_PROBABILITY, part, own) for part, own in parts]
+    added = [0.0 if own is None else np.einsum("iin->n", own) for _, own in parts]
+    rms = [np.sqrt(np.square(length) + power) for length, power in zip(lengths, added, strict=True)]
     counted: tuple[tuple[Quantity, Array | None], ...] = (("position", bounds[0]), ("orientation", bounds[1]))
     sizes = {name: bound for name, bound in counted[: 1 + oriented] if bound is not None}
     # The best grade whose limits the bounds meet.
     best = np.argmax(steps_met(scale, sizes), axis=0).tolist() if "position" in sizes else None
     grades = None if best is None else tuple(map(scale.name_of, best))
-    turn_rms = rms[1] if bounds[0] is None or bounds[1] is not None else None
+    turn_rms = rms[1] if position is None or orientation is not None else None
     return ExpectedErrors(lengths[0], lengths[1], rms[0], turn_rms, bounds[0], bounds[1], grades)
 
 
@@ -501,20 +492,18 @@ def length_bound(probability: float, mean: Array, covariance: Array) -> Array:
         mean: ``(3, N)``.
         covariance: ``(3, 3, N)``.
     """
-    moved = np.einsum("ijn,jn->in", covariance, mean)
-    square = np.einsum("ijn,jkn->ikn", covariance, covariance)
-    first = np.einsum("iin->n", covariance) + np.sum(np.square(mean), axis=0)
-    second = np.einsum("iin->n", square) + 2.0 * np.sum(mean * moved, axis=0)
-    third = np.einsum("ijn,jin->n", square, covariance) + 3.0 * np.sum(np.square(moved), axis=0)
+    variances, axes = np.linalg.eigh(np.moveaxis(covariance, 2, 0))
+    squares = np.square(np.einsum("nij,in->nj", axes, mean))
+    # Cumulants of the squared length, over 1, 2 and 8.
+    first, second, third = (np.sum(variances**k + k * variances ** (k - 1) * squares, axis=1) for k in (1, 2, 3))
     scatter = second > 1e-28 * np.square(first)
     dof = np.where(scatter, second**3 / np.where(scatter, third, 1.0) ** 2, 1.0)
     # Wilson and Hilferty's cube root; at one degree of freedom, exactly.
     part = 2.0 / (9.0 * dof)
     quantile = dof * (1.0 - part + normal_quantile(probability) * np.sqrt(part)) ** 3
     quantile = np.where(dof <= 1.0, normal_quantile(0.5 * (1.0 + probability)) ** 2, quantile)
-    return np.asarray(
-        np.sqrt(np.maximum(first + np.where(scatter, (quantile - dof) * np.sqrt(second / dof), 0.0), 0.0))
-    )
+    beyond = np.where(scatter, (quantile - dof) * np.sqrt(np.maximum(second, 0.0) / dof), 0.0)
+    return np.asarray(np.sqrt(np.maximum(first + beyond, 0.0)))
 
 
 @dataclass(frozen=True, slots=True)

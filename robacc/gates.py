@@ -11,7 +11,7 @@ import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from itertools import product
+from itertools import accumulate, product
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
 
 import numpy as np
@@ -28,13 +28,15 @@ from robacc.comparison.stored_results import (
 )
 from robacc.errors import refuse
 from robacc.quantities import UNITS, Dimension, parse_quantity
-from robacc.statistics.distributions import normal_cdf, normal_quantile
 from robacc.statistics.intervals import (
     ASSURANCE,
     ConfidenceCurve,
     Interval,
     largest_known,
+    normal_cdf,
+    normal_quantile,
     smallest_sufficient,
+    tails,
 )
 
 if TYPE_CHECKING:
@@ -201,17 +203,15 @@ def _criterion(section: YamlSection, default_confidence: float) -> GateCriterion
     baseline, kind = section.text("baseline"), KEYS.get(key)
     given = [name for name in ("limit", "at_least", *_SETTING.values(), "share", "paired") if section.get(name)]
     limits = [name for name in given if name in ("limit", "at_least")]
-    accepted: tuple[str, ...] = ()
-    limit, is_word, is_list = None, kind in ("word", "grade"), False
-    if is_word and limits == ["limit"]:
-        node = section.values["limit"]
-        is_list = isinstance(node, SequenceNode)
-        texts = [source.text(item, section.at("limit")) for item in (node.value if is_list else [node])]
-        accepted = tuple(text for text in texts if text is not None)
-    elif not is_word and limits:
+    is_word = kind in ("word", "grade")
+    nodes = [section.values["limit"]] if is_word and limits == ["limit"] else []
+    is_list = any(isinstance(node, SequenceNode) for node in nodes)
+    texts = [source.text(item, section.at("limit")) for node in nodes for item in (node.value if is_list else [node])]
+    accepted = tuple(text for text in texts if text is not None)
+    # With a baseline, the default question is whether the figure got worse at all.
+    limit = None if is_word else 0.0
+    if not is_word and limits:
         limit, kind = _limit(section, limits[0], key, baseline)
-    elif not is_word:
-        limit = 0.0  # with a baseline, the default question is whether the figure got worse at all
     kind = kind or "number"
     default = "guarded_rejection" if baseline is not None else "simple" if kind in ("word", "number") else "bound"
     rule = cast("Rule", section.text("rule", RULES) or default)
@@ -300,13 +300,20 @@ def _limit(section: YamlSection, name: str, key: str, baseline: str | None) -> t
         return None, kind
     expected: Dimension | None = kind if kind == "length" or kind == "angle" else None
     limit, dimension = parse_quantity(text) or (None, None)
-    if limit is None or (kind is not None and dimension != expected and (limit, dimension) != (0, None)):
-        units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
-        wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
-        example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
-        section.report(name, f"expected {wanted}, found {text!r}", example)
-    elif limit < 0 and baseline is None and expected is not None and key != "gain":
-        section.report(name, f"{key} is never negative, so no result can meet {text!r}")
+    units = ", ".join(UNITS[expected] if expected else (*UNITS["length"], *UNITS["angle"]))
+    wanted = "a number without a unit" if kind == "number" else f"a number with its unit ({units})"
+    example = None if kind == "number" else "as in 0.1 deg" if kind == "angle" else "as in 0.2 mm"
+    is_other = kind is not None and dimension != expected and (limit, dimension) != (0, None)
+    is_signed = baseline is not None or expected is None or key == "gain"
+    section.report_if(
+        (limit is None or is_other, name, f"expected {wanted}, found {text!r}", example),
+        (
+            (limit or 0.0) < 0.0 and not (is_other or is_signed),
+            name,
+            f"{key} is never negative, so no result can meet {text!r}",
+            None,
+        ),
+    )
     return limit, kind or dimension
 
 
@@ -348,14 +355,12 @@ class BoundCurve(NamedTuple):
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None
         for interval in intervals:
-            tail = 0.5 * (1.0 - interval.confidence)
-            levels = ((tail, interval.lower), (1.0 - tail, interval.upper), (interval.confidence, interval.upper_bound))
-            points |= {round(normal_quantile(level), 9): bound for level, bound in levels if bound is not None}
+            ends = zip(tails(interval.confidence), (interval.lower, interval.upper, interval.upper_bound), strict=True)
+            points |= {round(normal_quantile(level), 9): bound for level, bound in ends if bound is not None}
             method, why, exact = interval.method, why or interval.why, interval.curve
         z = sorted(points) if any(points) else []
         # Resampled bounds at neighbouring levels may cross by chance.
-        rising = np.maximum.accumulate([points[at] for at in z]) if z else np.zeros(0)
-        return cls(tuple(z), tuple(rising.tolist()), method, why, exact)
+        return cls(tuple(z), tuple(accumulate((points[at] for at in z), max)), method, why, exact)
 
     @property
     def reaches(self) -> tuple[bool, bool]:
@@ -375,9 +380,7 @@ class BoundCurve(NamedTuple):
     def bound(self, level: float) -> float | None:
         """Return the upper bound of the true value at confidence ``level``; None outside the known bounds."""
         z = round(normal_quantile(level), 9)
-        if z in self.z:
-            return self.bounds[self.z.index(z)]
-        if not self.z or not self.z[0] < z < self.z[-1]:
+        if not self.z or not self.z[0] <= z <= self.z[-1]:
             return None
         between = float(np.interp(z, self.z, [*map(self.scale, self.bounds)]))
         return math.exp(between) if self.positive else between
@@ -391,11 +394,9 @@ class BoundCurve(NamedTuple):
         if self.exact is not None:
             return self.exact.below(limit)
         at, scaled = self.scale(limit), [*map(self.scale, self.bounds)]
-        if scaled[0] <= at <= scaled[-1]:
-            return normal_cdf(float(np.interp(at, scaled, self.z)))
-        end = -1 if at > scaled[-1] else 0
-        beyond = self.z[end] + (at - scaled[end]) * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
-        return normal_cdf(beyond) if self.reaches[end] else None
+        beyond = at - min(max(at, scaled[0]), scaled[-1])
+        z = float(np.interp(at, scaled, self.z)) + beyond * (self.z[-1] - self.z[0]) / (scaled[-1] - scaled[0])
+        return normal_cdf(z) if beyond == 0.0 or self.reaches[int(beyond > 0.0)] else None
 
     def standard_error(self, level: float) -> float | None:
         """Return half the distance between the bounds at 1 - ``level`` and ``level`` per normal quantile, scaled.
@@ -414,17 +415,17 @@ def difference_curve(value: float, curve: BoundCurve, baseline: float, baseline_
     Each bound combines the bounds of the two samples by the method of variance estimates recovery, as
     :func:`robacc.statistics.intervals.difference_limits` does.
     """
-    points = {}
-    for z in (-2.33, -1.96, -1.645, -1.28, -0.67, 0.0, 0.67, 1.28, 1.645, 1.96, 2.33):
-        level = normal_cdf(z)
-        bound, opposite = curve.bound(level), baseline_curve.bound(1.0 - level)
-        if bound is not None and opposite is not None:
-            points[z] = value - baseline + float(np.sign(z)) * math.hypot(bound - value, opposite - baseline)
+    points = {
+        z: value - baseline + float(np.sign(z)) * math.hypot(bound - value, opposite - baseline)
+        for z in (-2.33, -1.96, -1.645, -1.28, -0.67, 0.0, 0.67, 1.28, 1.645, 1.96, 2.33)
+        if (bound := curve.bound(normal_cdf(z))) is not None
+        and (opposite := baseline_curve.bound(1.0 - normal_cdf(z))) is not None
+    }
     why = curve.why or baseline_curve.why
     if not any(points):
         return BoundCurve((), (), "none", why or "the result or the baseline has no interval for this key")
     method = "two independent samples, bounds by the method of variance estimates recovery"
-    return BoundCurve(tuple(sorted(points)), tuple(sorted(points.values())), method, why)
+    return BoundCurve(tuple(points), tuple(sorted(points.values())), method, why)
 
 
 def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -> tuple[tuple[float, float], ...]:
@@ -441,11 +442,11 @@ def operating_curve(criterion: GateCriterion, curve: BoundCurve, error: float) -
     z, sign = normal_quantile(criterion.confidence), -1.0 if criterion.at_least else 1.0
     shift = {"bound": z, "guard_band": z, "simple": 0.0, "guarded_rejection": -z}[criterion.rule]
     # Distances of the true value above the limit, in standard errors.
-    distances = [5.0 * (2.0 * k / _STEPS - 1.0) for k in range(_STEPS + 1)]
     return tuple(
         (math.exp(place) if curve.positive else place, normal_cdf(-sign * distance - shift))
-        for distance in distances
-        for place in (centre + distance * error,)
+        for k in range(_STEPS + 1)
+        for distance in [5.0 * (2.0 * k / _STEPS - 1.0)]
+        for place in [centre + distance * error]
     )
 
 
@@ -466,9 +467,7 @@ def evaluated(criterion: GateCriterion, dimension: str | None = None, **known: A
     the rule tests to the limit, negative beyond the limit. The operating curve has true values and the probability to
     pass at each, for the same number of poses.
     """
-    limit: Any = criterion.limit
-    if criterion.accepted:
-        limit = list(criterion.accepted) if criterion.kind == "word" else criterion.accepted[0]
+    grades = criterion.accepted[:1] if criterion.kind == "grade" else ()
     return {
         "name": criterion.name,
         "key": criterion.key,
@@ -476,7 +475,7 @@ def evaluated(criterion: GateCriterion, dimension: str | None = None, **known: A
         "why": None,
         "unit": {"length": "m", "angle": "rad"}.get(dimension or criterion.kind, "1"),
         "value": None,
-        "limit": limit,
+        "limit": next(iter(grades), list(criterion.accepted) or criterion.limit),
         "at_least": criterion.at_least,
         "rule": criterion.rule,
         "rule_text": RULES[criterion.rule],
@@ -511,44 +510,50 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
     """
     limit, sign, rule = cast("float", criterion.limit), -1.0 if criterion.at_least else 1.0, criterion.rule
 
-    def meets(number: float) -> bool:
-        return sign * number <= sign * limit
+    def margin(number: float) -> float:
+        return sign * (limit - number)
 
+    outcome: Outcome = "pass" if margin(value) >= 0.0 else "fail"
     if curve is None:
-        if rule != "simple":
-            missing = f"the result has no interval for {criterion.key}, which rule: {rule} needs"
-            return {"outcome": "not_evaluated", "why": missing}
-        return {"outcome": "pass" if meets(value) else "fail", "why": None, "margin": sign * (limit - value)}
+        lacks = (
+            None if rule == "simple" else f"the result has no interval for {criterion.key}, which rule: {rule} needs"
+        )
+        return {
+            "outcome": "not_evaluated" if lacks else outcome,
+            "why": lacks,
+            "margin": None if lacks else margin(value),
+        }
     low, high = curve.bound(1.0 - criterion.confidence), curve.bound(criterion.confidence)
     # Bounds at a low confidence may exclude a biased value, such as a sample's percentile. Nothing passes with a value
     # beyond the limit, and nothing fails with a value within it.
     low, high = None if low is None else min(low, value), None if high is None else max(high, value)
     adverse, favourable = (low, high) if criterion.at_least else (high, low)
-    tested = value if rule == "simple" else favourable if rule == "guarded_rejection" else adverse
-    outcome: Outcome = "inconclusive"
-    why = None
-    if tested is not None and (meets(tested) or rule != "bound"):
-        outcome = "pass" if meets(tested) else "fail"
-        if rule == "guard_band" and outcome == "fail" and meets(value):
+    tested = {"simple": value, "guarded_rejection": favourable}.get(rule, adverse)
+    is_met, why = tested is not None and margin(tested) >= 0.0, None
+    outcome = "pass" if is_met else "inconclusive"
+    if tested is not None and not is_met and rule != "bound":
+        outcome = "fail"
+        if rule == "guard_band" and margin(value) >= 0.0:
             why = "the value meets the limit but lies within the guard band"
-    elif favourable is not None and not meets(favourable):
+    elif not is_met and favourable is not None and margin(favourable) < 0.0:
         outcome, tested = "fail", favourable if tested is None else tested
     elif tested is None:
         percent = f"{100 * criterion.confidence:g} %"
         unreached = f"the result's interval does not reach {percent}; compute the result again at {percent} confidence"
         why = curve.why or (unreached if any(curve.reaches) else "there are too few poses for an interval")
     error, below = curve.standard_error(criterion.confidence if criterion.confidence > 0.6 else 0.9), curve.below(limit)
-    # Distance from the value to the limit, on the scale on which the figure is close to normal.
-    scaled, z = abs(curve.scale(limit) - curve.scale(value)), normal_quantile(criterion.confidence)
     assured = if_true = None
     if outcome == "inconclusive" and n is not None and error is not None and error > 0.0 and below is not None:
+        z = normal_quantile(criterion.confidence)
         # With fewer poses, no order statistic bounds a 95th percentile.
         of_percentile = math.ceil(math.log(1.0 - criterion.confidence) / math.log(0.95))
         fewest = max(n + 1, of_percentile if criterion.key.endswith(".p95") else 0)
         # The confidence at the limit has the estimate's bias, and its standard error on the side of the limit.
         if 0.0 < below < 1.0 and (assured := poses_to_decide(abs(normal_quantile(below)), z, n)) is not None:
             assured = max(assured, fewest)
-        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error.
+        # The bound lies z standard errors from the estimate, and the estimate scatters by one standard error. The
+        # distance from the value to the limit is on the scale on which the figure is close to normal.
+        scaled = abs(curve.scale(limit) - curve.scale(value))
         needed = math.inf if scaled == 0.0 else n * ((z + normal_quantile(ASSURANCE)) * error / scaled) ** 2
         if_true = None if needed > MOST_POSES else max(math.ceil(needed), fewest)
     return {
@@ -556,7 +561,7 @@ def decide(criterion: GateCriterion, value: float, curve: BoundCurve | None, n: 
         "why": why,
         "lower_bound": low,
         "upper_bound": high,
-        "margin": None if tested is None else sign * (limit - tested),
+        "margin": None if tested is None else margin(tested),
         "conformity_probability": None if below is None else 1.0 - below if criterion.at_least else below,
         "method": curve.method,
         "poses_to_decide": assured,
@@ -649,15 +654,15 @@ def figure_at(document: Mapping[str, Any], key: str, confidence: float) -> GateF
     Raises:
         NoValueError: The result has no number there.
     """
-    number, interval, holder, name = number_at(document, key)
+    (number, interval), holder, name = number_at(document, key)
     statistic = key.rpartition(".")[2]
     counts = [holder.get("n_commanded_poses"), holder.get("n_poses"), document.get("n_poses")]
     n = next((int(count) for count in map(finite_number, counts) if count is not None), None)
-    curve = None
-    if interval is not None:
-        # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
-        two_sided = interval.lower is not None and (interval.upper_bound is not None or interval.upper is not None)
-        curve = BoundCurve.through([interval], None if two_sided and statistic == "p95" else number)
+    # The 95th percentile of a small sample is biased low: two bounds locate the median better than the value.
+    ends = () if interval is None or interval.lower is None else (interval.upper_bound, interval.upper)
+    is_bounded = any(end is not None for end in ends)
+    centre = None if is_bounded and statistic == "p95" else number
+    curve = None if interval is None else BoundCurve.through([interval], centre)
     errors = errors_behind(document, key.rpartition(".")[0]) if statistic in ("rms", "mean_error", "p95") else None
     # With more poses, the stored interval is as good as a recomputed one and costs nothing.
     if errors is not None and errors.groups.size <= 20_000:
@@ -691,32 +696,33 @@ def difference_to_baseline(
         reference = figure_at(baseline, key, confidence)
     except NoValueError as error:
         raise NoValueError(f"in the baseline, {error}") from None
+    (place, _, statistic), paired = key.rpartition("."), criterion.paired
+    sets = [errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document)]
+    listed = [errors for errors in sets if errors is not None]
+    missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
     refuse(
         (figure.dimension != reference.dimension, f"{key} has different units in the result and in the baseline"),
+        (paired and len(listed) < 2, missing),
         error=NoValueError,
     )
-    (place, _, statistic), paired = key.rpartition("."), criterion.paired
-    before, after = (errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document))
-    missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
-    refuse((paired and (before is None or after is None), missing), error=NoValueError)
-    pair = None
-    if before is not None and after is not None and paired is not False:
-        sizes, common = (after.groups.size, before.groups.size), pair_poses(before, after)
-        if common is not None and common[0].n_groups == before.n_groups == after.n_groups:
-            pair = common
-        elif paired:
-            other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
-            refuse((sizes[0] != sizes[1], other), error=NoValueError)
-            pair = before, replace(after, groups=before.groups)
-    curve = None
-    if pair is not None and after is not None:
-        seed, levels = document.get("seed") or 0, _levels(confidence)
-        changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
-        curve = BoundCurve.through(each.interval for each in changes)
-        return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
-    if figure.curve is not None and reference.curve is not None:
-        curve = difference_curve(figure.value, figure.curve, reference.value, reference.curve)
-    return GateFigure(figure.value - reference.value, figure.dimension, curve, figure.n), reference.value
+    if len(listed) == 2 and paired is not False:
+        before, after = listed
+        sizes, pair = (after.groups.size, before.groups.size), pair_poses(before, after)
+        is_whole = pair is not None and pair[0].n_groups == before.n_groups == after.n_groups
+        other = "paired: true needs the same poses, but the result has {} and the baseline has {}".format(*sizes)
+        refuse((paired and not is_whole and sizes[0] != sizes[1], other), error=NoValueError)
+        if is_whole or paired:
+            pair = pair if pair is not None and is_whole else (before, replace(after, groups=before.groups))
+            seed, levels = document.get("seed") or 0, _levels(confidence)
+            changes = [difference(statistic, *pair, paired=True, confidence=level, seed=seed) for level in levels]
+            curve = BoundCurve.through(each.interval for each in changes)
+            return GateFigure(changes[0].value, figure.dimension, curve, after.n_groups), reference.value
+    change = (
+        None
+        if figure.curve is None or reference.curve is None
+        else difference_curve(figure.value, figure.curve, reference.value, reference.curve)
+    )
+    return GateFigure(figure.value - reference.value, figure.dimension, change, figure.n), reference.value
 
 
 MOST_OF_TOLERANCE = 0.25
@@ -769,23 +775,25 @@ def _evaluate(
     criterion: GateCriterion, document: Mapping[str, Any], baselines: Mapping[str, Mapping[str, Any]]
 ) -> Evaluation:
     if criterion.kind == "word":
-        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
         word = value_at(document, criterion.key)[0]
         word = str(word).lower() if isinstance(word, bool | np.bool_) else word
         refuse((not isinstance(word, str), f"the result's {criterion.key} is not a word"), error=NoValueError)
-        outcome: Outcome = "pass" if word in criterion.accepted else "fail"
-        warnings, why = tuple[str, ...](), None
-        if criterion.key == "verdict" and outcome == "pass":
-            after = document.get("after")
-            if isinstance(after, Mapping) and after.get("held_out") is None:
-                outcome, why = "inconclusive", "the result has no held-out poses to confirm the verdict"
-            elif (document.get("noise") or {}).get("source") == "residual":
-                warnings = (
-                    "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
-                    "says that no structure remains, not how large the remaining error is; add a limit on "
-                    "after.held_out.position.p95",
-                )
-        return evaluated(criterion, outcome=outcome, why=why, value=word, warnings=warnings)
+        after, noise = document.get("after"), document.get("noise") or {}
+        # An accepted verdict of a trace is inconclusive without held-out poses to confirm it.
+        is_verdict = criterion.key == "verdict" and word in criterion.accepted
+        is_unconfirmed = is_verdict and isinstance(after, Mapping) and after.get("held_out") is None
+        unknown = (
+            "verdict: the measurement noise is unknown (no sigma columns, no repeated poses), so the verdict "
+            "says that no structure remains, not how large the remaining error is; add a limit on "
+            "after.held_out.position.p95",
+        )
+        return evaluated(
+            criterion,
+            outcome="inconclusive" if is_unconfirmed else "pass" if word in criterion.accepted else "fail",
+            why="the result has no held-out poses to confirm the verdict" if is_unconfirmed else None,
+            value=word,
+            warnings=unknown if is_verdict and not is_unconfirmed and noise.get("source") == "residual" else (),
+        )
     if criterion.kind == "grade":
         return _evaluate_grade(criterion, document)
     compared, ratio = None, None
@@ -794,11 +802,9 @@ def _evaluate(
         compared = {"file": criterion.baseline, "value": value}
     else:
         figure = figure_at(document, criterion.key, criterion.confidence)
-        noise, noise_std = document.get("noise"), None
-        if isinstance(noise, Mapping) and noise.get("source") != "residual":
-            noise_std = finite_number(
-                noise.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind, ""))
-            )
+        stated = document.get("noise")
+        stated = stated if isinstance(stated, Mapping) and stated.get("source") != "residual" else {}
+        noise_std = finite_number(stated.get({"length": "position_m", "angle": "orientation_rad"}.get(criterion.kind)))
         # Coverage factor of the instrument's expanded uncertainty (JCGM 100, 6.2).
         ratio = None if noise_std is None or not criterion.limit else 2.0 * noise_std / abs(criterion.limit)
     other = (
@@ -840,12 +846,13 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
         error=NoValueError,
     )
     confidence = grade.get("confidence") or criterion.confidence
-    own: list[Evaluation] = []
-    for quantity, unit in (("position", "m"), ("orientation", "rad")):
-        limit = steps[required].get(f"{quantity}_{unit}")
-        if limit is not None and document.get(quantity):
-            each = criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
-            own.append(_decide_figure(each, figure_at(document, each.key, confidence)))
+    limits = {"position": steps[required].get("position_m"), "orientation": steps[required].get("orientation_rad")}
+    criteria = [
+        criterion._replace(key=f"{quantity}.{grade.get('statistic')}", limit=limit, confidence=confidence)
+        for quantity, limit in limits.items()
+        if limit is not None and document.get(quantity)
+    ]
+    own = [_decide_figure(each, figure_at(document, each.key, confidence)) for each in criteria]
     outcome: Outcome = min((each["outcome"] for each in own), key=_WORST_FIRST.index, default="pass")
     deciding = [each for each in own if each["outcome"] == outcome]
     reasons = "; ".join(dict.fromkeys(each["why"] for each in deciding if each.get("why"))) or None

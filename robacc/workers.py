@@ -131,7 +131,11 @@ def _in_processes(
                     yield number, WorkerKilled()
     finally:
         for pool in (*idle, *(pool for _, _, pool in running.values())):
+            # A process that ends while it sends leaves half a message; this process waits for the rest, even at its
+            # exit, as long as it may write to the pipe itself.
+            results: Any = pool._result_queue
             pool.shutdown(wait=False)
+            results._writer.close()
         processes = active_children()
         for process in processes:
             process.terminate()

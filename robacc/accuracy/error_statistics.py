@@ -20,18 +20,21 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
 from robacc.errors import InputError
 from robacc.geometry import Array, vector_lengths
-from robacc.statistics.distributions import chi2_sf, f_sf, normal_cdf, student_quantile
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
     PercentileCurve,
     PoseSampling,
     chi2_interval,
+    chi2_sf,
     covariance_element,
+    f_sf,
     interpolated,
+    normal_cdf,
     percentile_levels,
     quantiles,
     student_interval,
+    student_quantile,
 )
 from robacc.statistics.lengths import ScaledPercentileCurve, length_quantile, squared_quantile_gradient
 
@@ -44,6 +47,8 @@ Shape = tuple[Array, Array] | None
 # Second moments and principal axes of errors ``(3, N)``; tests of equation (13), which assumes Gaussian errors of
 # zero mean.
 
+_SQUARES = np.array([[4, 5, 6], [5, 7, 8], [6, 8, 9]])
+"""Places of e e^T in z."""
 NIL = 1e-12
 """Eigenvalues below this fraction of the largest are rounding: the axis is a million times thinner than the longest."""
 
@@ -109,11 +114,8 @@ def tests_of_sums(products: Array, origin: Array, mean: Array) -> AssumptionTest
 
 def _second(means: Array, shift: Array) -> Array:
     """Return the mean of f f^T ``(3, 3)``, f = e + ``shift``, from the means of z."""
-    square = np.empty((3, 3))
-    for (i, j), value in zip(PAIRS, means[4:10], strict=True):
-        square[i, j] = square[j, i] = value
     across = np.outer(means[1:4], shift)
-    return np.asarray(square + across + across.T + np.outer(shift, shift))
+    return np.asarray(means[_SQUARES] + across + across.T + np.outer(shift, shift))
 
 
 def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> AssumptionTest:
@@ -127,12 +129,12 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
         (p < rank, "the errors do not scatter along every direction of their mean"),
         (rank == 0, "every error is zero"),
     )
-    why = next((text for applies, text in obstacles if applies), None)
-    statistic = p_value = None
-    if why is None:
-        statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
-        p_value = f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p)
-    return AssumptionTest("Hotelling's T-squared: the mean is zero", statistic, p_value, p, why)
+    name = "Hotelling's T-squared: the mean is zero"
+    for applies, why in obstacles:
+        if applies:
+            return AssumptionTest(name, None, None, p, why)
+    statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
+    return AssumptionTest(name, statistic, f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p), p)
 
 
 def _mardia(n: int, p: int, b1: float, b2: float) -> tuple[AssumptionTest, AssumptionTest]:
@@ -337,8 +339,7 @@ class _ErrorSample(PoseSampling):
         mean = sums.origin + sums.products[0, 1:4] / n
         tests = tests_of_sums(sums.products, sums.origin, mean)
         if count < n:
-            tested = (tests.zero_mean, tests.skewness, tests.kurtosis)
-            tests = AssumptionTests(*(AssumptionTest(test.method, None, None, 3, IN_PARTS) for test in tested))
+            tests = AssumptionTests(*(AssumptionTest(test.method, None, None, 3, IN_PARTS) for test in tests))
         return cls(
             n,
             None,
@@ -366,34 +367,33 @@ class _ErrorSample(PoseSampling):
         """Mean of z ``(11,)``."""
         return np.asarray(self.of_groups.sum(axis=0) / self.n)
 
-    @cached_property
-    def covariance(self) -> Array:
-        """Covariance about zero."""
-        return _second(self.means, self.origin)
+    def centre(self, about_zero: bool) -> Array:
+        """Return zero or the mean."""
+        return np.zeros(3) if about_zero else self.mean
 
-    @cached_property
-    def centred_covariance(self) -> Array:
-        """Covariance about the mean."""
-        return _second(self.means, self.origin - self.mean)
+    def covariance(self, about_zero: bool) -> Array:
+        """Return the covariance about zero or about the mean."""
+        return _second(self.means, self.origin - self.centre(about_zero))
 
-    def of_mean(self, weights: Array, confidence: float, *, positive: bool) -> Interval:
-        """Return the interval of the mean of ``weights`` ``(11,)`` times z; see :meth:`interval`."""
+    def of_mean(
+        self, weights: Array, confidence: float, *, positive: bool = True, exact: Interval | None = None
+    ) -> Interval:
+        """Return the interval of the mean of ``weights`` ``(11,)`` times z by resampling; see :meth:`interval`.
+
+        An ``exact`` interval of a Gaussian takes its place; if frames were fitted, the wider of both does: held-out
+        errors grow with the leverage of the pose, so their squares scatter more than those of a Gaussian.
+        """
+        if exact is not None and self.share == 1.0:
+            return exact
         mean, of_groups = float(weights @ self.means), self.of_groups @ weights
         # A sum of terms that cancel is rounding.
         largest = float(np.max(np.abs(self.of_groups) @ np.abs(weights) / self.sizes))
-        return self.interval(mean, of_groups - mean * self.sizes, largest, confidence, positive=positive)
+        resampled = self.interval(mean, of_groups - mean * self.sizes, largest, confidence, positive=positive)
+        return resampled if exact is None else exact.wider(resampled)
 
-    def of_square(self, matrix: Array, confidence: float, about: Array | None = None) -> Interval:
-        """Return the interval of the mean of d^T ``matrix`` d, d the error from zero or ``about`` another point."""
-        own = weights(self.origin, np.zeros(3) if about is None else about, quadratic=matrix)
-        return self.of_mean(own, confidence, positive=True)
-
-    def cautious(self, interval: Interval, matrix: Array, confidence: float, about: Array | None = None) -> Interval:
-        """Return the interval of a Gaussian, if frames were fitted the wider of it and that of :meth:`of_square`.
-
-        Held-out errors grow with the leverage of the pose, so their squares scatter more than those of a Gaussian.
-        """
-        return interval if self.share == 1.0 else interval.wider(self.of_square(matrix, confidence, about))
+    def of_square(self, matrix: Array, confidence: float, exact: Interval | None) -> Interval:
+        """Return the interval of the mean of e^T ``matrix`` e, e the error."""
+        return self.of_mean(weights(self.origin, np.zeros(3), quadratic=matrix), confidence, exact=exact)
 
     @property
     def shape(self) -> bool:
@@ -407,10 +407,9 @@ class _ErrorSample(PoseSampling):
         # Errors without scatter along their mean have no p-value, but such a mean is not due to chance.
         return self.n_groups <= 3 if p_value is None else p_value >= SIGNIFICANCE
 
-    @property
-    def gaussian(self) -> bool:
-        """The errors of the commanded poses look Gaussian, and no commanded pose was repeated."""
-        return self.shape and not self.is_repeated
+    def is_gaussian(self, about_zero: bool) -> bool:
+        """Return whether the errors of the commanded poses look Gaussian about zero or the mean, and none repeat."""
+        return self.shape and not self.is_repeated and (self.zero_mean or not about_zero)
 
     @property
     def structure(self) -> PoseStructure:
@@ -435,7 +434,7 @@ class _ErrorSample(PoseSampling):
                 return PoseStructure(n, number, None, None, None, None, why + consequence, why)
         of_pose = self.of_groups - self.sizes[:, None] * self.means
         explained = float(np.sum(np.square(of_pose[:, 1:4]) / self.sizes[:, None]))
-        within = max(n * float(np.trace(self.centred_covariance)) - explained, 0.0) / (n - number)
+        within = max(n * float(np.trace(self.covariance(False))) - explained, 0.0) / (n - number)
         # Kish's mean number of repetitions weights each pose by its number of rows.
         mean_size = float(np.sum(np.square(self.sizes))) / n
         between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
@@ -458,42 +457,39 @@ class _ErrorSample(PoseSampling):
             (self.zero_mean, "their mean is not zero (Hotelling)"),
             (not self.is_repeated, "commanded poses were repeated, and repetitions are not independent"),
         )
-        if rejections := [text for holds, text in assumptions if not holds]:
-            return f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
-        tests = self.tests
-        if None in (tests.skewness.p_value, tests.kurtosis.p_value, tests.zero_mean.p_value):
-            return "errors assumed Gaussian with zero mean; the poses are too few to test it"
-        return f"errors assumed Gaussian with zero mean; no test rejects it at {100 * SIGNIFICANCE:g} %"
+        rejections = "; ".join(text for holds, text in assumptions if not holds)
+        if rejections:
+            return f"{rejections}: intervals come from resampling, not from a Gaussian model"
+        is_tested = all(test.p_value is not None for test in self.tests)
+        tested = f"no test rejects it at {100 * SIGNIFICANCE:g} %" if is_tested else "the poses are too few to test it"
+        return f"errors assumed Gaussian with zero mean; {tested}"
 
     def mean_intervals(self, confidence: float) -> tuple[Interval, ...]:
         """Return intervals of the mean's components: Student's t for Gaussian errors (exact), else the bootstrap."""
         dof = self.n_independent - 1.0
-        if self.too_few or not self.gaussian:
+        if self.too_few or not self.is_gaussian(about_zero=False):
             components = (weights(self.origin, np.zeros(3), linear=axis) for axis in np.eye(3))
             return tuple(self.of_mean(component, confidence, positive=False) for component in components)
-        parts = zip(self.mean.tolist(), np.sqrt(np.diag(self.centred_covariance) / dof).tolist(), strict=True)
+        parts = zip(self.mean.tolist(), np.sqrt(np.diag(self.covariance(False)) / dof).tolist(), strict=True)
         return tuple(student_interval(value, error, dof, confidence) for value, error in parts)
 
     def matrix_interval(self, about_zero: bool, confidence: float) -> MatrixInterval:
         """Return intervals of the elements of the covariance about zero or about the mean."""
-        about = np.zeros(3) if about_zero else self.mean
         if (why := self.too_few) is not None:
             return MatrixInterval(None, None, confidence, "none", why)
         # Gaussian errors have N degrees of freedom about their known mean and N - 1 about the estimated one.
-        is_gaussian = self.gaussian and (self.zero_mean or not about_zero)
-        dof = self.n_independent - (not about_zero)
-        unbiased = self.covariance if about_zero else self.centred_covariance * self.n_independent / dof
+        is_gaussian, dof = self.is_gaussian(about_zero), self.n_independent - (not about_zero)
+        unbiased = self.covariance(about_zero) * (self.n_independent / dof)
         limits, method = np.empty((2, 3, 3)), "Wishart (chi-square)"
         for i, j in PAIRS:
-            own = 0.5 * (np.outer(*np.eye(3)[[i, j]]) + np.outer(*np.eye(3)[[j, i]]))
-            if not is_gaussian:
-                interval = self.of_mean(weights(self.origin, about, quadratic=own), confidence, positive=i == j)
-            elif i == j:
-                interval = chi2_interval(float(unbiased[i, i]), dof, confidence, method)
-                interval = self.cautious(interval, own, confidence, about)
-            else:
+            if is_gaussian and i != j:
                 ends = covariance_element(unbiased[i, i], unbiased[j, j], unbiased[i, j], dof, confidence)
                 interval = Interval(*ends, None, confidence, method)
+            else:
+                exact = chi2_interval(float(unbiased[i, i]), dof, confidence, method) if is_gaussian else None
+                element = 0.5 * (np.outer(*np.eye(3)[[i, j]]) + np.outer(*np.eye(3)[[j, i]]))
+                own = weights(self.origin, self.centre(about_zero), quadratic=element)
+                interval = self.of_mean(own, confidence, positive=i == j, exact=exact)
             limits[:, i, j] = limits[:, j, i] = interval.lower, interval.upper
         return MatrixInterval(limits[0], limits[1], confidence, interval.method)
 
@@ -507,39 +503,32 @@ class _ErrorSample(PoseSampling):
         "Tests of significance for the latent roots of covariance and correlation matrices", Biometrika 43, 1956).
         """
         n = self.n_independent
-        variances, axes = principal_axes(self.covariance)
+        variances, axes = principal_axes(self.covariance(True))
         if (why := self.too_few) is not None:
             return Ellipsoid(axes, np.sqrt(variances), (Interval.missing(confidence, why),) * 3)
-        runs = [[0]]
-        for k in (1, 2):
-            large, small = float(variances[k - 1]), float(variances[k])
-            # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n).
-            # Standard errors by which the logarithms of two neighbouring principal variances must differ to count as
-            # distinct.
-            apart = math.log(large / small) > 2.5 * math.sqrt(4.0 / n) if small > 0.0 else large > 0.0
-            runs = [*runs, [k]] if apart else [*runs[:-1], [*runs[-1], k]]
-        single = []
-        for k in range(3):
-            unbias = 1.0
+        # The logarithm of a variance estimated from n has a standard error of sqrt(2 / n); the logarithms of distinct
+        # neighbours differ by 2.5 standard errors.
+        run = np.cumsum([0, *(variances[:-1] > variances[1:] * math.exp(2.5 * math.sqrt(4.0 / n)))])
+        single: list[Interval] = []
+        for k, variance in enumerate(variances.tolist()):
+            others, unbias, exact = np.delete(variances, k), 1.0, None
             # Below four poses the expansion in 1/n is useless, and its factor could have any sign.
-            if [k] in runs and variances[k] > 0.0 and n >= 4:
-                others = np.delete(variances, k)
-                unbias = 1.0 / (1.0 + float(np.sum(others / (variances[k] - others))) / n)
-            along = unbias * np.outer(axes[:, k], axes[:, k])
-            if self.gaussian and self.zero_mean:
-                own = chi2_interval(unbias * float(variances[k]), n, confidence, "chi-square along a principal axis")
-                single.append(self.cautious(own, along, confidence))
-            else:
-                single.append(self.of_square(along, confidence))
-        intervals: list[Interval] = []
-        for run in runs:
-            first, last = single[run[0]], single[run[-1]]
-            if len(run) > 1:
-                method = f"{first.method}, shared by {len(run)} axes that are not distinguishable on these poses"
-                method += ", with at least the confidence"
-                first = Interval(last.lower, first.upper, first.upper_bound, confidence, method)
-            intervals += [first.root()] * len(run)
-        return Ellipsoid(axes, np.sqrt(variances), tuple(intervals))
+            if np.count_nonzero(run == run[k]) == 1 and variance > 0.0 and n >= 4:
+                unbias = 1.0 / (1.0 + float(np.sum(others / (variance - others))) / n)
+            if self.is_gaussian(about_zero=True):
+                exact = chi2_interval(unbias * variance, n, confidence, "chi-square along a principal axis")
+            single.append(self.of_square(unbias * np.outer(axes[:, k], axes[:, k]), confidence, exact))
+
+        def shared(axes_of_run: Sequence[int]) -> Interval:
+            """Return the interval of axes that are not distinguishable, the longest first."""
+            first, last, count = single[axes_of_run[0]], single[axes_of_run[-1]], len(axes_of_run)
+            method = f"{first.method}, shared by {count} axes that are not distinguishable on these poses"
+            ends = last.lower, first.upper, first.upper_bound
+            common = Interval(*ends, confidence, f"{method}, with at least the confidence")
+            return (first if count == 1 else common).root()
+
+        intervals = tuple(shared(np.flatnonzero(run == number).tolist()) for number in run)
+        return Ellipsoid(axes, np.sqrt(variances), intervals)
 
     def radius95(self, about_zero: bool, confidence: float) -> tuple[EstimateOrReason, Shape]:
         """Return the radius about zero that contains 95 % of the fitted Gaussian, and the shape of its lengths.
@@ -548,36 +537,29 @@ class _ErrorSample(PoseSampling):
         Gaussian, the interval comes from resampling the poses' first-order influence on the squared radius; if frames
         were fitted, it is the wider of both.
         """
-        n = self.n_independent
-        fewest = 3 if about_zero else 4
+        n, fewest = self.n_independent, 3 if about_zero else 4
         if n < fewest:
             why = f"{self.described}: scatter in three directions needs at least {fewest}"
             return EstimateOrReason.missing(confidence, why), None
-        variances, axes = principal_axes(self.covariance if about_zero else self.centred_covariance)
-        along = np.zeros(3) if about_zero else axes.T @ self.mean
+        variances, axes = principal_axes(self.covariance(about_zero))
+        along, exact = axes.T @ self.centre(about_zero), None
         variances = np.where(variances > NIL * (variances[0] + along @ along), variances, 0.0)
         radius = length_quantile(PROBABILITY, along, variances)
         if not np.any(variances):
             return EstimateOrReason(radius, Interval.exact(radius, confidence)), None
-        shrunk, interval = _shrunk_to_mean(variances, n), None
-        if self.gaussian and (self.zero_mean or not about_zero):
+        shrunk = _shrunk_to_mean(variances, n)
+        if self.is_gaussian(about_zero):
             # The first-order variance of the squared radius over mean and covariance.
             square = length_quantile(PROBABILITY, along, shrunk) ** 2
             by_mean, by_covariance = squared_quantile_gradient(math.sqrt(square), along, shrunk)
             weighted = by_covariance * shrunk
             variance = (2.0 * float(np.sum(weighted * weighted.T)) + float(by_mean**2 @ shrunk)) / n
-            interval = chi2_interval(square, 2.0 * square**2 / variance, confidence, _METHOD)
-        if interval is None or self.share != 1.0:
-            by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
-            influence = weights(
-                self.origin,
-                np.zeros(3) if about_zero else self.mean,
-                axes @ by_mean,
-                axes @ (0.5 * (by_covariance + by_covariance.T)) @ axes.T,
-            )
-            influence[0] += radius**2 - float(np.diag(by_covariance) @ variances)
-            resampled = self.of_mean(influence, confidence, positive=True)
-            interval = resampled if interval is None else interval.wider(resampled)
+            exact = chi2_interval(square, 2.0 * square**2 / variance, confidence, _METHOD)
+        by_mean, by_covariance = squared_quantile_gradient(radius, along, variances)
+        quadratic = axes @ (0.5 * (by_covariance + by_covariance.T)) @ axes.T
+        influence = weights(self.origin, self.centre(about_zero), axes @ by_mean, quadratic)
+        influence[0] += radius**2 - float(np.diag(by_covariance) @ variances)
+        interval = self.of_mean(influence, confidence, exact=exact)
         return EstimateOrReason(radius, interval.root()), (along, shrunk)
 
     def length_intervals(
@@ -588,14 +570,11 @@ class _ErrorSample(PoseSampling):
         ``radius`` and ``shape`` are those of the Gaussian about zero if its mean is assumed to be zero, else about the
         mean.
         """
-        if self.gaussian and self.zero_mean and self.too_few is None:
-            own = satterthwaite(self.covariance, self.n_independent, confidence)
-            rms = self.cautious(own, np.eye(3), confidence)
-        else:
-            rms = self.of_square(np.eye(3), confidence)
+        has_exact = self.is_gaussian(about_zero=True) and self.too_few is None
+        exact = satterthwaite(self.covariance(True), self.n_independent, confidence) if has_exact else None
         return (
-            rms.root(),
-            self.of_mean(LENGTH, confidence, positive=True),
+            self.of_square(np.eye(3), confidence, exact).root(),
+            self.of_mean(LENGTH, confidence),
             self._p95_interval(radius, shape, confidence),
         )
 
@@ -605,8 +584,7 @@ class _ErrorSample(PoseSampling):
         Both rest on the sample's own percentile. With few poses the Gaussian gives the shape of the distribution only,
         not its scale; see :mod:`robacc.statistics.lengths`.
         """
-        lengths = self.lengths
-        n = int(self.n_independent)
+        lengths, n = self.lengths, int(self.n_independent)
         levels = percentile_levels(n, PROBABILITY, confidence)
         # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
         by_model = levels[1] is None and self.shape and n >= FEWEST_FOR_MODEL
@@ -620,20 +598,19 @@ class _ErrorSample(PoseSampling):
         curve = PercentileCurve(lengths, n, PROBABILITY, radius.interval.curve, radius.value, dof, by_model)
         if by_model and shape is not None:
             model = ScaledPercentileCurve(quantiles(lengths, [PROBABILITY])[0], n, PROBABILITY, *shape)
-            curve = curve._replace(model=model)
             method = (
                 "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
             )
-            return dataclasses.replace(model.interval(confidence, method), curve=curve)
+            return dataclasses.replace(model.interval(confidence, method), curve=curve._replace(model=model))
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
         step = (lengths.size - 1) / (self.n - 1)
-        positions = [(level * (self.n + 1) - 1.0) * step for level in levels if level is not None]
-        limits = iter(interpolated(lengths, positions))
-        lower, upper, bound = (None if level is None else next(limits) for level in levels)
+        lower, upper, bound = (
+            None if level is None else interpolated(lengths, [(level * (self.n + 1) - 1.0) * step])[0]
+            for level in levels
+        )
         too_few = f"{self.described}: too few for an upper limit without assuming a distribution"
-        method = f"order statistics of {self.described}"
-        if self.is_repeated:
-            method += "; all repetitions of a pose count as one, so the confidence is at least the stated one"
+        cautious = "; all repetitions of a pose count as one, so the confidence is at least the stated one"
+        method = f"order statistics of {self.described}" + cautious * self.is_repeated
         return Interval(lower, upper, bound, confidence, method, too_few if upper is None else None, curve)
 
 
@@ -672,6 +649,7 @@ def statistics_of_sums(sums: ErrorSums, n_commands: int, unit: Unit, confidence:
 
 def _statistics(sample: _ErrorSample, unit: Unit, confidence: float) -> ErrorStatistics:
     about_zero, about_mean = (sample.radius95(zero, confidence) for zero in (True, False))
+    covariance = sample.covariance(True)
     return ErrorStatistics(
         unit=unit,
         n=sample.n,
@@ -679,9 +657,9 @@ def _statistics(sample: _ErrorSample, unit: Unit, confidence: float) -> ErrorSta
         n_independent=sample.n_independent,
         confidence=confidence,
         mean=sample.mean,
-        covariance=sample.covariance,
-        centred_covariance=sample.centred_covariance,
-        rms=float(np.sqrt(np.trace(sample.covariance))),
+        covariance=covariance,
+        centred_covariance=sample.covariance(False),
+        rms=float(np.sqrt(np.trace(covariance))),
         mean_error=float(sample.means @ LENGTH),
         p95=quantiles(sample.lengths, [PROBABILITY])[0],
         max=float(np.max(sample.lengths)),

@@ -9,6 +9,7 @@ sum of z z^T, and quantiles come from a histogram of the lengths.
 
 from __future__ import annotations
 
+from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -21,8 +22,8 @@ LENGTH = np.eye(11)[-1]
 """Weights of the features whose sum is the length of the error."""
 _GROUPS = 4096
 """Groups of poses: a standard error from them has a relative standard error of 1 / sqrt(2 * 4096), one per cent."""
-_MARKS = 1 << 22
-"""Marks for hashes of commands, half a megabyte of bits: many more commands than these are told from few."""
+_HASHES = 1 << 19
+"""Hashes of different commands that are kept, four megabytes of them."""
 _SHIFT = np.uint64(52 - 12)
 """Bits of a length that do not count in its bin: its exponent and 12 bits of its mantissa do, so a bin is a 4096th
 of its length wide at most."""
@@ -46,38 +47,22 @@ def weights(origin: Array, about: Array, linear: Array | None = None, quadratic:
     return np.array([(slope + square @ shift) @ shift, *(slope + 2.0 * square @ shift), *products, 0.0])
 
 
-@dataclass(frozen=True, slots=True)
-class DifferentCommands:
-    """Different commands of poses, by a hash of each."""
+def smallest_hashes(*hashes: NDArray[np.uint64]) -> NDArray[np.uint64]:
+    """Return the different hashes of commands, ascending; of many commands the smallest."""
+    return np.unique(np.concatenate(hashes))[:_HASHES]
 
-    marks: NDArray[np.uint8]
-    """``(M / 8,)`` a bit for each number of :data:`_MARKS` that a hash gave."""
-    numbers: NDArray[np.int64]
-    """``(N,)`` number of each pose; empty for the commands of several parts."""
 
-    @classmethod
-    def of(cls, hashes: NDArray[np.uint64]) -> DifferentCommands:
-        """Return the commands with these hashes ``(N,)``."""
-        numbers = (hashes % np.uint64(_MARKS)).astype(np.int64)
-        marks = np.zeros(_MARKS, dtype=bool)
-        marks[numbers] = True
-        return cls(np.packbits(marks), numbers)
+def count_commands(smallest: NDArray[np.uint64], n: int) -> int:
+    """Return how many of the commands of n poses are different; n where the count cannot be told from it.
 
-    def __add__(self, other: DifferentCommands) -> DifferentCommands:
-        """Return the commands of both."""
-        return DifferentCommands(self.marks | other.marks, np.empty(0, dtype=np.int64))
-
-    def count(self, n: int) -> int:
-        """Return how many of the commands of n poses are different; n where the count cannot be told from it.
-
-        Linear counting: K.-Y. Whang, B. T. Vander-Zanden, H. M. Taylor, "A linear-time probabilistic counting algorithm
-        for database applications", ACM Transactions on Database Systems 15, 1990, with its standard error.
-        """
-        empty = max(1.0 - np.unpackbits(self.marks).sum(dtype=float) / _MARKS, 0.5 / _MARKS)
-        load = -float(np.log(empty))
-        error = np.sqrt(_MARKS * (np.exp(load) - load - 1.0))
-        counted = round(_MARKS * load)
-        return n if counted >= n - 4.0 * error else counted
+    Among many commands, the largest of their smallest hashes shows how close they lie, with a relative standard error
+    of 1 / sqrt(k) by k hashes: Z. Bar-Yossef, T. S. Jayram, R. Kumar, D. Sivakumar, L. Trevisan, "Counting distinct
+    elements in a data stream", RANDOM 2002.
+    """
+    if smallest.size < _HASHES:
+        return int(smallest.size)
+    counted = round((_HASHES - 1) * 2.0**64 / float(smallest[-1]))
+    return n if counted >= n * (1.0 - 4.0 / _HASHES**0.5) else counted
 
 
 @dataclass(frozen=True, slots=True)
@@ -90,30 +75,29 @@ class ErrorSums:
     """``(G, 11)`` sums of z over groups of poses."""
     products: Array
     """``(11, 11)`` sum of z z^T."""
-    bins: NDArray[np.int64]
-    """``(2, B)`` numbers of the bins of lengths that have poses, ascending, and how many each has."""
+    bins: Counter[int]
+    """Number of lengths in each bin, by the number of the bin."""
     largest: float
     """Largest length."""
 
     @classmethod
-    def of(cls, errors: Array, origin: Array, numbers: NDArray[np.int64]) -> ErrorSums:
-        """Return the sums over errors ``(3, N)`` of poses with these numbers ``(N,)`` of their commands."""
+    def of(cls, errors: Array, origin: Array, hashes: NDArray[np.uint64]) -> ErrorSums:
+        """Return the sums over errors ``(3, N)`` of poses with these hashes ``(N,)`` of their commands."""
         length = vector_lengths(errors)
         z = features(errors - origin[:, None], length)
-        groups = [np.bincount(numbers % _GROUPS, weights=row, minlength=_GROUPS).astype(float) for row in z]
+        numbers = (hashes % np.uint64(_GROUPS)).astype(np.int64)
+        groups = [np.bincount(numbers, weights=row, minlength=_GROUPS).astype(float) for row in z]
         keys, counts = np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True)
-        return cls(origin, np.stack(groups, axis=1), z @ z.T, np.stack((keys, counts)), float(length.max(initial=0.0)))
+        bins = Counter(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
+        return cls(origin, np.stack(groups, axis=1), z @ z.T, bins, float(length.max(initial=0.0)))
 
     def __add__(self, other: ErrorSums) -> ErrorSums:
         """Return the sums over the errors of both."""
-        keys, place = np.unique(np.concatenate((self.bins[0], other.bins[0])), return_inverse=True)
-        counts = np.zeros(keys.size, dtype=np.int64)
-        np.add.at(counts, place, np.concatenate((self.bins[1], other.bins[1])))
         return ErrorSums(
             self.origin,
             self.groups + other.groups,
             self.products + other.products,
-            np.stack((keys, counts)),
+            self.bins + other.bins,
             max(self.largest, other.largest),
         )
 
@@ -124,15 +108,17 @@ class ErrorSums:
 
     def above(self, length: float) -> int:
         """Return how many lengths are in bins above that of ``length``."""
-        return int(self.bins[1, self.bins[0] > int(np.float64(length).view(np.uint64) >> _SHIFT)].sum())
+        own = int(np.float64(length).view(np.uint64) >> _SHIFT)
+        return sum(count for number, count in self.bins.items() if number > own)
 
     @property
     def lengths(self) -> Array:
         """Quantiles of the lengths at equal steps of the probability from 0 to 1, linear within a bin."""
-        edges = np.stack((self.bins[0], self.bins[0] + 1)).astype(np.uint64) << _SHIFT
-        below = np.concatenate(([0], np.cumsum(self.bins[1])))
+        numbers, counts = np.array(sorted(self.bins.items())).T
+        edges = np.stack((numbers, numbers + 1)).astype(np.uint64) << _SHIFT
+        below = np.concatenate(([0], np.cumsum(counts)))
         probability = np.linspace(0.0, self.n, _LEVELS)
-        place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, self.bins.shape[1] - 1)
+        place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, counts.size - 1)
         low, high = edges.view(np.float64)[:, place]
-        share = (probability - below[place]) / self.bins[1, place]
+        share = (probability - below[place]) / counts[place]
         return np.asarray(np.minimum(low + share * (high - low), self.largest))

@@ -15,22 +15,26 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import cache, partial, reduce
+from operator import add
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
-from robacc.accuracy.error_sums import DifferentCommands, ErrorSums
+from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
+from robacc.threads import single_threaded
 
 if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment
+    from robacc.workers import Workers
 
 
 # RMS, mean, 95th percentile and maximum of the error's length: the metrics that every comparison uses.
@@ -68,9 +72,6 @@ def length_metrics(length: Array) -> ErrorMetrics:
 
 ErrorFrame = Literal["tool", "base"]
 
-_BLOCK = 16384
-"""Poses per block: the working arrays of a block stay in the cache."""
-
 
 class PoseErrors(NamedTuple):
     """Error vectors of all poses."""
@@ -80,21 +81,6 @@ class PoseErrors(NamedTuple):
     """``(3, N)`` d, m."""
     rotation: Array | None
     """``(3, N)`` δ, a rotation vector in rad; None where the attained or the commanded orientation is unknown."""
-
-    @property
-    def mean(self) -> Array:
-        """Mean position error ``(3,)``, m."""
-        return np.asarray(self.position.mean(axis=1))
-
-    @property
-    def covariance(self) -> Array:
-        """Covariance of the position errors ``(3, 3)`` about zero, divisor N: equation (13) of Wu and Lee, m²."""
-        return np.asarray(self.position @ self.position.T / self.position.shape[1])
-
-    @property
-    def centred(self) -> Array:
-        """Covariance of the position errors ``(3, 3)`` about the mean, divisor N, m²."""
-        return np.asarray(self.covariance - np.outer(self.mean, self.mean))
 
 
 def commanded_poses(
@@ -115,9 +101,8 @@ def commanded_poses(
         return poses.translation, None if robot is None and rotation is None else poses.rotation
     if robot is not None:
         if q is None:
-            fix = "add the commanded joints q1, q2, …"
-            if position is not None:
-                fix += ", or omit `robot` to use the cmd_ columns of the file"
+            without = ", or omit `robot` to use the cmd_ columns of the file"
+            fix = "add the commanded joints q1, q2, …" + without * (position is not None)
             raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
         if robot.effects or robot.targets or len(q) != len(robot.variables):
             from robacc.modelling.model import predict
@@ -143,17 +128,11 @@ def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame
     """
     missing = "frame tool needs the commanded orientation: add columns cmd_qw …, give `robot`, or use frame base"
     refuse((frame == "tool" and turns is None, missing))
-    position = np.empty((3, data.n))
-    rotation = None if data.rotation is None or turns is None else np.empty((3, data.n))
-    for start in range(0, data.n, _BLOCK):
-        block = slice(start, start + _BLOCK)
-        turn = None if turns is None else turns[..., block]
-        difference = data.position[:, block] - commanded[:, block]
-        position[:, block] = rotate_back(turn, difference) if frame == "tool" and turn is not None else difference
-        if rotation is not None and data.rotation is not None and turn is not None:
-            attained = data.rotation[..., block]
-            pair = (transpose(turn), transpose(attained)) if frame == "tool" else (attained, turn)
-            rotation[:, block] = log_between(*pair)
+    difference, rotation = data.position - commanded, None
+    position = rotate_back(turns, difference) if frame == "tool" and turns is not None else difference
+    if data.rotation is not None and turns is not None:
+        pair = (transpose(turns), transpose(data.rotation)) if frame == "tool" else (data.rotation, turns)
+        rotation = log_between(*pair)
     return PoseErrors(frame, position, rotation)
 
 
@@ -320,34 +299,33 @@ class Totals:
 
     position: ErrorSums
     orientation: ErrorSums | None
-    commands: DifferentCommands
+    commands: NDArray[np.uint64]
+    """Hashes of different commands, the smallest."""
     of_targets: dict[str, ErrorSums]
     """Position errors of each target, where targets are named."""
-    worst: tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]
+    worst: Sequence[tuple[WorstPose, ...]]
     """Largest errors of position and of orientation."""
     warnings: tuple[str, ...]
     """The first warnings of rows and of how the file was read."""
 
     def __add__(self, other: Totals) -> Totals:
         """Return what is counted over the poses of both; those of the other come later in the file."""
-        targets = {**self.of_targets, **other.of_targets}
-        for name in self.of_targets.keys() & other.of_targets.keys():
-            targets[name] = self.of_targets[name] + other.of_targets[name]
-        by_position, by_orientation = ((*a, *b) for a, b in zip(self.worst, other.worst, strict=True))
-        worst_position = sorted(by_position, key=lambda pose: -pose.position)[:N_WORST]
-        worst_orientation = sorted(by_orientation, key=lambda pose: -(pose.orientation or 0.0))[:N_WORST]
+        both = (self.of_targets, other.of_targets)
+        names = dict.fromkeys((*self.of_targets, *other.of_targets))
+        longest = (lambda pose: -pose.position, lambda pose: -(pose.orientation or 0.0))
+        worst = zip(self.worst, other.worst, longest, strict=True)
         return Totals(
             self.position + other.position,
             self.orientation and other.orientation and self.orientation + other.orientation,
-            self.commands + other.commands,
-            targets,
-            (tuple(worst_position), tuple(worst_orientation)),
+            smallest_hashes(self.commands, other.commands),
+            {name: reduce(add, (sums[name] for sums in both if name in sums)) for name in names},
+            [tuple(sorted((*own, *its), key=length)[:N_WORST]) for own, its, length in worst],
             tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:_MOST_WARNINGS],
         )
 
     def statistics(self, confidence: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
         """Return the statistics of position and, where it was measured, of orientation."""
-        count, turned = self.commands.count(self.position.n), self.orientation
+        count, turned = count_commands(self.commands, self.position.n), self.orientation
         return (
             statistics_of_sums(self.position, count, "m", confidence),
             None if turned is None else statistics_of_sums(turned, count, "rad", confidence),
@@ -368,6 +346,92 @@ class Totals:
         limit = float(np.sqrt(3.0 * inlier_limit(np.square(lengths) / 3.0, np.array(3), self.position.n)))
         near = lengths[lengths <= limit] if limit > 0.0 else lengths
         return rms_length(near[None]), self.position.above(limit) if limit > 0.0 else 0
+
+
+# Errors of the poses of a large file, counted part by part, by one process or by many, with the same result.
+
+
+class PredictedBy(NamedTuple):
+    """What predicts the commanded poses of every part, and the axes of the errors."""
+
+    robot: Robot | None
+    """Registered, if frames were fitted; None for the commanded poses of the file."""
+    is_gantry: bool
+    """The robot's joint variables are the coordinates of the file's commanded poses."""
+    frame: ErrorFrame
+
+    @classmethod
+    def of(cls, robot: Robot | None, alignment: Alignment | None, frame: ErrorFrame) -> PredictedBy:
+        """Return the robot, or without one the commanded poses of the file, with the frames that were fitted."""
+        return cls(robot if alignment is None else alignment.robot, robot is None and alignment is not None, frame)
+
+    def errors(self, data: Measurements) -> PoseErrors:
+        """Return the errors of a part."""
+        from robacc.fitting.registration import as_gantry
+
+        position, turns = commanded_poses(as_gantry(data) if self.is_gantry else data, self.robot)
+        turns = None if self.is_gantry and data.commanded_rotation is None else turns
+        return pose_errors(data, position, turns, self.frame)
+
+
+@single_threaded
+def totals_of_part(
+    read: Callable[[], Measurements], predicted: PredictedBy, origins: tuple[Array, Array | None]
+) -> Totals:
+    """Return what is counted over the poses of a part.
+
+    Args:
+        read: Function that reads the part.
+        predicted: What predicts the commanded poses.
+        origins: ``(3,)`` mean position error, m, and orientation error, rad, of some of the poses.
+
+    Raises:
+        InputError: A row is wrong; with every problem of the part.
+    """
+    data = read()
+    errors = predicted.errors(data)
+    hashes = data.hashed_commands()
+    names = () if data.target is None else np.unique(data.target)
+    own = {str(name): np.flatnonzero(data.target == name) for name in names}
+    turned, (origin, turned_origin) = errors.rotation, origins
+    return Totals(
+        ErrorSums.of(errors.position, origin, hashes),
+        None if turned is None or turned_origin is None else ErrorSums.of(turned, turned_origin, hashes),
+        smallest_hashes(hashes),
+        {name: ErrorSums.of(errors.position[:, rows], origin, hashes[rows]) for name, rows in own.items()},
+        worst_poses(data, errors),
+        data.warnings,
+    )
+
+
+def totals_of_parts(
+    reads: Sequence[Callable[[], Measurements]],
+    robot: Robot | None,
+    workers: Workers,
+    progress: Callable[[str, int, int], None],
+    alignment: Alignment | None,
+    errors: PoseErrors,
+) -> Totals:
+    """Return what is counted over all poses.
+
+    Args:
+        reads: Functions that read the parts, in their order.
+        robot: Robot that predicts the commanded poses; None for those of the file.
+        workers: What does the work.
+        progress: Called with a label of the work, the number of parts done, and the number of all parts.
+        alignment: Frames that were fitted to some of the poses; None without.
+        errors: Errors of these poses.
+
+    Raises:
+        InputError: A row is wrong; with every problem of its part.
+        UsageError: The workers cannot be reached.
+    """
+    work = partial(
+        totals_of_part,
+        predicted=PredictedBy.of(robot, alignment, errors.frame),
+        origins=(errors.position.mean(axis=1), None if errors.rotation is None else errors.rotation.mean(axis=1)),
+    )
+    return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))
 
 
 def estimate(
@@ -461,7 +525,7 @@ def check_confidence(confidence: float) -> None:
     refuse((not 0.5 <= confidence < 1.0, f"the confidence must be at least 0.5 and less than 1, not {confidence:g}"))
 
 
-def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose, ...], tuple[WorstPose, ...]]:
+def worst_poses(data: Measurements, errors: PoseErrors) -> Sequence[tuple[WorstPose, ...]]:
     """Return the poses with the largest errors of position and of orientation, descending.
 
     Equal lengths are in the order of rows.
@@ -474,8 +538,8 @@ def worst_poses(data: Measurements, errors: PoseErrors) -> tuple[tuple[WorstPose
         return WorstPose(data.line(i), data.place(i), pose, target, position or 0.0, orientation)
 
     # A stable sort, so that the choice among ties does not depend on it.
-    first = [np.argsort(-size, kind="stable")[:N_WORST].tolist() for size in sizes]
-    return tuple(map(pose, first[0])), tuple(map(pose, first[1])) if len(first) > 1 else ()
+    first = [tuple(map(pose, np.argsort(-size, kind="stable")[:N_WORST].tolist())) for size in sizes]
+    return (*first, ())[:2]
 
 
 def _notes(
@@ -488,6 +552,8 @@ def _notes(
 ) -> tuple[str, ...]:
     effects = dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects) if robot is not None else ()
     missing = "measured" if data.rotation is None else "commanded"
+    n_parameters, of_fit = (0, ()) if alignment is None else (alignment.n_parameters, alignment.notes)
+    sigma = 0.0 if data.sigma_position is None else rms_length(data.sigma_position) * 1e3
     notes = (
         (
             requested is None and frame == "base",
@@ -498,18 +564,18 @@ def _notes(
             f"no orientation was {missing}, so there are no orientation errors",
         ),
         (bool(effects), f"effects of the robot file are applied: {', '.join(effects)}"),
-    )
-    texts = [note for applies, note in notes if applies]
-    if alignment is not None:
-        texts += [
-            f"{alignment.n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
+        (
+            alignment is not None,
+            f"{n_parameters} parameters of the frames were fitted to these poses; the error of each pose is "
             "that with the frames registered to the other poses",
-            *alignment.notes,
-        ]
-    if data.sigma_position is not None:
-        sigma = rms_length(data.sigma_position) * 1e3
-        texts.append(f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms")
-    return tuple(texts)
+        ),
+        *((True, note) for note in of_fit),
+        (
+            data.sigma_position is not None,
+            f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms",
+        ),
+    )
+    return tuple(note for applies, note in notes if applies)
 
 
 def _moves(data: Measurements) -> bool:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
@@ -13,8 +12,6 @@ from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval, largest_known
 
 if TYPE_CHECKING:
-    import yaml
-
     from robacc.io.yaml_nodes import YamlSection
 
 
@@ -68,21 +65,20 @@ class Scale(NamedTuple):
 
 
 def default_scale() -> Scale:
-    """Return the built-in scale: A within 0.1 mm and 0.1 degree, the CAD/CAM requirement of the paper."""
-    import yaml
+    """Return the built-in scale, which ``configs/grades/default.yaml`` describes.
 
-    # importlib.resources loads zipfile and more: 3 ms of the 150 that an estimate may take. libyaml, where available,
-    # takes a tenth of the time; a user's file is not read by it, because deep nesting makes it end the process.
-    path = Path(__file__).parents[1] / "data" / "grades" / "default.yaml"
-    root = yaml.compose(path.read_text(encoding="utf-8"), Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    return load_scale(cast("yaml.Node", root), path.name)
+    A within 0.1 mm and 0.1 degree is the requirement of CAD/CAM applications in the paper.
+    """
+    limits = {"A": 0.1, "B": 0.2, "C": 0.5, "D": 1.0, "E": 2.0}  # mm and degrees
+    steps = tuple(GradeStep(name, limit * 1e-3, math.radians(limit)) for name, limit in limits.items())
+    return Scale("CAD/CAM 0.1 mm, 0.1 degree", "p95", 0.95, steps, "F")
 
 
-def load_scale(document: str | yaml.Node, file: str) -> Scale:
+def load_scale(text: str, file: str) -> Scale:
     """Read a scale; a value with a problem is reported, and empty or NaN in the scale.
 
     Args:
-        document: Content of the YAML file, or its node.
+        text: Content of the YAML file.
         file: Name of the file, for messages.
 
     Raises:
@@ -90,7 +86,7 @@ def load_scale(document: str | yaml.Node, file: str) -> Scale:
     """
     from robacc.io.yaml_nodes import top_section
 
-    top = top_section(document, file, _KEYS)
+    top = top_section(text, file, _KEYS)
     top.text("robacc", (VERSION,), needed=True)
     confidence = top.number("confidence", lambda level: 0.5 <= level < 1.0, "at least 0.5 and less than 1")
     if (node := top.get("units")) is None:
@@ -178,53 +174,24 @@ class Grade(NamedTuple):
     scale: Scale
     quantities: Mapping[Quantity, QuantityGrade]
     """Position, and orientation where it was measured."""
+    position: QuantityGrade
+    """Grade by position alone."""
+    orientation: QuantityGrade | None
+    """Grade by orientation alone; None where it was not measured."""
     rank: int
     """Index of the awarded step, 0 for the best; the number of steps where none is met."""
     confirmed_rank: int
     """Index of the best step whose limits all upper bounds meet."""
-
-    @property
-    def grade(self) -> str:
-        """Name of the awarded grade."""
-        return self.scale.name_of(self.rank)
-
-    @property
-    def position(self) -> QuantityGrade:
-        """Grade by position alone."""
-        return self.quantities["position"]
-
-    @property
-    def orientation(self) -> QuantityGrade | None:
-        """Grade by orientation alone; None where it was not measured."""
-        return self.quantities.get("orientation")
-
-    @property
-    def demonstrated(self) -> bool:
-        """All upper bounds meet the grade's limits: the grade is confirmed at the scale's confidence."""
-        return self.confirmed_rank <= self.rank < len(self.scale.steps)
-
-    @property
-    def demonstrated_grade(self) -> str | None:
-        """Best grade whose limits all upper bounds meet; None where there is none."""
-        return self.scale.step_name(self.confirmed_rank)
-
-    @property
-    def limited_by(self) -> tuple[Quantity, ...]:
-        """Quantities that prevent a better grade; empty at the best grade."""
-        return tuple(name for name, own in self.quantities.items() if own.grade == self.grade and self.rank > 0)
-
-    @property
-    def next(self) -> Mapping[str, Any] | None:
-        """Next better grade and the distances to its limits, with the keys of the result; None at the best."""
-        if self.rank == 0:
-            return None
-        step = self.scale.steps[self.rank - 1]
-        excess = {name: max(0.0, own.value - (step.limit(name) or math.inf)) for name, own in self.quantities.items()}
-        return {
-            "grade": step.grade,
-            "position_excess_m": excess["position"],
-            "orientation_excess_rad": excess.get("orientation"),
-        }
+    grade: str
+    """Name of the awarded grade."""
+    demonstrated: bool
+    """All upper bounds meet the grade's limits: the grade is confirmed at the scale's confidence."""
+    demonstrated_grade: str | None
+    """Best grade whose limits all upper bounds meet; None where there is none."""
+    limited_by: tuple[Quantity, ...]
+    """Quantities that prevent a better grade; empty at the best grade."""
+    next: Mapping[str, Any] | None
+    """Next better grade and the distances to its limits, with the keys of the result; None at the best."""
 
     @property
     def probabilities(self) -> tuple[tuple[str, float], ...]:
@@ -232,13 +199,12 @@ class Grade(NamedTuple):
 
         Position and orientation count as independent (exact if one decides).
         """
-        within = [1.0] * len(self.scale.steps)
-        for name, quantity in self.quantities.items():
-            shares = [_within(quantity.interval, step.limit(name)) for step in self.scale.steps]
-            if None in shares:
-                return ()
-            within = [product * (share or 0.0) for product, share in zip(within, shares, strict=True)]
-        names = [*(step.grade for step in self.scale.steps), self.scale.otherwise]
+        steps, own = self.scale.steps, self.quantities.items()
+        shares = [[_within(quantity.interval, step.limit(name)) for name, quantity in own] for step in steps]
+        if any(None in of_step for of_step in shares):
+            return ()
+        within = [math.prod(share or 0.0 for share in of_step) for of_step in shares]
+        names = [*(step.grade for step in steps), self.scale.otherwise]
         edges = zip(names, [0.0, *within], [*within, 1.0], strict=True)
         return tuple((name, max(high - low, 0.0)) for name, low, high in edges)
 
@@ -265,11 +231,10 @@ class Grade(NamedTuple):
 
         The larger number of the two quantities; None where more than a million are needed.
         """
-        if rank == len(self.scale.steps):
-            return None
         needed: list[int | None] = []
         for name, own in self.quantities.items():
-            bound, curve, limit = own.interval.upper_bound, own.interval.curve, self.scale.steps[rank].limit(name)
+            limit = self.scale.steps[rank].limit(name) if rank < len(self.scale.steps) else None
+            bound, curve = own.interval.upper_bound, own.interval.curve
             if limit is not None:
                 needed.append(own.n_poses + 1)
             if limit is not None and (bound is None or bound > limit):
@@ -279,15 +244,12 @@ class Grade(NamedTuple):
     @property
     def reason(self) -> str:
         """Estimates, their limits, the next better grade and the confirmation, in sentences."""
-        scale, following, own = self.scale, self.next, self.quantities
-        sentences = ["; ".join(self._estimate(name, quantity) for name, quantity in own.items())]
-        if self.orientation is None:
-            sentences.append("orientation was not measured, so the grade covers position only")
-        if following is not None:
-            excesses = {name: following[f"{name}_excess_{quantity.unit}"] for name, quantity in own.items()}
-            missing = [f"{_amount(size, own[name].unit)} less in {name}" for name, size in excesses.items() if size]
-            limited_by = " and ".join(self.limited_by)
-            sentences.append(f"limited by {limited_by}: grade {following['grade']} needs {' and '.join(missing)}")
+        scale, own, following = self.scale, self.quantities, self.next or {}
+        missing = [
+            f"{_amount(excess, quantity.unit)} less in {name}"
+            for name, quantity in own.items()
+            if (excess := following.get(f"{name}_excess_{quantity.unit}"))
+        ]
         at_confidence = f"confirmed at {100 * scale.confidence:g} % confidence"
         known = [(name, quantity.interval.upper_bound, quantity.unit) for name, quantity in own.items()]
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
@@ -299,24 +261,34 @@ class Grade(NamedTuple):
             (self.rank == len(scale.steps), "no step of the scale is met, so no grade can be confirmed"),
             (True, f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}"),
         )
-        return ". ".join([*sentences, next(text for applies, text in confirmations if applies)])
+        sentences = (
+            (True, "; ".join(self._estimate(name, quantity) for name, quantity in own.items())),
+            (self.orientation is None, "orientation was not measured, so the grade covers position only"),
+            (
+                self.next is not None,
+                f"limited by {' and '.join(self.limited_by)}: grade {following.get('grade')} needs "
+                f"{' and '.join(missing)}",
+            ),
+            (True, next(text for applies, text in confirmations if applies)),
+        )
+        return ". ".join(text for applies, text in sentences if applies)
 
     def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
-        limits = [limit for step in self.scale.steps if (limit := step.limit(name)) is not None]
+        steps, unit = self.scale.steps, quantity.unit
+        limits = [limit for step in steps if (limit := step.limit(name)) is not None]
         # More digits where rounding would move the value onto or over a limit.
-        factor, digits = _FACTORS[quantity.unit], 3
+        factor, digits = _FACTORS[unit], 3
         while digits < 6 and not all(
             (float(f"{factor * quantity.value:.{digits}g}") > factor * limit * (1 + 1e-12)) == (quantity.value > limit)
             for limit in limits
         ):
             digits += 1
-        text = f"{name}: {_NAMES[self.scale.statistic]} {_amount(quantity.value, quantity.unit, digits)}"
+        text, beyond = f"{name}: {_NAMES[self.scale.statistic]} {_amount(quantity.value, unit, digits)}", steps[-1]
         if quantity.limit is not None:
-            return f"{text}, within {_amount(quantity.limit, quantity.unit)}"
-        if self.rank < len(self.scale.steps) or name not in self.limited_by:
+            return f"{text}, within {_amount(quantity.limit, unit)}"
+        if self.rank < len(steps) or name not in self.limited_by:
             return text
-        last = self.scale.steps[-1]
-        return f"{text}, beyond the limit of {last.grade}, {_amount(last.limit(name) or math.inf, quantity.unit)}"
+        return f"{text}, beyond the limit of {beyond.grade}, {_amount(beyond.limit(name) or math.inf, unit)}"
 
 
 def _within(interval: Interval, limit: float | None) -> float | None:
@@ -355,9 +327,8 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
     Raises:
         UsageError: The confidence of the statistics differs from that of the scale.
     """
-    graded: dict[Quantity, ErrorStatistics] = {"position": position}
-    if orientation is not None:
-        graded["orientation"] = orientation
+    both: dict[Quantity, ErrorStatistics | None] = {"position": position, "orientation": orientation}
+    graded = {name: statistics for name, statistics in both.items() if statistics is not None}
     required = f"but the scale {scale.name} requires {scale.confidence:g}"
     refuse(
         *(
@@ -371,7 +342,7 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
     estimates = {name: statistics.estimate(scale.statistic) for name, statistics in graded.items()}
     ranks = {name: scale.rank_of(name, value) for name, (value, _) in estimates.items()}
     confirmed = {name: scale.rank_of(name, interval.upper_bound) for name, (_, interval) in estimates.items()}
-    rank = max(ranks.values())
+    rank, best = max(ranks.values()), max(confirmed.values())
     quantities = {
         name: QuantityGrade(
             graded[name].unit,
@@ -383,4 +354,25 @@ def grade(position: ErrorStatistics, orientation: ErrorStatistics | None, scale:
         )
         for name in graded
     }
-    return Grade(scale, quantities, rank, max(confirmed.values()))
+    following = None
+    if rank > 0:
+        step = scale.steps[rank - 1]
+        excess = {name: max(0.0, value - (step.limit(name) or math.inf)) for name, (value, _) in estimates.items()}
+        following = {
+            "grade": step.grade,
+            "position_excess_m": excess["position"],
+            "orientation_excess_rad": excess.get("orientation"),
+        }
+    return Grade(
+        scale=scale,
+        quantities=quantities,
+        position=quantities["position"],
+        orientation=quantities.get("orientation"),
+        rank=rank,
+        confirmed_rank=best,
+        grade=scale.name_of(rank),
+        demonstrated=best <= rank < len(scale.steps),
+        demonstrated_grade=scale.step_name(best),
+        limited_by=tuple(name for name in graded if ranks[name] == rank > 0),
+        next=following,
+    )

@@ -9,12 +9,13 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from robacc.accuracy.estimation import (
     EstimateResult,
+    PredictedBy,
     commanded_poses,
     estimate as estimate_errors,
     moved_warning,
     position_errors,
+    totals_of_parts,
 )
-from robacc.accuracy.in_parts import PredictedBy, totals as errors_in_parts
 from robacc.api.inputs import Inputs, fitted_pose_warnings, with_measured_targets
 from robacc.api.parameters import (
     Angles,
@@ -203,7 +204,7 @@ def estimate(
     grades, totals = inputs.scale(), None
     if parts:
         workers, shown = Workers(jobs, cluster), progress or (lambda label, done, total: None)
-        totals = partial(errors_in_parts, parts, arm, workers, shown)
+        totals = partial(totals_of_parts, parts, arm, workers, shown)
     body = estimate_errors(
         data, arm, frame=frame, align=aligned, scale=grades, confidence=confidence, seed=seed, totals=totals
     )

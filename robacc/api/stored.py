@@ -42,20 +42,27 @@ from robacc.documents.envelope import StoredResult, csv_text, read_gate, underst
 from robacc.documents.history import TEST, date_text
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
-from robacc.history import store
-from robacc.history.changes import (
+from robacc.history import (
+    COLUMNS,
     Entry,
     Spread,
+    add,
     arm_fit,
+    arm_of,
+    counted,
+    document_of,
     find_changes,
     fleet_of,
     joint_tolerances,
     level_of,
+    opened,
     quick_test,
+    rows_of,
+    series_of,
     slope_of,
+    tests,
     typical_robot,
 )
-from robacc.history.store import add, arm_of, counted, document_of, opened, series_of, tests
 from robacc.measurements import different
 from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
@@ -444,7 +451,7 @@ class HistoryShown(HistoryResult, command="history-show"):
         from robacc.io.files import write_text
 
         with opened(self.db) as base:
-            columns = dict(zip(store.COLUMNS, zip(*store.rows(base, self.arm), strict=True), strict=False))
+            columns = dict(zip(COLUMNS, zip(*rows_of(base, self.arm), strict=True), strict=False))
         columns["at"] = tuple(map(date_text, columns["at"]))
         if os.fspath(path).endswith(".parquet"):
             plug_in("robacc.readers", "parquet").write(path, columns)
@@ -473,7 +480,7 @@ def history_show(*, db: Database, arm: ArmName = None) -> HistoryShown:
         estimate
     """
     with opened(os.fspath(db)) as base:
-        errors = {row[-1]: row[4] for row in store.rows(base, arm, "position.rms")}
+        errors = {row[-1]: row[4] for row in rows_of(base, arm, "position.rms")}
         found = [{**test, "at": date_text(test["at"]), "rms_m": errors.get(test["id"])} for test in tests(base, arm)]
     results = [{key: test[key] for key in TEST.keys or ()} for test in found]
     return HistoryShown(results=results, db=os.fspath(db), arm=arm, made=Inputs({"arm": arm}).made())
@@ -514,8 +521,8 @@ def history_trend(
     """
     with opened(os.fspath(db)) as base:
         tests(base, arm)
-        rows = [row for row in store.rows(base, arm, key) if row[4] is not None]
-        keys = "" if rows else ", ".join(dict.fromkeys(row[3] for row in store.rows(base, arm)))
+        rows = [row for row in rows_of(base, arm, key) if row[4] is not None]
+        keys = "" if rows else ", ".join(dict.fromkeys(row[3] for row in rows_of(base, arm)))
     refuse((not rows, f"no result has the key {key!r}; the keys are {keys or 'none'}"))
     trends = []
     for name, group in groupby(rows, key=lambda row: row[0]):

@@ -35,8 +35,7 @@ from robacc.modelling.model import Model, predict
 from robacc.prediction.model_uncertainty import completed, fitted_jacobian, model_fit, model_uncertainty
 from robacc.quantities import size
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_sf, student_quantile
-from robacc.statistics.intervals import EstimatedValue, Interval
+from robacc.statistics.intervals import EstimatedValue, Interval, chi2_sf, student_quantile
 
 # Tests of every pair of results, corrected for their number, and groups of results that do not differ.
 #
@@ -373,14 +372,18 @@ def _ranking(
     different = {(i, j) for (i, j, _), p in zip(pairs, corrected, strict=True) if p is not None and p < level}
     groups = indistinguishable_groups(len(order), different) if any(p is not None for p in corrected) else []
     ties = [[names[i] for i in group] for group in groups if len(group) > 1]
-    text = ["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups)
-    if groups:
-        text = [f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different]
-        text += [f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in ties]
-        untested = [(i, j) for i, j, pair_difference in pairs if pair_difference.p_value is None]
-        text += [f"{names[i]} and {names[j]} could not be tested" for i, j in untested]
-    unranked = [result.name for i, result in enumerate(results) if i not in ranked]
-    text += [f"{name} is a prediction, which is not ranked with measured arms" for name in unranked]
+    untested = [(i, j) for i, j, pair_difference in pairs if groups and pair_difference.p_value is None]
+    text = [
+        *["ordered by the figure; no difference could be tested"] * (len(names) > 1 and not groups),
+        *(f"{names[i]} is better than {names[j]}" for i, j, _ in pairs if j == i + 1 and (i, j) in different),
+        *(f"{', '.join(group[:-1])} and {group[-1]} do not differ significantly" for group in ties),
+        *(f"{names[i]} and {names[j]} could not be tested" for i, j in untested),
+        *(
+            f"{result.name} is a prediction, which is not ranked with measured arms"
+            for i, result in enumerate(results)
+            if i not in ranked
+        ),
+    ]
     return {
         "by": key,
         "unit": unit_of(key),
@@ -436,16 +439,10 @@ class PairedTargets:
     promise: Mapping[str, Any] | None
     """Test of the remaining error against the prediction, with the keys of the result; None without a model."""
     notes: tuple[str, ...]
-
-    @property
-    def metrics_before(self) -> ErrorMetrics:
-        """Metrics of the error before, m."""
-        return pose_metrics(self.before).position
-
-    @property
-    def metrics_after(self) -> ErrorMetrics:
-        """Metrics of the error after, m."""
-        return pose_metrics(self.after).position
+    metrics_before: ErrorMetrics
+    """Metrics of the error before, m."""
+    metrics_after: ErrorMetrics
+    """Metrics of the error after, m."""
 
 
 def paired_targets(
@@ -505,6 +502,8 @@ def paired_targets(
         _loaded(after - before, planned),
         promise,
         (note,) if model is None else (),
+        pose_metrics(before - wanted).position,
+        pose_metrics(after - wanted).position,
     )
 
 
@@ -528,19 +527,20 @@ def _means(values: Array, rows: Rows) -> Array:
 
 def _loaded(measured: Array, planned: Array) -> dict[str, Any]:
     """Return the slope of measured on planned displacements, with an interval from the scatter between targets."""
-    power, n = float(np.sum(np.square(planned))), planned.shape[1]
-    slope = low = high = math.nan
-    verdict = "undecided"
-    if power > 0.0:
-        slope = float(np.sum(measured * planned)) / power
-        scores = np.sum(planned * (measured - slope * planned), axis=0)
-        slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / max(n - 1, 1)) / power
-        half_width = student_quantile(0.975, n - 1.0) * slope_std if n > 1 else math.inf
-        low, high = slope - half_width, slope + half_width
-        if low > 0.5:
-            verdict = "loaded"
-        elif high < (0.5 if low <= 0.0 else 0.9):
-            verdict = "not_loaded" if low <= 0.0 else "partly_loaded"
+    # Without a plan, no figure.
+    power, n = float(np.sum(np.square(planned))) or math.nan, planned.shape[1]
+    slope = float(np.sum(measured * planned)) / power
+    scores = np.sum(planned * (measured - slope * planned), axis=0)
+    slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / (n - 1)) / power
+    half_width = student_quantile(0.975, n - 1.0) * slope_std
+    low, high = slope - half_width, slope + half_width
+    verdicts = (
+        (low > 0.5, "loaded"),
+        (low <= 0.0 and high < 0.5, "not_loaded"),
+        (low > 0.0 and high < 0.9, "partly_loaded"),
+        (True, "undecided"),
+    )
+    verdict = next(name for applies, name in verdicts if applies)
     return {"verdict": verdict, "slope": slope, "lower": low, "upper": high, "planned_rms_m": rms_length(planned)}
 
 
@@ -567,11 +567,12 @@ def _against_model(
     stated = files[1].stated_noise[0]
     # Noise within the unexplained error of the model is only its lower bound.
     is_in_unexplained = not fit.noise_is_separate and bool(fit.unexplained.any())
-    position, source = 0.0 if is_in_unexplained else fit.noise[0], "model"
-    if noise is not None:
-        position, source = size(noise, "length", "`noise`"), "given"
-    elif stated is not None:
-        position, source = stated, "file"
+    sources = (
+        (None if noise is None else size(noise, "length", "`noise`"), "given"),
+        (stated, "file"),
+        (0.0 if is_in_unexplained else fit.noise[0], "model"),
+    )
+    position, source = next((value, name) for value, name in sources if value is not None)
     # Of the means of several measurements. Where the covariances contain the noise of other measurements, their
     # principal variances are at least this noise.
     variance = (position**2 / np.array([len(own) for own in rows[1]]))[:, None]

@@ -7,7 +7,7 @@ come from poses that the model was not fitted to.
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, NamedTuple
 
@@ -16,16 +16,19 @@ from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.errors import given, refuse
-from robacc.geometry import Array
-from robacc.statistics.distributions import f_sf, normal_cdf, normal_quantile, student_quantile
+from robacc.geometry import Array, vector_lengths
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
     MOST_FOR_BOOTSTRAP,
     EstimatedValue,
     Interval,
     difference_limits,
+    f_sf,
+    normal_cdf,
+    normal_quantile,
     quantiles,
     resampled_counts,
+    student_quantile,
 )
 
 Document = Mapping[str, Any]
@@ -56,20 +59,19 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         path = ".".join(parts[: i + 1])
         if isinstance(node, list) and part.isdecimal():
             node = node[int(part)] if int(part) < len(node) else None
-        elif not isinstance(node, Mapping):
-            raise NoValueError(f"the result has no keys within {path.rpartition('.')[0]}")
         else:
+            outside = f"the result has no keys within {path.rpartition('.')[0]}"
+            refuse((not isinstance(node, Mapping), outside), error=NoValueError)
             holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in node), "")
             refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
-        why = holder.get("why")
-        reason = f": {why}" if isinstance(why, str) else ""
+        reason = f": {why}" if isinstance(why := holder.get("why"), str) else ""
         refuse((node is None, f"the result has no {path}{reason}"), error=NoValueError)
     return node, holder, name
 
 
-def number_at(document: Document, key: str) -> tuple[float, Interval | None, Document, str]:
-    """Return the number of a short key, its stored interval, the object that holds it, and its full name there.
+def number_at(document: Document, key: str) -> tuple[EstimatedValue, Document, str]:
+    """Return the number of a short key with its stored interval, the object that holds it, and its full name there.
 
     Raises:
         NoValueError: The result has no number there.
@@ -83,11 +85,12 @@ def number_at(document: Document, key: str) -> tuple[float, Interval | None, Doc
     number = given(finite_number(value), f"the result's {key} is not a number", NoValueError)
     entry = next((each for each in stored if isinstance(each, Mapping)), None)
     if entry is None:
-        return number, None, holder, name
+        return EstimatedValue(number, None), holder, name
     # Under the names of an interval or of a gain.
     ends = entry.get("lower", entry.get("low")), entry.get("upper", entry.get("high")), entry.get("upper_bound")
     method = entry.get("method") or "interval stored in the result"
-    return number, Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why")), holder, name
+    interval = Interval(*ends, entry.get("confidence") or 0.95, method, entry.get("why"))
+    return EstimatedValue(number, interval), holder, name
 
 
 def finite_number(value: Any) -> float | None:
@@ -96,10 +99,10 @@ def finite_number(value: Any) -> float | None:
     return None if is_other or not math.isfinite(value) else float(value)
 
 
-def _at(document: Document, path: str) -> Any:
+def _at(document: Document, path: str, reader: Callable[[Document, str], tuple[Any, ...]] = value_at) -> Any:
     """Return the value of a short key; None if there is none."""
     try:
-        return value_at(document, path)[0]
+        return reader(document, path)[0]
     except NoValueError:
         return None
 
@@ -142,14 +145,9 @@ class ErrorSet:
         """Return the share of the commanded poses that intervals count."""
         return (self.independent_poses or self.n_groups) / self.n_groups
 
-    @property
-    def lengths(self) -> Array:
-        """Return the lengths of the errors ``(n,)``."""
-        return np.asarray(np.sqrt(np.sum(np.square(self.vectors), axis=0)))
-
     def sums(self) -> Array:
         """Return sums over each pose's rows ``(9, G)``: count, length, its square, components and their squares."""
-        lengths = self.lengths
+        lengths = vector_lengths(self.vectors)
         features = (np.ones(lengths.size), lengths, lengths**2, *self.vectors, *np.square(self.vectors))
         return np.stack([np.bincount(self.groups, weights=feature, minlength=self.n_groups) for feature in features])
 
@@ -201,9 +199,12 @@ def _column(document: Document, path: str, n: int, width: int | None = None) -> 
         return None
     array = np.array(rows, dtype=None if width is None else float)
     shape = (n,) + (() if width is None else (width or array.shape[-1],))
-    refuse((array.shape != shape, f"{_APART}: {path}: expected {n} rows"), error=NoValueError)
     is_too_large = width is not None and not np.all(np.abs(array) < _LARGEST)
-    refuse((is_too_large, f"{_APART}: {path}: expected numbers below {_LARGEST:g}"), error=NoValueError)
+    refuse(
+        (array.shape != shape, f"{_APART}: {path}: expected {n} rows"),
+        (is_too_large, f"{_APART}: {path}: expected numbers below {_LARGEST:g}"),
+        error=NoValueError,
+    )
     return array.T
 
 
@@ -293,11 +294,11 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
     alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    held_out = f"{document.get('n_folds')} groups of poses, each in turn"
-    if _at(document, "after.held_out") is None:
-        held_out = "nothing (errors of calibration poses)"
-    elif document.get("poses_apart") is not None:
-        held_out = "separate poses"
+    held_out = (
+        (_at(document, "after.held_out") is None, "nothing (errors of calibration poses)"),
+        (document.get("poses_apart") is not None, "separate poses"),
+        (True, f"{document.get('n_folds')} groups of poses, each in turn"),
+    )
     fitted_to, targets = _at(document, "robot.fitted_to"), _at(document, "poses.target")
     same_poses = any(e["sha256"] in (fitted_to or ()) for e in document["inputs"] if e["kind"] == "poses")
     fitted = "fitted to the same poses" if same_poses else "not fitted to these poses"
@@ -308,7 +309,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         "alignment": "fitted with the model" if command in FITS else alignment,
         "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": held_out if command in FITS else None,
+        "held out": next(text for holds, text in held_out if holds) if command in FITS else None,
         "robot file": None if fitted_to is None else fitted,
         "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
@@ -351,11 +352,8 @@ def _places(document: Document, command: str) -> dict[str, str]:
 def _figures(document: Document, command: str, places: Mapping[str, str]) -> Iterator[tuple[str, EstimatedValue]]:
     names = ("max",) if command == "iso9283" else _LENGTHS if command in FITS else tuple(_STATISTICS)
     for start, place in places.items():
-        for name in names:
-            try:
-                yield f"{start}.{name}", EstimatedValue(*number_at(document, f"{place}.{_STATISTICS[name]}")[:2])
-            except NoValueError:
-                continue
+        figures = {name: _at(document, f"{place}.{_STATISTICS[name]}", number_at) for name in names}
+        yield from ((f"{start}.{name}", figure) for name, figure in figures.items() if figure is not None)
         for i, axis in enumerate("xyz" if len(names) == len(_STATISTICS) else ""):
             variance = _at(document, f"{place}.centred_covariance_{unit_of(start)}2.{i}.{i}")
             if variance is not None:
@@ -503,7 +501,9 @@ def difference(
     if is_smooth:
         values, variances = _moments(statistic, sums, [np.ones((1, size)) for size in sizes], paired)
     else:
-        values = [np.array(quantiles(part.lengths, [0.95 if statistic == "p95" else 1.0])) for part in sets]
+        values = [
+            np.array(quantiles(vector_lengths(part.vectors), [0.95 if statistic == "p95" else 1.0])) for part in sets
+        ]
     value = float(values[1][0] - values[0][0])
     # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
     fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
@@ -572,9 +572,8 @@ def _moments(
             value = np.sqrt(np.maximum(square - mean**2, 0.0))
             by_square = 0.5 / np.maximum(value, 1e-300)
             by_mean = -2.0 * mean * by_square
-        gradient = np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows
         values.append(value)
-        influences.append(gradient.T @ used)
+        influences.append((np.stack([-by_mean * mean - by_square * square, by_mean, by_square]) / rows).T @ used)
     terms = [influences[1] - influences[0]] if paired else influences
     pairs = [(term, weight, term.shape[-1]) for term, weight in zip(terms, counts, strict=False)]
     return values, [np.sum(w * np.square(term), axis=-1) * (size / (size - 1.0)) for term, w, size in pairs if size > 1]
@@ -582,18 +581,14 @@ def _moments(
 
 def _resampled_percentile(errors: ErrorSet, seed: int, stream: int) -> Array:
     """Return the 95th percentiles of resamples of poses, ``(B,)``; repetitions of a pose stay together."""
-    order = np.argsort(errors.lengths, kind="stable")
-    lengths, groups, size = errors.lengths[order], errors.groups[order], errors.n_groups
-    rng = np.random.default_rng([seed, stream])
+    lengths, size = vector_lengths(errors.vectors), errors.n_groups
+    order = np.argsort(lengths, kind="stable")
+    lengths, groups, rng = lengths[order], errors.groups[order], np.random.default_rng([seed, stream])
     # With many poses the percentile is nearly Gaussian, and few draws suffice for its standard error.
-    percentiles = np.empty(DRAWS if size <= MOST_FOR_BOOTSTRAP else 200)
-    for i in range(percentiles.size):
-        cumulative = np.cumsum(np.bincount(rng.integers(size, size=size), minlength=size)[groups])
-        position = 0.95 * (cumulative[-1] - 1.0)
-        low = int(position)
-        ranks = np.searchsorted(cumulative, [low, min(low + 1, cumulative[-1] - 1)], side="right")
-        percentiles[i] = lengths[ranks[0]] + (position - low) * (lengths[ranks[1]] - lengths[ranks[0]])
-    return percentiles
+    draws = DRAWS if size <= MOST_FOR_BOOTSTRAP else 200
+    counts = (np.bincount(rng.integers(size, size=size), minlength=size)[groups] for _ in range(draws))
+    samples = (np.repeat(lengths, count) for count in counts)
+    return np.array([np.interp(0.95 * (own.size - 1), np.arange(own.size), own) for own in samples])
 
 
 def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: float) -> Difference:
@@ -602,19 +597,21 @@ def from_intervals(first: EstimatedValue, second: EstimatedValue, confidence: fl
     Independence is assumed, which is conservative for results on the same poses. ``confidence`` is recorded where there
     is no interval.
     """
-    value, ends, levels = second.value - first.value, [], []
-    for number, interval in ((first.value, first.interval), (second.value, second.interval)):
-        if interval is None or interval.lower is None or interval.upper is None:
-            return Difference(value, Interval.missing(confidence, "the results have no interval for this figure"))
-        ends.append((min(interval.lower, number), max(interval.upper, number)))
-        levels.append(interval.confidence)
-    if levels[0] != levels[1]:
-        why = f"the intervals of the results have different confidences, {levels[0]:g} and {levels[1]:g}"
+    value = second.value - first.value
+    ends = [
+        (min(own.lower, figure.value), max(own.upper, figure.value), own.confidence)
+        for figure in (first, second)
+        if (own := figure.interval) is not None and own.lower is not None and own.upper is not None
+    ]
+    levels = [level for _, _, level in ends]
+    if len({*levels}) != 1 or len(levels) < 2:
+        why = f"the intervals of the results have different confidences, {' and '.join(f'{p:g}' for p in levels)}"
+        why = why if len(levels) == 2 else "the results have no interval for this figure"
         return Difference(value, Interval.missing(confidence, why))
-    low, high = difference_limits(second.value, ends[1], first.value, ends[0])
+    low, high = difference_limits(second.value, ends[1][:2], first.value, ends[0][:2])
     # The p-value is as if the limit that faces zero were a Gaussian's.
-    distance, p_value = value - low if value > 0.0 else high - value, float(value == 0.0)
-    if value != 0.0 and distance != 0.0:
-        p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * abs(value) / distance)
+    distance = value - low if value > 0.0 else high - value
+    ratio = abs(value) / distance if distance else math.inf if value else 0.0
+    p_value = 2.0 * normal_cdf(-normal_quantile(0.5 + 0.5 * levels[0]) * ratio)
     method = "from the intervals of the two results, assumed independent (Zou and Donner)"
     return Difference(value, Interval(low, high, None, levels[0], method), p_value)

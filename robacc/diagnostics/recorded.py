@@ -20,7 +20,7 @@ from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import normal_cdf
+from robacc.statistics.intervals import normal_cdf
 
 # Choice between joints read back and commanded joints: which of them the measured positions follow.
 

@@ -12,6 +12,8 @@ from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from robacc.documents.envelope import GATE_KEY, GATE_RESULT, significant_document
 from robacc.documents.keys import (
     ALIGNMENT,
@@ -26,7 +28,6 @@ from robacc.documents.keys import (
     ROBOT,
     STATISTICS,
     WARNINGS,
-    Document,
     Key,
     array,
     choice,
@@ -65,9 +66,15 @@ _WORST = part(
 """A pose with a large error."""
 _FRAME = part(
     {
-        "mean_m": Key(vector3, "Mean error, m."),
-        "covariance_m2": Key(matrix3, "Covariance about zero, m²."),
-        "centred_covariance_m2": Key(matrix3, "Covariance about the mean, m².", "centred"),
+        "mean_m": Key(vector3, "Mean error, m.", lambda frame: frame.position.mean(axis=1)),
+        "covariance_m2": Key(
+            matrix3,
+            "Covariance about zero, m².",
+            lambda frame: frame.position @ frame.position.T / frame.position.shape[1],
+        ),
+        "centred_covariance_m2": Key(
+            matrix3, "Covariance about the mean, m².", lambda frame: np.cov(frame.position, bias=True)
+        ),
         "errors_m": Key(rows3, "Position error of each row, m.", lambda frame: rounded(frame.position)),
     }
 )
@@ -211,13 +218,6 @@ ESTIMATE_ITSELF = part(
 """Keys of the estimate itself."""
 
 
-def _stated_noise(result: Any) -> Document | None:
-    """Return the noise that the file states; None if it states none."""
-    position, orientation = result.data.stated_noise
-    is_stated = position is not None or orientation is not None
-    return {"position_m": position, "orientation_rad": orientation, "source": "file"} if is_stated else None
-
-
 ESTIMATE = part(
     {
         **(ESTIMATE_ITSELF.keys or {}),
@@ -231,7 +231,11 @@ ESTIMATE = part(
             )
             | None,
             "Measurement noise that the file states, rms over poses; null if it states none.",
-            _stated_noise,
+            lambda result: (
+                dict(zip(("position_m", "orientation_rad"), result.data.stated_noise, strict=True)) | {"source": "file"}
+                if result.data.stated_noise != (None, None)
+                else None
+            ),
         ),
         "robot": Key(
             ROBOT | None,
@@ -510,14 +514,14 @@ ISO9283 = part(
                     {
                         "pose": Key(text, "Id of the commanded pose.", "label"),
                         "file": Key(text, "File of the pose.", "source"),
-                        "n": Key(count, "Number of visits."),
+                        "n": Key(count, "Number of visits.", "data.n"),
                         "commanded_m": Key(
                             vector3 | None, "Commanded position in the measuring frame, m; null if unknown."
                         ),
                         "barycentre_m": Key(
-                            vector3, "Barycentre of the visits, m.", lambda pose: pose.attained.mean(axis=1)
+                            vector3, "Barycentre of the visits, m.", lambda pose: pose.data.position.mean(axis=1)
                         ),
-                        "attained_m": Key(rows3, "Measured position, m.", "attained.T"),
+                        "attained_m": Key(rows3, "Measured position, m.", "data.position.T"),
                         "angle_deviations_rad": Key(
                             rows3 | None,
                             "Deviations of the angles a, b, c, rad; null if no orientation was measured.",
@@ -530,8 +534,8 @@ ISO9283 = part(
                                 None if pose.turn is None else "x, y, z" if pose.at_pole else "roll, pitch, yaw"
                             ),
                         ),
-                        "cycle": Key(array(text) | None, "Cycle of each visit.", lambda pose: texts(pose.cycle)),
-                        "time_s": Key(array(number) | None, "Time, s.", "time"),
+                        "cycle": Key(array(text) | None, "Cycle of each visit.", lambda pose: texts(pose.data.cycle)),
+                        "time_s": Key(array(number) | None, "Time, s.", "data.time"),
                     }
                 )
             ),

@@ -26,7 +26,6 @@ from robacc.documents.keys import (
     Document,
     Key,
     Kind,
-    Later,
     anything,
     array,
     choice,
@@ -46,7 +45,6 @@ from robacc.io.dialect import cell
 from robacc.io.files import read_text, sha256_of
 from robacc.poses.reading import PoseFile
 from robacc.quantities import SIGNIFICANT_DIGITS, number_text, significant
-from robacc.robots.arm import BLOCK
 from robacc.robots.description import IDENTITY
 from robacc.statistics.intervals import ASSURANCE
 from robacc.version import __version__
@@ -69,21 +67,14 @@ def significant_document(value: Any) -> Any:
     if isinstance(value, str | int | None):
         return value
     if isinstance(value, np.ndarray) and value.dtype.kind == "f":
-        result = np.array(value, dtype=np.float64)
-        for start in range(0, len(result), BLOCK):
-            values = result[start : start + BLOCK]
-            size = np.abs(np.where(np.isfinite(values), values, 0.0))
-            with np.errstate(divide="ignore"):
-                places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(size))
-            exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
-            power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
-            rounded = np.where(exact, np.rint(values * power) / power, values) + 0.0
-            inexact = ~exact & (size > 0.0)
-            rounded[inexact] = [significant(value) for value in values[inexact].tolist()]
-            values[...] = rounded
-        return result
-    if isinstance(value, Later):
-        return value.map(significant_document)
+        with np.errstate(divide="ignore"):
+            places = SIGNIFICANT_DIGITS - 1 - np.floor(np.log10(np.abs(value, dtype=float)))
+        exact = (places >= 0) & (places <= _LARGEST_EXACT_POWER)
+        power = _POWERS[np.where(exact, places, 0.0).astype(np.int64)]
+        rounded = np.where(exact, np.rint(value * power) / power, value) + 0.0
+        inexact = ~exact & np.isfinite(value) & (value != 0.0)
+        rounded[inexact] = [*map(significant, rounded[inexact].tolist())]
+        return rounded
     if isinstance(value, Mapping):
         return {key: significant_document(item) for key, item in value.items()}
     return [significant_document(item) for item in value] if isinstance(value, Sequence) else value

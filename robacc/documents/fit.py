@@ -803,14 +803,13 @@ def _figures(
 ) -> Document | None:
     if metrics is None:
         return None
-    intervals: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
-    if errors.shape[1]:
-        (intervals,) = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed)
+    missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
+    found = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed) if errors.shape[1] else (missing,)
     return {
         **FIGURES[unit].write(metrics),
         "n_poses": int(groups.size),
         "n_commanded_poses": different(groups),
-        "intervals": {f"{name}_{unit}": interval for name, interval in intervals.items()},
+        "intervals": {f"{name}_{unit}": interval for name, interval in found[0].items()},
     }
 
 

@@ -11,7 +11,7 @@ from __future__ import annotations
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
-from functools import partial, reduce
+from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -37,30 +37,6 @@ Document = dict[str, Any]
 _LIMITS = (("least", "minimum"), ("most", "maximum"))
 LEFT_OUT: Any = object()
 """Value of a key that a document lacks."""
-
-
-class Later(Mapping[str, Any]):
-    """Object of a document whose values are computed when they are read: one column of many rows at a time."""
-
-    def __init__(self, values: Mapping[str, Callable[[], Any]]) -> None:
-        """Take the functions that compute the values."""
-        self._values = values
-
-    def __getitem__(self, key: str) -> Any:
-        """Compute the value of a key."""
-        return self._values[key]()
-
-    def __iter__(self) -> Iterator[str]:
-        """Return the keys in their order."""
-        return iter(self._values)
-
-    def __len__(self) -> int:
-        """Return the number of keys."""
-        return len(self._values)
-
-    def map(self, function: Callable[[Any], Any]) -> Later:
-        """Return the same object with ``function`` of each value."""
-        return Later({key: partial(lambda value: function(value()), value) for key, value in self._values.items()})
 
 
 class Kind(NamedTuple):
@@ -102,7 +78,7 @@ class Kind(NamedTuple):
 
     def document(self, value: Any) -> Any:
         """Return a value as it stands in a document; values without keys stay as they are, arrays included."""
-        if isinstance(value, Later | None) or (self.keys is None and (self.items is None or self.items.keys is None)):
+        if value is None or (self.keys is None and (self.items is None or self.items.keys is None)):
             return value
         if self.items is None:
             return self.write(value)
@@ -650,19 +626,10 @@ _ABOUT_POSES = "Columns with an entry for each row; null if the file has no such
 POSES = part(_POSES, "poses", _ABOUT_POSES)
 
 
-def _errors(stage: str, axes: slice) -> Callable[[Residuals], Any]:
-    """Return a source: the rows ``axes`` of the residuals of a stage."""
-    return lambda residuals: None if residuals.get(stage) is None else rounded(residuals[stage][axes])
-
-
 _STAGE_ERRORS = {
     unit: part(
         {
-            key: Key(
-                rows3 | None,
-                f"Errors of {about}, {unit}; null if there are none.",
-                _errors(key, axes),
-            )
+            key: Key(rows3 | None, f"Errors of {about}, {unit}; null if there are none.")
             for key, about in (
                 ("nominal_unregistered", "the nominal model as it stands in the robot file"),
                 ("nominal", "the nominal model, registered"),
@@ -674,7 +641,7 @@ _STAGE_ERRORS = {
             )
         }
     )
-    for unit, axes in (("m", slice(0, 3)), ("rad", slice(3, 6)))
+    for unit, _ in QUANTITIES
 }
 FITTED_POSES = part(
     {
@@ -691,7 +658,7 @@ FITTED_POSES = part(
 
 def pose_document(
     data: Measurements, commanded: Array, residuals: Residuals | None = None, used: NDArray[np.bool_] | None = None
-) -> Later:
+) -> Document:
     """Return columns with an entry for each row: its line, ids, commanded and measured values, and residuals.
 
     Rows with the same ``group`` are repetitions of one commanded pose.
@@ -702,15 +669,15 @@ def pose_document(
         residuals: Residuals ``(3 or 6, N)`` of each stage of a fit, by its key, if there is a fit.
         used: ``(N,)`` rows without outliers.
     """
-    given: dict[str, Callable[[], Any]] = {"commanded_m": lambda: rounded(commanded), "used": lambda: used}
-    columns = {key: given.get(key) or partial(entry.value, key, data) for key, entry in _POSES.items()}
+    given: Document = {"commanded_m": rounded(commanded), "used": used}
     if residuals is None:
-        return Later(columns)
-    for unit, errors in _STAGE_ERRORS.items():
-        sources = {key: partial(entry.value, key, residuals) for key, entry in (errors.keys or {}).items()}
-        stages = Later(sources) if unit == "m" or len(residuals["nominal"]) > 3 else None
-        columns[f"errors_{unit}"] = partial(lambda stages: stages, stages)
-    return Later(columns)
+        return POSES.write(data, **given)
+    for (unit, kind), axes in zip(_STAGE_ERRORS.items(), (slice(0, 3), slice(3, 6)), strict=True):
+        is_measured = unit == "m" or len(residuals["nominal"]) > 3
+        known = {stage: residuals.get(stage) for stage in kind.keys or ()}
+        rows = {stage: None if values is None else rounded(values[axes]) for stage, values in known.items()}
+        given[f"errors_{unit}"] = rows if is_measured else None
+    return FITTED_POSES.write(data, **given)
 
 
 CURVE_KEYS = {

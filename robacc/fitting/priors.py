@@ -39,7 +39,7 @@ from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.statistics.distributions import chi2_sf
+from robacc.statistics.intervals import chi2_sf
 
 WEAK = 0.3
 """Share of the broad prior's standard deviation above which a standard error makes a constant weakly identifiable: the

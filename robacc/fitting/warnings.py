@@ -22,7 +22,7 @@ from robacc.measurements import Measurements, different
 from robacc.modelling.model import Noise
 from robacc.poses.motion import numbered
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
-from robacc.statistics.distributions import chi2_sf, f_sf
+from robacc.statistics.intervals import chi2_sf, f_sf
 
 # Measurement noise: known from the file, from repeats, or only from the residual itself.
 

@@ -15,9 +15,9 @@ import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache, lru_cache, partial
+from functools import cache, partial
 from itertools import combinations, pairwise
-from typing import Any, Generic, Literal, NamedTuple, TypeVar
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -27,16 +27,17 @@ from robacc.errors import Problem, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
-from robacc.statistics.distributions import normal_quantile, root, student_quantile
 from robacc.statistics.intervals import (
     STUDENT,
     EstimateOrReason,
     Interval,
     chi2_interval,
     difference_limits,
+    normal_quantile,
     quantiles,
+    root,
     student_interval,
-    tails,
+    student_quantile,
 )
 from robacc.statistics.lengths import length_probability, mean_lengths
 
@@ -46,18 +47,17 @@ _POLE = np.cos(np.deg2rad(80.0))
 """cos(b) below which a deviation of a or c is at least six times the rotation that causes it."""
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
-Figure = TypeVar("Figure")
 
 
 class CommandedPose(NamedTuple):
-    """Visits of one commanded pose of one file, in the order measured if it is known."""
+    """Visits of one commanded pose of one file."""
 
     label: str
     source: str
     number: int
     """Index of the file, from 0."""
-    attained: Array
-    """``(3, n)`` m, measuring frame."""
+    data: Measurements
+    """The visits, in the order measured if it is known."""
     commanded: Array | None
     """``(3,)`` m, of the first visit; None: not known."""
     deviation: Array | None
@@ -70,26 +70,22 @@ class CommandedPose(NamedTuple):
     """True if ``reference`` is the commanded orientation."""
     at_pole: bool
     """True if the deviations are about x, y, z of the measuring frame, since a and c are not defined."""
-    cycle: NDArray[Any] | None
-    """``(n,)`` names of the repetitions."""
-    time: Array | None
-    """``(n,)`` s"""
-    direction: Array | None
-    """``(J, n)`` in {-1, 0, 1}"""
 
-    @property
-    def n(self) -> int:
-        """Number of visits."""
-        return int(self.attained.shape[1])
+    def place(self, position: Any, n: int | None = None, **others: Any) -> IsoCriterion:
+        """Return a criterion at this pose, of ``n`` visits or of all."""
+        return IsoCriterion((self.label,), self.source, self.data.n if n is None else n, position, **others)
 
-    @property
-    def stream(self) -> tuple[int, int]:
-        """Stream of random numbers of this pose, independent of the order of rows."""
-        return self.number, zlib.crc32(self.label.encode())
+    def parts(self, rows: Sequence[NDArray[np.int64]]) -> tuple[list[Array], list[Array] | None]:
+        """Return attained positions and deviations of the angles of groups of visits, ``(3, n_i)`` each."""
+        turns = None if self.turn is None else [self.turn[:, part] for part in rows]
+        return [self.data.position[:, part] for part in rows], turns
+
+    def seed(self, *numbers: int) -> tuple[int, ...]:
+        """Return the seed of this pose's random numbers, independent of the order of rows."""
+        return numbers[0], self.number, zlib.crc32(self.label.encode()), *numbers[1:]
 
 
-@dataclass(frozen=True, slots=True)
-class IsoCriterion(Generic[Figure]):
+class IsoCriterion(NamedTuple):
     """One criterion at one place: a commanded pose or a pair of commanded poses.
 
     Results have figures with the interval at one confidence; the computation has estimates with intervals at any.
@@ -100,11 +96,11 @@ class IsoCriterion(Generic[Figure]):
     """Name of the file; None if the criterion is over several files."""
     n: int
     """Number of visits, or of pairs of visits."""
-    position: Figure
+    position: Any
     """m"""
-    axes: tuple[Figure, ...] | None = None
+    axes: tuple[Any, ...] | None = None
     """Components along x, y, z of the measuring frame, m, if the standard defines them."""
-    angles: tuple[Figure, ...] | None = None
+    angles: tuple[Any, ...] | None = None
     """a, b, c: rad."""
     mean_distance: float | None = None
     """RP: mean distance of the visits from their barycentre, m."""
@@ -128,7 +124,7 @@ class Characteristic(NamedTuple):
     """Largest of a, b, c, rad."""
     angle_at: str | None
     """Place and letter of the largest angle."""
-    places: tuple[IsoCriterion[EstimateOrReason], ...]
+    places: tuple[IsoCriterion, ...]
     notes: tuple[str, ...] = ()
 
 
@@ -182,12 +178,9 @@ def visits_of(
         rows = np.array(visits)
         if data.time is not None:
             rows = rows[np.argsort(data.time[rows], kind="stable")]
-        cycle, time, direction, rotation, position, orientation = (
-            None if column is None else column[..., rows]
-            for column in (data.cycle, data.time, data.direction, data.rotation, *command)
-        )
-        attained, reference, turn, at_pole = data.position[:, rows], None, None, False
-        if rotation is not None:
+        position, orientation = (None if column is None else column[..., rows] for column in command)
+        of_pose, reference, turn, at_pole = data.subset(rows), None, None, False
+        if (rotation := of_pose.rotation) is not None:
             wanted = rotation[..., :1] if orientation is None else orientation
             angles = rpy_from_rotation(wanted)
             reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
@@ -199,19 +192,13 @@ def visits_of(
         label = f"pose {index + 1}" if data.pose is None else str(own)
         poses.append(
             CommandedPose(
-                label=f"{label} {target}" if several_targets else label,
-                source=source,
-                number=number,
-                attained=attained,
-                commanded=None if position is None else position[:, 0],
-                deviation=None if position is None else attained - position,
-                reference=reference,
-                turn=turn,
-                oriented=orientation is not None,
-                at_pole=at_pole,
-                cycle=cycle,
-                time=time,
-                direction=direction,
+                f"{label} {target}" if several_targets else label,
+                source,
+                number,
+                of_pose,
+                None if position is None else position[:, 0],
+                None if position is None else of_pose.position - position,
+                *(reference, turn, orientation is not None, at_pole),
             )
         )
     return tuple(poses)
@@ -224,30 +211,24 @@ def wrapped(angle: Array) -> Array:
 
 # Numbers with the function that computes their interval at any confidence.
 
-ONE_VISIT = "one visit has no scatter to estimate an interval from"
-FEW_VISITS = "fewer than three visits"
 
-
-@dataclass(frozen=True, slots=True)
-class IntervalEstimate:
+class IntervalEstimate(NamedTuple):
     """A number with the function that computes its interval."""
 
     value: float
     interval_at: Callable[[float], Interval]
     """Interval at a confidence."""
 
-    def __post_init__(self) -> None:
-        """Cache the intervals: each place and the largest over places use the same ones."""
-        object.__setattr__(self, "interval_at", lru_cache(maxsize=8)(self.interval_at))
-
-
-Place = IsoCriterion[IntervalEstimate]
+    def figure(self, confidence: float) -> EstimateOrReason:
+        """Return the number with its interval at a confidence."""
+        return EstimateOrReason(self.value, self.interval_at(confidence))
 
 
 def student(value: float, standard_error: float, dof: float, method: str = STUDENT) -> IntervalEstimate:
     """Return a number with a standard error on ``dof`` degrees of freedom; infinite: normal, below 1: no interval."""
     if dof < 1:
-        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
+        why = "one visit has no scatter to estimate an interval from"
+        return IntervalEstimate(value, partial(Interval.missing, why=why))
     return IntervalEstimate(value, lambda confidence: student_interval(value, standard_error, dof, confidence, method))
 
 
@@ -262,19 +243,18 @@ def magnitude(signed: IntervalEstimate) -> IntervalEstimate:
 
     def interval_at(confidence: float) -> Interval:
         interval = signed.interval_at(confidence)
-        if interval.lower is None or interval.upper is None or interval.upper_bound is None:
+        if interval.limits is None:
             return interval
-        lowest = max(0.0, interval.lower, -interval.upper)
-        bound = abs(signed.value) + (interval.upper_bound - signed.value)
-        return Interval(lowest, max(-interval.lower, interval.upper), bound, confidence, interval.method)
+        low, high, bound = interval.limits
+        bound += abs(signed.value) - signed.value
+        return Interval(max(0.0, low, -high), max(-low, high), bound, confidence, interval.method)
 
     return IntervalEstimate(abs(signed.value), interval_at)
 
 
 def threefold_std(values: Array) -> IntervalEstimate:
     """Return 3 S of ``values`` ``(n,)``, n at least 2, S with divisor n - 1; the interval is exact if Gaussian."""
-    value = 3.0 * float(np.std(values, ddof=1))
-    dof = values.size - 1.0
+    value, dof = 3.0 * float(np.std(values, ddof=1)), values.size - 1.0
     return IntervalEstimate(value, lambda confidence: chi2_interval(value**2, dof, confidence, "chi-square").root())
 
 
@@ -283,20 +263,14 @@ def change(after: IntervalEstimate, before: IntervalEstimate) -> IntervalEstimat
 
     def interval_at(confidence: float) -> Interval:
         later, earlier = after.interval_at(confidence), before.interval_at(confidence)
-        for interval in (later, earlier):
-            if interval.lower is None or interval.upper is None:
-                return interval
-        if later.upper_bound is None:
-            return Interval.missing(confidence, FEW_VISITS)
+        if later.limits is None or earlier.limits is None:
+            return later if later.limits is None else earlier
+        (low, high, top), (*ends, _) = later.limits, earlier.limits
         # The lower limit at twice the tail is the one-sided bound.
         two_sided = before.interval_at(2.0 * confidence - 1.0).lower if confidence > 0.5 else before.value
-        ends = [(part.lower or 0.0, part.upper or 0.0) for part in (later, earlier)]
-        lower, upper = difference_limits(after.value, ends[0], before.value, ends[1])
-        bounds = (0.0, later.upper_bound), (two_sided or 0.0, 0.0)
         return Interval(
-            lower,
-            upper,
-            difference_limits(after.value, bounds[0], before.value, bounds[1])[1],
+            *difference_limits(after.value, (low, high), before.value, (ends[0], ends[1])),
+            difference_limits(after.value, (0.0, top), before.value, (two_sided or 0.0, 0.0))[1],
             confidence,
             "from the intervals of both estimates (method of variance estimates recovery)",
         )
@@ -313,28 +287,24 @@ def largest_figure(estimates: Sequence[IntervalEstimate], confidence: float) -> 
     """
     largest = max(range(len(estimates)), key=lambda i: estimates[i].value)
     intervals = [estimate.interval_at(confidence) for estimate in estimates]
-    interval = next((interval for interval in intervals if interval.upper is None), intervals[0])
-    if interval.upper is not None and len(estimates) > 1:
-        adjusted, lower = 1.0 - (1.0 - confidence) / len(estimates), 0.0
-        for plain, i in sorted(((interval.lower or 0.0, i) for i, interval in enumerate(intervals)), reverse=True):
-            # A limit at a stricter confidence is lower, so that the first few decide.
-            if plain > lower:
-                lower = max(lower, estimates[i].interval_at(adjusted).lower or 0.0)
-        interval = Interval(
-            lower,
-            max(interval.upper or 0.0 for interval in intervals),
-            max(interval.upper_bound or 0.0 for interval in intervals),
-            confidence,
-            f"{intervals[largest].method}; largest of {len(estimates)}",
-        )
+    interval = next((interval for interval in intervals if interval.limits is None), intervals[0])
+    if interval.limits is not None and len(estimates) > 1:
+        adjusted = 1.0 - (1.0 - confidence) / len(estimates)
+        lower, upper, bound = zip(*(interval.limits for interval in intervals if interval.limits), strict=True)
+        least = estimates[lower.index(max(lower))].interval_at(adjusted).lower or 0.0
+        # A limit at a stricter confidence is lower, so that the first few decide.
+        others = [estimate for estimate, low in zip(estimates, lower, strict=True) if low > least]
+        stricter = (estimate.interval_at(adjusted).lower or 0.0 for estimate in others)
+        method = f"{intervals[largest].method}; largest of {len(estimates)}"
+        interval = Interval(max(0.0, least, *stricter), max(0.0, *upper), max(0.0, *bound), confidence, method)
     return largest, EstimateOrReason(estimates[largest].value, interval)
 
 
 def largest_magnitude(signed: Sequence[IntervalEstimate]) -> IntervalEstimate:
     """Return the largest absolute value of the estimates' true values, as an estimate."""
-    sizes = [magnitude(estimate) for estimate in signed]
+    sizes = [*map(magnitude, signed)]
     value = max(estimate.value for estimate in sizes)
-    return IntervalEstimate(value, lambda confidence: largest_figure(sizes, confidence)[1].interval)
+    return IntervalEstimate(value, cache(lambda confidence: largest_figure(sizes, confidence)[1].interval))
 
 
 # Length of a mean vector with its interval: the distance between barycentres.
@@ -350,15 +320,14 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
     over the normal quantile, which is exact where the length is large.
     """
     value = float(np.linalg.norm(difference))
-    if dof < 1:
-        return IntervalEstimate(value, partial(Interval.missing, why=ONE_VISIT))
     variances, axes = principal_axes(covariance)
-    if not np.any(variances > 0.0):
-        return IntervalEstimate(value, partial(Interval.exact, value))
-    components = axes.T @ difference
+    components, longest = axes.T @ difference, math.sqrt(float(variances[0]))
     # Standard errors from zero beyond which a distance has the error of its own direction (to 1 part in 800).
-    if value**2 > 20.0**2 * float(np.sum(variances)):
-        return student(value, math.sqrt(float(np.sum(variances * components**2))) / value, dof)
+    if dof < 1 or value**2 > 20.0**2 * float(np.sum(variances)) > 0.0:
+        return student(value, math.sqrt(float(np.sum(variances * components**2))) / (value or 1.0), dof)
+    if longest == 0.0:
+        return IntervalEstimate(value, partial(Interval.exact, value))
+    scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
 
     def limit(probability: float) -> float:
         """Return the true length under which a length up to the measured one has the ``probability``."""
@@ -368,7 +337,6 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
         @cache
         def excess(length: float) -> float:
             """Return the normal quantile's excess, which rises nearly linearly through zero with the true length."""
-            scaled = list(zip(components.tolist(), (variances / variances[0]).tolist(), strict=True))
             low, high = 1e-12, 1e9
             for _ in range(60):
                 # The length is even in the logarithm of 1 + lambda.
@@ -376,31 +344,22 @@ def distance(difference: Array, covariance: Array, dof: float) -> IntervalEstima
                 likeliest = [component / (1.0 + (middle - 1.0) * ratio) for component, ratio in scaled]
                 low, high = (middle, high) if math.hypot(*likeliest) > length else (low, middle)
             size = math.hypot(*likeliest)
-            share = length_probability(
-                value, np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size), widened
-            )
+            along = np.array([length, 0.0, 0.0]) if size == 0.0 else np.array(likeliest) * (length / size)
             # A probability of 0 or 1 has no finite quantile.
-            return quantile - normal_quantile(min(max(share, 1e-15), 1.0 - 1e-15))
+            share = min(max(length_probability(value, along, widened), 1e-15), 1.0 - 1e-15)
+            return quantile - normal_quantile(share)
 
         furthest = value + 6.0 * math.sqrt(float(np.sum(widened)))
         # Relative accuracy of a limit.
         return root(excess, 0.0, furthest, 1e-7) if excess(0.0) < 0.0 < excess(furthest) else 0.0
 
-    def interval_at(confidence: float) -> Interval:
-        below, above, bound = tails(confidence)
+    def limit_of(p: float) -> float:
         # No true length is likely for a vector much shorter than its scatter, and the upper limit would be zero; the
         # scatter along the longest axis bounds it from below.
-        longest = math.sqrt(float(variances[0]))
-        upper, top = (max(limit(1.0 - p), value, longest * student_quantile(p, dof)) for p in (above, bound))
-        return Interval(
-            limit(1.0 - below),
-            upper,
-            top,
-            confidence,
-            "noncentral: the true distances under which the measured distance is likely, scatter as between visits",
-        )
+        return limit(1.0 - p) if p < 0.5 else max(limit(1.0 - p), value, longest * student_quantile(p, dof))
 
-    return IntervalEstimate(value, interval_at)
+    method = "noncentral: the true distances under which the measured distance is likely, scatter as between visits"
+    return IntervalEstimate(value, cache(lambda confidence: Interval.at(limit_of, confidence, method)))
 
 
 # Position repeatability RP_l = mean l + 3 S_l with its interval.
@@ -413,17 +372,17 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     """Return RP_l = mean l + 3 S_l, l the distances of ``visits`` ``(3, n)`` from their barycentre, n at least 2."""
     n = visits.shape[1]
     residuals = visits - visits.mean(axis=1, keepdims=True)
-    lengths = np.sqrt(np.sum(np.square(residuals), axis=0))
+    lengths = np.linalg.norm(residuals, axis=0)
     length_std = float(np.std(lengths, ddof=1))
     value = float(np.mean(lengths)) + 3.0 * length_std
     if n < 3:
-        return IntervalEstimate(value, partial(Interval.missing, why=FEW_VISITS))
-    if not np.any(lengths > 0.0):
+        return IntervalEstimate(value, partial(Interval.missing, why="fewer than three visits"))
+    if value == 0.0:
         return IntervalEstimate(0.0, partial(Interval.exact, 0.0))
     # With more visits, the delta method's error is far below the scatter of the draws.
     if n > 300:
         # Influence of a visit on mean + 3 S: its length, and 3 times its part of dS = d(S^2) / (2 S).
-        influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / length_std if length_std > 0.0 else lengths
+        influence = lengths + 1.5 * np.square(lengths - np.mean(lengths)) / (length_std or 1.0)
         return student(value, float(np.std(influence, ddof=1)) / math.sqrt(n), math.inf, DELTA)
     # RP of n simulated visits over RP of infinitely many visits.
     variances, _ = principal_axes(residuals @ residuals.T / (n - 1.0))
@@ -433,18 +392,8 @@ def position_repeatability(visits: Array, seed: tuple[int, ...]) -> IntervalEsti
     mean_length = float(mean_lengths(variances[::-1, None])[0])
     truth = mean_length + 3.0 * math.sqrt(max(float(np.sum(variances)) - mean_length**2, 0.0))
     ratios = np.asarray((drawn.mean(axis=1) + 3.0 * drawn.std(axis=1, ddof=1)) / truth)
-
-    def interval_at(confidence: float) -> Interval:
-        low, high, top = (value / ratio for ratio in quantiles(ratios, [1.0 - p for p in tails(confidence)]))
-        return Interval(
-            low,
-            high,
-            top,
-            confidence,
-            f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws",
-        )
-
-    return IntervalEstimate(value, interval_at)
+    method = f"parametric bootstrap: RP over the true RP, for Gaussian visits with the same scatter, {_DRAWS} draws"
+    return IntervalEstimate(value, lambda c: Interval.at(lambda p: value / quantiles(ratios, [1.0 - p])[0], c, method))
 
 
 # Characteristics from the estimates at each place: every place's figures, and the largest of them.
@@ -466,7 +415,7 @@ _CRITERIA: dict[Symbol, tuple[str, str]] = {
 
 
 def characteristic(
-    symbol: Symbol, places: Sequence[Place], confidence: float, why: str, notes: Sequence[str] = ()
+    symbol: Symbol, places: Sequence[IsoCriterion], confidence: float, why: str, notes: Sequence[str] = ()
 ) -> Characteristic:
     """Return the criterion over ``places``; without any, it has no value, and ``why`` is the reason."""
     clause, no_angle = _CRITERIA[symbol]
@@ -477,81 +426,66 @@ def characteristic(
         i, figure = largest_figure([magnitude(estimate) for _, estimate in labelled], confidence)
         return figure, labelled[i][0]
 
-    def figure(estimate: IntervalEstimate) -> EstimateOrReason:
-        return EstimateOrReason(estimate.value, estimate.interval_at(confidence))
+    def figures(estimates: Sequence[IntervalEstimate] | None) -> tuple[EstimateOrReason, ...] | None:
+        return None if estimates is None else tuple(estimate.figure(confidence) for estimate in estimates)
 
     several_files = len({place.source for place in places}) > 1
-    labels = ["–".join(place.poses) + (f" of {place.source}" if several_files else "") for place in places]
-    positions = [(label, place.position) for label, place in zip(labels, places, strict=True)]
+    of_file = [f" of {place.source}" * several_files for place in places]
+    labelled = [("–".join(place.poses) + name, place) for name, place in zip(of_file, places, strict=True)]
     angles = [
         (f"{label}, {letter}", estimate)
-        for label, place in zip(labels, places, strict=True)
+        for label, place in labelled
         for letter, estimate in zip("abc", place.angles or (), strict=False)
     ]
-    figures = tuple(
-        IsoCriterion(
-            place.poses,
-            place.source,
-            place.n,
-            figure(place.position),
-            None if place.axes is None else tuple(map(figure, place.axes)),
-            None if place.angles is None else tuple(map(figure, place.angles)),
-            place.mean_distance,
-            place.sd_distance,
-            place.between,
-        )
-        for place in places
-    )
     return Characteristic(
         symbol,
         clause,
-        *largest(positions, why),
+        *largest([(label, place.position) for label, place in labelled], why),
         *largest(angles, no_angle if places else why),
-        figures,
+        tuple(
+            place._replace(
+                position=place.position.figure(confidence), axes=figures(place.axes), angles=figures(place.angles)
+            )
+            for place in places
+        ),
         tuple(notes) if places else (),
     )
 
 
-def _each(function: Callable[[Array], IntervalEstimate], rows: Array | None) -> tuple[IntervalEstimate, ...] | None:
+def _each(function: Callable[..., IntervalEstimate], *rows: Any) -> tuple[IntervalEstimate, ...] | None:
     """Return the estimate from each row; None where there are none."""
-    return None if rows is None else tuple(map(function, rows))
+    return None if rows[0] is None else tuple(map(function, *rows))
 
 
-def separation(
-    groups: Sequence[Array], names: Sequence[str], group_angles: Sequence[Array] | None
-) -> tuple[IntervalEstimate, tuple[IntervalEstimate, ...] | None, str]:
-    """Return the largest distance and angle differences between barycentres of groups of visits ``(3, n_i)``.
-
-    The scatter is pooled over the groups. The third element names the two groups with the largest distance.
-    """
-    pairs = list(combinations(range(len(groups)), 2))
-    covariance, dof = _pooled(groups)
-    means, shares = [group.mean(axis=1) for group in groups], [1.0 / group.shape[1] for group in groups]
-    distances = [distance(means[h] - means[k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
-    first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
-    angles = None
-    if group_angles is not None:
-        angles = _largest_angles([(group_angles[h], group_angles[k]) for h, k in pairs], group_angles)
-    return largest_magnitude(distances), angles, f"{names[first]} and {names[second]}"
+def _pooled(groups: Sequence[Array]) -> tuple[Array, Array, Array, float]:
+    """Return means ``(3, G)`` of groups ``(3, n_i)``, covariance ``(3, 3)`` within them, 1 / n_i, and its dof."""
+    sizes = np.array([group.shape[1] for group in groups])
+    means = np.stack([group.mean(axis=1) for group in groups], axis=1)
+    centred = np.concatenate(groups, axis=1) - np.repeat(means, sizes, axis=1)
+    dof = float(np.sum(sizes - 1))
+    return means, centred @ centred.T / max(dof, 1.0), 1.0 / sizes, dof
 
 
-def _pooled(groups: Sequence[Array]) -> tuple[Array, float]:
-    """Return the covariance ``(K, K)`` within groups ``(K, n_i)`` and its degrees of freedom."""
-    dof = sum(group.shape[1] - 1 for group in groups)
-    centred = np.concatenate([group - group.mean(axis=1, keepdims=True) for group in groups], axis=1)
-    return centred @ centred.T / max(dof, 1), float(dof)
+def separation(groups: Sequence[Array], pairs: Sequence[tuple[int, int]]) -> list[IntervalEstimate]:
+    """Return the distances between the barycentres of pairs of groups of visits ``(3, n_i)``, with pooled scatter."""
+    means, covariance, shares, dof = _pooled(groups)
+    return [distance(means[:, h] - means[:, k], covariance * (shares[h] + shares[k]), dof) for h, k in pairs]
 
 
-def _largest_angles(pairs: Sequence[tuple[Array, Array]], groups: Sequence[Array]) -> tuple[IntervalEstimate, ...]:
-    """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all ``groups``."""
-    covariance, dof = _pooled(groups)
-    shares = [1.0 / one.shape[1] + 1.0 / other.shape[1] for one, other in pairs]
-    angles = []
-    for axis, variance in enumerate(np.diag(covariance).tolist()):
-        means = [float(one[axis].mean() - other[axis].mean()) for one, other in pairs]
-        errors = [(variance * share) ** 0.5 for share in shares]
-        angles.append(largest_magnitude([student(*entry, dof) for entry in zip(means, errors, strict=True)]))
-    return tuple(angles)
+def _largest_angles(
+    groups: Sequence[Array] | None, pairs: Sequence[tuple[int, int]]
+) -> tuple[IntervalEstimate, ...] | None:
+    """Return the largest difference of mean a, b and c of ``pairs`` of groups, with the scatter of all groups."""
+    if groups is None:
+        return None
+    means, covariance, shares, dof = _pooled(groups)
+    first, second = np.array(pairs).T
+    values = (means[:, first] - means[:, second]).tolist()
+    spreads = np.sqrt(np.outer(np.diag(covariance), shares[first] + shares[second])).tolist()
+    return tuple(
+        largest_magnitude([student(value, spread, dof) for value, spread in zip(*row, strict=True)])
+        for row in zip(values, spreads, strict=True)
+    )
 
 
 # Pose accuracy, repeatability, multi-directional variation and exchangeability: clauses 7.2 and 7.7 of ISO 9283:1998.
@@ -573,100 +507,82 @@ def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristi
     for pose in poses:
         if pose.deviation is None:
             return characteristic("AP", [], confidence, NO_COMMAND)
-        covariance = np.cov(pose.deviation, ddof=1) / pose.n if pose.n > 1 else np.zeros((3, 3))
-        places.append(
-            IsoCriterion(
-                (pose.label,),
-                pose.source,
-                pose.n,
-                distance(pose.deviation.mean(axis=1), covariance, pose.n - 1),
-                _each(mean, pose.deviation),
-                _each(mean, pose.turn if pose.oriented else None),
-            )
-        )
+        n = pose.data.n
+        covariance = np.cov(pose.deviation, ddof=1) / n if n > 1 else np.zeros((3, 3))
+        length, angles = distance(pose.deviation.mean(axis=1), covariance, n - 1), pose.turn if pose.oriented else None
+        places.append(pose.place(length, axes=_each(mean, pose.deviation), angles=_each(mean, angles)))
     return characteristic("AP", places, confidence, NO_COMMAND)
 
 
 def repeatability(poses: Sequence[CommandedPose], confidence: float, seed: int) -> Characteristic:
     """Return the repeatability (RP) of every commanded pose with at least two visits."""
     places = []
-    for pose in (pose for pose in poses if pose.n > 1):
-        lengths = np.sqrt(np.sum(np.square(pose.attained - pose.attained.mean(axis=1, keepdims=True)), axis=0))
-        places.append(
-            IsoCriterion(
-                (pose.label,),
-                pose.source,
-                pose.n,
-                position_repeatability(pose.attained, (seed, *pose.stream)),
-                angles=_each(threefold_std, pose.turn),
-                mean_distance=float(np.mean(lengths)),
-                sd_distance=float(np.std(lengths, ddof=1)),
-            )
-        )
-    return characteristic(
-        "RP", places, confidence, "every commanded pose was visited only once: RP needs several cycles"
-    )
+    for pose in (pose for pose in poses if pose.data.n > 1):
+        attained = pose.data.position
+        lengths = np.sqrt(np.sum(np.square(attained - attained.mean(axis=1, keepdims=True)), axis=0))
+        place = pose.place(position_repeatability(attained, pose.seed(seed)), angles=_each(threefold_std, pose.turn))
+        mean_distance, sd_distance = float(np.mean(lengths)), float(np.std(lengths, ddof=1))
+        places.append(place._replace(mean_distance=mean_distance, sd_distance=sd_distance))
+    why = "every commanded pose was visited only once: RP needs several cycles"
+    return characteristic("RP", places, confidence, why)
 
 
 def multidirectional(poses: Sequence[CommandedPose], confidence: float) -> Characteristic:
     """Return the variation (vAP) of every commanded pose with several approaches (directions of the joints)."""
-    why = "every commanded pose was always approached from the same direction"
-    if all(pose.direction is None for pose in poses):
-        why = "approach directions are not known: give dir_q columns, or `ordered`"
+    why = (
+        "approach directions are not known: give dir_q columns, or `ordered`"
+        if all(pose.data.direction is None for pose in poses)
+        else "every commanded pose was always approached from the same direction"
+    )
     places = []
     for pose in poses:
-        if pose.direction is None:
+        if (direction := pose.data.direction) is None:
             continue
         # Visits without a moving joint are left out.
-        moving = np.flatnonzero(np.any(pose.direction != 0, axis=0))
-        approaches, index = np.unique(pose.direction[:, moving], axis=1, return_inverse=True)
+        moving = np.flatnonzero(np.any(direction != 0, axis=0))
+        approaches, index = np.unique(direction[:, moving], axis=1, return_inverse=True)
         names = ["".join("−0+"[int(np.sign(value)) + 1] for value in directions) for directions in approaches.T]
         # Largest number of approach directions at a pose; more are random moves.
         if len(names) > 8:
             why = "the moves to a pose differ from visit to visit: there are no approaches to compare"
         elif len(names) > 1:
-            rows = [moving[index.ravel() == i] for i in range(len(names))]
-            turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
-            position, angles, between = separation([pose.attained[:, part] for part in rows], names, turns)
-            places.append(
-                IsoCriterion((pose.label,), pose.source, moving.size, position, None, angles, between=between)
-            )
+            groups, turns = pose.parts([moving[index.ravel() == i] for i in range(len(names))])
+            largest, between = _largest_separation(groups, names)
+            angles = _largest_angles(turns, [*combinations(range(len(names)), 2)])
+            places.append(pose.place(largest, moving.size, angles=angles, between=between))
     return characteristic("vAP", places, confidence, why)
 
 
-def exchangeability(
-    poses_by_file: Sequence[Sequence[CommandedPose]], attained: Sequence[Sequence[Array]], confidence: float
-) -> Characteristic:
-    """Return E between robots, one per file, at the commanded poses that all files have.
+def _largest_separation(groups: Sequence[Array], names: Sequence[str]) -> tuple[IntervalEstimate, str]:
+    """Return the largest distance between barycentres of groups, and the names of the two."""
+    pairs = list(combinations(range(len(groups)), 2))
+    distances = separation(groups, pairs)
+    first, second = pairs[max(range(len(pairs)), key=lambda i: distances[i].value)]
+    return largest_magnitude(distances), f"{names[first]} and {names[second]}"
 
-    Args:
-        poses_by_file: Commanded poses of each file.
-        attained: Attained positions ``(3, n)`` of each commanded pose, in a frame that the robots share, m.
-        confidence: Confidence of the intervals.
-    """
-    if len(poses_by_file) < 2:
+
+def exchangeability(poses_by_file: Sequence[Sequence[CommandedPose]], confidence: float) -> Characteristic:
+    """Return E between robots, one per file, at the commanded poses that all files have, in a frame that they share."""
+    by_label = [{pose.label: pose for pose in file} for file in poses_by_file]
+    if len(by_label) < 2:
         return characteristic("E", [], confidence, "exchangeability compares several robots: give one file per robot")
-    by_label = [
-        {pose.label: (pose, positions) for pose, positions in zip(*file, strict=True)}
-        for file in zip(poses_by_file, attained, strict=True)
-    ]
     places = []
-    for label in [label for label in by_label[0] if all(label in labels for labels in by_label[1:])]:
-        shared, groups = zip(*(labels[label] for labels in by_label), strict=True)
+    for label in [label for label in by_label[0] if all(label in labels for labels in by_label)]:
+        shared = [labels[label] for labels in by_label]
         first = shared[0]
-        for pose in shared[1:]:
-            is_known = first.commanded is not None and pose.commanded is not None
-            offset = float(np.linalg.norm(pose.commanded - first.commanded)) if is_known else 0.0
+        for pose in shared:
+            both = [each.commanded for each in (first, pose) if each.commanded is not None]
+            offset = float(np.linalg.norm(both[-1] - both[0])) if both else 0.0
             if offset > SAME_COMMAND:
-                return characteristic(
-                    "E",
-                    [],
-                    confidence,
+                why = (
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
-                    "exchangeability needs the same commanded poses",
+                    "exchangeability needs the same commanded poses"
                 )
-        position, _, between = separation(groups, [pose.source for pose in shared], None)
-        places.append(IsoCriterion((label,), None, sum(pose.n for pose in shared), position, between=between))
+                return characteristic("E", [], confidence, why)
+        groups, names = [pose.data.position for pose in shared], [pose.source for pose in shared]
+        largest, between = _largest_separation(groups, names)
+        n_visits = sum(pose.data.n for pose in shared)
+        places.append(IsoCriterion((label,), None, n_visits, largest, between=between))
     return characteristic("E", places, confidence, "the files share no commanded pose")
 
 
@@ -684,65 +600,46 @@ MAX_POSES_ALL_PAIRS = 10
 
 def distance_criteria(poses: Sequence[CommandedPose], confidence: float) -> tuple[Characteristic, Characteristic]:
     """Return AD and RD between the commanded poses of each file."""
-    pairs: list[tuple[CommandedPose, CommandedPose]] = []
-    notes: list[str] = []
-    for number in sorted({pose.number for pose in poses}):
-        file_poses = [pose for pose in poses if pose.number == number]
-        if len(file_poses) <= MAX_POSES_ALL_PAIRS:
-            pairs += combinations(file_poses, 2)
-        else:
-            pairs += pairwise(file_poses)
-            notes = [
-                f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
-            ]
+    by_file = [[pose for pose in poses if pose.number == number] for number in sorted({pose.number for pose in poses})]
+    pairs = [
+        pair
+        for file in by_file
+        for pair in (pairwise(file) if len(file) > MAX_POSES_ALL_PAIRS else combinations(file, 2))
+    ]
+    note = f"with more than {MAX_POSES_ALL_PAIRS} commanded poses only neighbours in order of visit are paired"
+    notes = [note] * any(len(file) > MAX_POSES_ALL_PAIRS for file in by_file)
     why = why_accuracy = "no cycle visits two commanded poses" if pairs else "one commanded pose has no distances"
     accurate, repeatable = [], []
     is_commanded = all(pose.commanded is not None for pose in poses)
-    for pose_a, pose_b in pairs:
+    for a, b in pairs:
         # Visits of the same cycle match, else the j-th of one with the j-th of the other.
-        rows_a = rows_b = np.arange(min(pose_a.n, pose_b.n))
-        cycles = [pose.cycle for pose in (pose_a, pose_b) if pose.cycle is not None]
-        if len(cycles) == 2 and [np.unique(cycle).size for cycle in cycles] == [pose_a.n, pose_b.n]:
-            _, rows_a, rows_b = np.intersect1d(cycles[0], cycles[1], return_indices=True)
-        if rows_a.size == 0:
+        rows = [np.arange(min(a.data.n, b.data.n))] * 2
+        cycles = [cycle for cycle in (a.data.cycle, b.data.cycle) if cycle is not None]
+        if len(cycles) == 2 and all(np.unique(cycle).size == cycle.size for cycle in cycles):
+            rows = list(np.intersect1d(cycles[0], cycles[1], return_indices=True)[1:])
+        if rows[0].size == 0:
             continue
         why, why_accuracy = "every pair of commanded poses was visited once: RD needs cycles", NO_COMMAND
-        place = (pose_a.label, pose_b.label), pose_a.source, int(rows_a.size)
-        differences = pose_a.attained[:, rows_a] - pose_b.attained[:, rows_b]
-        length, axes, angles, turned = np.sqrt(np.sum(np.square(differences), axis=0)), np.abs(differences), None, None
-        turns = [
-            (pose.reference, pose.turn[:, rows])
-            for pose, rows in ((pose_a, rows_a), (pose_b, rows_b))
-            if pose.reference is not None and pose.turn is not None and not pose.at_pole
-        ]
-        if len(turns) == 2:
-            (reference_a, turn_a), (reference_b, turn_b) = turns
-            turned = wrapped(reference_a - reference_b)
+        place = IsoCriterion((a.label, b.label), a.source, int(rows[0].size), None)
+        axes = np.abs(a.data.position[:, rows[0]] - b.data.position[:, rows[1]])
+        length, angles, turned = np.linalg.norm(axes, axis=0), None, None
+        if a.turn is not None and b.turn is not None and not (a.at_pole or b.at_pole):
+            turned = wrapped(np.asarray(a.reference) - np.asarray(b.reference))
             # Relative to the references' difference, so that poses half a turn apart do not flip sign.
-            angles = np.abs(turned[:, None] + turn_a - turn_b)
-        if pose_a.commanded is not None and pose_b.commanded is not None and is_commanded:
-            offset = pose_a.commanded - pose_b.commanded
-            accurate.append(
-                IsoCriterion(
-                    *place,
-                    mean(length, float(np.linalg.norm(offset))),
-                    _less(axes, offset),
-                    _less(angles, turned) if pose_a.oriented and pose_b.oriented else None,
-                )
-            )
-        if rows_a.size > 1:
-            repeatable.append(
-                IsoCriterion(*place, threefold_std(length), _each(threefold_std, axes), _each(threefold_std, angles))
-            )
+            angles = np.abs(turned[:, None] + a.turn[:, rows[0]] - b.turn[:, rows[1]])
+        if a.commanded is not None and b.commanded is not None and is_commanded:
+            offset = np.abs(a.commanded - b.commanded)
+            of_angles = None if turned is None else _each(mean, angles, np.abs(turned))
+            of_angles = of_angles if a.oriented and b.oriented else None
+            own = mean(length, float(np.linalg.norm(offset)))
+            accurate.append(place._replace(position=own, axes=_each(mean, axes, offset), angles=of_angles))
+        if length.size > 1:
+            own, along, of_angles = threefold_std(length), _each(threefold_std, axes), _each(threefold_std, angles)
+            repeatable.append(place._replace(position=own, axes=along, angles=of_angles))
     return (
         characteristic("AD", accurate, confidence, why_accuracy, notes),
         characteristic("RD", repeatable, confidence, why, notes),
     )
-
-
-def _less(distances: Array | None, commanded: Array | None) -> tuple[IntervalEstimate, ...] | None:
-    """Return the mean of each row of ``distances`` ``(3, n)`` less the commanded one; None where they are not known."""
-    return None if distances is None or commanded is None else tuple(map(mean, distances, np.abs(commanded).tolist()))
 
 
 # Drift of pose characteristics over the run: clause 7.6 of ISO 9283:1998.
@@ -767,37 +664,45 @@ def drift(
     Poses with fewer than three visits in each window are left out.
     """
     divided = [
-        (pose, np.array_split(np.arange(pose.n), count))
+        (pose, np.array_split(np.arange(pose.data.n), count))
         for pose in poses
-        for count in [windows or min(max(pose.n // 10, 2), 10)]
-        if pose.n >= MIN_WINDOW_VISITS * count
+        for count in [windows or min(max(pose.data.n // 10, 2), 10)]
+        if pose.data.n >= MIN_WINDOW_VISITS * count
     ]
     why = (
         f"drift needs {MIN_WINDOW_VISITS * (windows or 2)} visits of a commanded pose, {MIN_WINDOW_VISITS} in each of "
         f"{windows or 2} windows"
     )
-    notes = [_window_note(*entry) for entry in divided[:1]]
     is_commanded = all(pose.deviation is not None for pose, _ in divided)
     accurate, repeated, shifted = [], [], []
+
+    def place(changes: Sequence[IntervalEstimate], angles: tuple[IntervalEstimate, ...] | None) -> IsoCriterion:
+        """Return the largest absolute change of the windows after the first, and those of the angles."""
+        largest = max(range(len(changes)), key=lambda window: abs(changes[window].value))
+        return pose.place(largest_magnitude(changes), angles=angles, between=f"windows 1 and {largest + 2}")
+
     for pose, rows in divided:
-        attained = [pose.attained[:, part] for part in rows]
-        turns = None if pose.turn is None else [pose.turn[:, part] for part in rows]
+        attained, turns = pose.parts(rows)
+        pairs = [(i, 0) for i in range(1, len(rows))]
         if is_commanded and pose.deviation is not None:
-            # AP_a = ā - a_c changes as ā does.
-            angles = (
-                _largest_angles([(turn, turns[0]) for turn in turns[1:]], turns)
-                if turns is not None and pose.oriented
-                else None
+            means, covariance, shares, dof = _pooled([pose.deviation[:, part] for part in rows])
+            lengths = np.linalg.norm(means, axis=0)
+            # AP changes as the mean does along its own direction (delta method).
+            directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
+            variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) * shares
+            sizes = zip(
+                (lengths[1:] - lengths[0]).tolist(), np.sqrt(variances[1:] + variances[0]).tolist(), strict=True
             )
-            accurate.append(_drift_place(pose, _accuracy_changes([pose.deviation[:, part] for part in rows]), angles))
-        spreads = [position_repeatability(part, (seed, *pose.stream, i)) for i, part in enumerate(attained)]
-        angles = None
-        if turns is not None:
-            by_axis = [[threefold_std(turn[axis]) for turn in turns] for axis in range(3)]
-            angles = tuple(largest_magnitude([change(later, first) for later in rest]) for first, *rest in by_axis)
-        repeated.append(_drift_place(pose, [change(later, spreads[0]) for later in spreads[1:]], angles))
-        moves = [separation([attained[0], later], ("", ""), None)[0] for later in attained[1:]]
-        shifted.append(_drift_place(pose, moves, None))
+            # AP_a = ā - a_c changes as ā does.
+            angles = _largest_angles(turns if pose.oriented else None, pairs)
+            accurate.append(place([student(*size, dof) for size in sizes], angles))
+        spreads = [position_repeatability(part, pose.seed(seed, i)) for i, part in enumerate(attained)]
+        by_axis = [[threefold_std(turn[axis]) for turn in turns] for axis in range(3)] if turns else []
+        changes = [[change(later, first) for later in rest] for first, *rest in (spreads, *by_axis)]
+        repeated.append(place(changes[0], tuple(map(largest_magnitude, changes[1:])) or None))
+        moves = [separation([attained[0], later], [(0, 1)])[0] for later in attained[1:]]
+        shifted.append(place(moves, None))
+    notes = [_window_note(*entry) for entry in divided[:1]]
     return (
         characteristic("dAP", accurate, confidence, NO_COMMAND if divided else why, notes),
         characteristic("dRP", repeated, confidence, why, notes),
@@ -805,38 +710,10 @@ def drift(
     )
 
 
-def _window_note(pose: CommandedPose, window_rows: Sequence[NDArray[np.int64]]) -> str:
+def _window_note(pose: CommandedPose, rows: Sequence[NDArray[np.int64]]) -> str:
     order = "in the order of the file's rows"
-    if pose.time is not None:
-        first, last = (float(np.mean(pose.time[rows])) for rows in (window_rows[0], window_rows[-1]))
-        order = f"by time_s, the first and the last {(last - first) / 60.0:.3g} min apart"
-    smallest, largest = window_rows[-1].size, window_rows[0].size
-    count = str(largest) if smallest == largest else f"{smallest} or {largest}"
-    return f"{len(window_rows)} windows of {count} visits, {order}; each against the first"
-
-
-def _drift_place(
-    pose: CommandedPose, changes: Sequence[IntervalEstimate], angles: tuple[IntervalEstimate, ...] | None
-) -> Place:
-    """Return the largest absolute change of the windows after the first, and those of the angles."""
-    largest = max(range(len(changes)), key=lambda window: abs(changes[window].value))
-    return IsoCriterion(
-        (pose.label,),
-        pose.source,
-        pose.n,
-        largest_magnitude(changes),
-        angles=angles,
-        between=f"windows 1 and {largest + 2}",
-    )
-
-
-def _accuracy_changes(windows: Sequence[Array]) -> list[IntervalEstimate]:
-    """Return the changes of AP from the first window of deviations ``(3, n_i)`` to each later one."""
-    covariance, dof = _pooled(windows)
-    means = np.stack([window.mean(axis=1) for window in windows], axis=1)
-    lengths = np.sqrt(np.sum(np.square(means), axis=0))
-    directions = np.divide(means, lengths, out=np.zeros_like(means), where=lengths > 0.0)
-    # AP changes as the mean does along its own direction (delta method).
-    variances = np.einsum("iw,ij,jw->w", directions, covariance, directions) / [part.shape[1] for part in windows]
-    errors = np.sqrt(variances[1:] + variances[0])
-    return [student(float(at - lengths[0]), float(error), dof) for at, error in zip(lengths[1:], errors, strict=True)]
+    if (time := pose.data.time) is not None:
+        minutes = float(np.mean(time[rows[-1]]) - np.mean(time[rows[0]])) / 60.0
+        order = f"by time_s, the first and the last {minutes:.3g} min apart"
+    count = " or ".join(map(str, sorted({rows[0].size, rows[-1].size})))
+    return f"{len(rows)} windows of {count} visits, {order}; each against the first"

@@ -48,8 +48,16 @@ from robacc.robots.description import Frame, Robot
 # four corners of a plane tilted by 45 degrees, 10 % of the diagonal's length (8 to 12 %) from its ends.
 
 Plane = Literal["x+", "x-", "y+", "y-"]
-PLANES: tuple[Plane, ...] = ("x+", "x-", "y+", "y-")
-"""Four planes of the standard, named by the horizontal direction in which each rises at 45 degrees."""
+PLANES: dict[Plane, tuple[int, ...]] = {
+    "x+": (0, 2, 7, 5),
+    "x-": (4, 6, 3, 1),
+    "y+": (0, 4, 7, 3),
+    "y-": (2, 6, 5, 1),
+}
+"""Corners of the cube, as :func:`corners` numbers them, next to P2 to P5 in the four planes of the standard.
+
+The planes are named by the horizontal direction in which each rises at 45 degrees.
+"""
 PREFERRED_EDGES = (1.0, 0.63, 0.4, 0.25)
 """Edge lengths that the standard prefers, m, the largest first."""
 PREFERRED_SIZES = ", ".join(f"{1e3 * edge:.0f}" for edge in reversed(PREFERRED_EDGES))
@@ -60,17 +68,15 @@ _SIZE_TOLERANCE = 0.01
 """Relative difference below which two sizes count as equal: 1 mm in 100 mm is accepted."""
 
 
+def corners(centre: Array, edge: float) -> Array:
+    """Return the cube's corners ``(3, 8)``, m; the binary digits of a corner's number are its sides along x, y, z."""
+    return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
+
+
 def five_points(centre: Array, edge: float, plane: Plane) -> Array:
     """Return P1 to P5 ``(3, 5)``, m, in the axes of the cube; P2 and P4 are opposite, as are P3 and P5."""
-    level, up = np.array([-1.0, 1.0, 1.0, -1.0]), np.array([-1.0, -1.0, 1.0, 1.0])
-    along = up if plane[1] == "+" else -up
-    outer = np.stack((along, level, up) if plane[0] == "x" else (level, along, up))
-    return np.asarray(centre[:, None] + np.pad((0.5 - FROM_CORNER) * edge * outer, ((0, 0), (1, 0))))
-
-
-def corners(centre: Array, edge: float) -> Array:
-    """Return the cube's corners ``(3, 8)``, m."""
-    return np.asarray(centre[:, None] + 0.5 * edge * np.array([*product((-1.0, 1.0), repeat=3)]).T)
+    inner = corners(centre, (1.0 - 2.0 * FROM_CORNER) * edge)
+    return np.column_stack((centre, inner[:, PLANES[plane]]))
 
 
 def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
@@ -94,12 +100,11 @@ def fit_cube(points: Array) -> tuple[int, float, float, Plane | None] | str:
     # A corner's coordinate along each axis is 1/sqrt(3) of its distance from the centre.
     half = mean_radius / math.sqrt(3.0)
     if np.max(np.abs(np.abs(outer) - half)) <= _SIZE_TOLERANCE * mean_radius:
-        # The four planes in their order: along x and y, rising and falling.
-        slopes = [sign * outer[axis] * outer[2] for axis in (0, 1) for sign in (1.0, -1.0)]
-        rising = [plane for plane, slope in zip(PLANES, slopes, strict=True) if np.all(slope > 0.0)]
+        numbers = {*(np.array([4, 2, 1]) @ (outer > 0.0)).tolist()}
+        rising = next((plane for plane, own in PLANES.items() if numbers == {*own}), None)
         preferred = (edge for edge in PREFERRED_EDGES if abs(0.5 - half / edge - FROM_CORNER) <= 0.02)
         edge = next(preferred, half / (0.5 - FROM_CORNER))
-        return centre, edge, 0.5 - half / edge, rising[0] if rising else None
+        return centre, edge, 0.5 - half / edge, rising
     neighbour = next(i for i in range(1, 4) if i != opposite[0])
     sides = sorted(float(np.linalg.norm(outer[:, 0] - outer[:, i])) for i in (neighbour, opposite[neighbour]))
     if abs(sides[1] / sides[0] - math.sqrt(2.0)) <= 2.0 * _SIZE_TOLERANCE:
@@ -322,8 +327,7 @@ def _best_plane(
     outer = inverse_kinematics(arm, _at(inner, own), starts=starts, oriented=is_oriented)
     best: Proposal | None = None
     for candidate in PLANES if plane is None else (plane,):
-        points = five_points(centre, edge, candidate)
-        nearest = np.argmin(np.sum(np.square(points[:, 1:, None] - inner[:, None, :]), axis=0), axis=1)
+        nearest = list(PLANES[candidate])
         solved = np.flatnonzero(outer.converged[nearest].all(axis=0))
         if solved.size == 0:
             continue
@@ -334,7 +338,7 @@ def _best_plane(
         if margins[i] >= 0.01 and (best is None or margins[i] > best.margin):
             # The decimals limit how exactly the poses are met.
             q = np.round(joints[..., i], 11) + 0.0
-            poses = arm.chain.forward(q) if rotation is None else _at(points, rotation)
+            poses = arm.chain.forward(q) if rotation is None else _at(five_points(centre, edge, candidate), rotation)
             best = Proposal(edge, centre, candidate, kind, poses, q, float(margins[i]), ())
     return best
 
@@ -365,7 +369,8 @@ _AMBIENT, _AMBIENT_TOLERANCE = 20.0, 2.0
 _STEP_TOLERANCE = 0.02
 """Relative tolerance within which a load or velocity counts as a rated step."""
 
-Finding = tuple[Literal["met", "not_met", "unknown"], str]
+Status = Literal["met", "not_met", "unknown"]
+Finding = tuple[Status, str]
 """Whether a condition is met, and the reason."""
 
 
@@ -389,7 +394,7 @@ def protocol(
         moved = f"the barycentre of {shift.position_at} moved {shift.position.value * 1e3:.2g} mm during the run"
         warm_up = f"{warm_up}, but {moved}"
     n_poses = sorted({sum(pose.number == number for pose in poses) for number in range(len(files))})
-    n_visits = sorted({pose.n for pose in poses})
+    n_visits = sorted({pose.data.n for pose in poses})
     five_poses = f"{' and '.join(map(str, n_poses))} commanded pose{'s' * (n_poses != [1])}"
     cycles = (
         f"{n_visits[0]} visit{'s' * (n_visits[0] > 1)} of each commanded pose"
@@ -397,7 +402,18 @@ def protocol(
         else f"{n_visits[0]} to {n_visits[-1]} visits of a commanded pose"
     )
     diagonal, corner_distance = _cube([pose for pose in poses if pose.number == 0], robot)
+    turning = [
+        pose.label
+        for pose in poses
+        if (way := pose.data.direction) is not None and np.unique(way[:, np.any(way != 0, axis=0)], axis=1).shape[1] > 1
+    ]
+    several = f"{', '.join(turning[:3])}{' …' * (len(turning) > 3)} approached from several directions"
+    approach = _first(
+        (bool(turning), "not_met", f"{several}: AP and RP include vAP"),
+        (True, "met", "every visit of a pose has the same approach direction"),
+    )
     no_sigma = "no columns sigma_x, sigma_y, sigma_z"
+    no_approach = "approach directions are not known; `ordered` derives them from the rows"
     findings: tuple[tuple[str, str, Finding], ...] = (
         ("warm-up", "6.2", ("unknown", warm_up)),
         ("temperature", "6.3", logged("temperature", "no column temperature_c", _temperature)),
@@ -408,15 +424,7 @@ def protocol(
         ("diagonal plane", "6.8", diagonal),
         ("10 % from the corners", "6.8", corner_distance),
         ("30 cycles", "6.9", ("met" if n_visits[0] >= CYCLES else "not_met", cycles)),
-        (
-            "one approach",
-            "7.2",
-            logged(
-                "direction",
-                "approach directions are not known; `ordered` derives them from the rows",
-                lambda _: _one_approach(poses),
-            ),
-        ),
+        ("one approach", "7.2", logged("direction", no_approach, lambda _: approach)),
         ("stabilisation", "7.4", ("unknown", "the time between arrival and measurement is not recorded")),
     )
     return [
@@ -424,63 +432,84 @@ def protocol(
     ]
 
 
+def _first(*cases: tuple[bool, Status, str]) -> Finding:
+    """Return the finding of the first case that holds."""
+    return next((status, why) for holds, status, why in cases if holds)
+
+
 def _temperature(logged: list[Array]) -> Finding:
     low, high = min(float(values.min()) for values in logged), max(float(values.max()) for values in logged)
-    range_text = f"{low:.1f} °C to {high:.1f} °C"
-    if high - low > 2.0 * _AMBIENT_TOLERANCE:
-        return "not_met", f"{range_text}: varies by more than ± {_AMBIENT_TOLERANCE:.0f} °C"
-    if max(abs(low - _AMBIENT), abs(high - _AMBIENT)) <= _AMBIENT_TOLERANCE:
-        return "met", f"{range_text}, within 20 °C ± {_AMBIENT_TOLERANCE:.0f} °C"
-    return "met", f"{range_text}: constant within ± 2 °C but not at 20 °C; state it with the result"
+    text, most = f"{low:.1f} °C to {high:.1f} °C", _AMBIENT_TOLERANCE
+    is_ambient = max(abs(low - _AMBIENT), abs(high - _AMBIENT)) <= most
+    return _first(
+        (high - low > 2.0 * most, "not_met", f"{text}: varies by more than ± {most:.0f} °C"),
+        (is_ambient, "met", f"{text}, within 20 °C ± {most:.0f} °C"),
+        (True, "met", f"{text}: constant within ± 2 °C but not at 20 °C; state it with the result"),
+    )
 
 
 def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
-    values = [place.position.value for place in repeatability.places if place.position.value is not None]
-    if not values:
+    smallest = min((place.position.value for place in repeatability.places), default=None)
+    if smallest is None:
         return "unknown", "there is no RP to compare it with"
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
-    share = expanded / min(values) if min(values) > 0.0 else np.inf
     # Largest measuring uncertainty as a fraction of the criterion.
-    return (
-        "met" if share <= 0.25 else "not_met",
-        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed",
+    share = expanded / smallest if smallest > 0.0 else np.inf
+    text = (
+        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
     )
+    return "met" if share <= 0.25 else "not_met", f"{text}; at most 25 % is allowed"
 
 
 def _load(loads: list[Array], rated: float | None) -> Finding:
     low, high = min(float(load.min()) for load in loads), max(float(load.max()) for load in loads)
-    if high - low > _STEP_TOLERANCE * max(high, 1e-9):
-        return "not_met", f"the load varies from {low:g} kg to {high:g} kg"
-    if rated is None:
-        return "unknown", f"{high:g} kg throughout; give `rated_load` to compare"
-    return _rated_share(high / rated, (1.0, 0.1), f"{high:g} kg of {rated:g} kg", "load")
+    return _first(
+        (
+            high - low > _STEP_TOLERANCE * max(high, 1e-9),
+            "not_met",
+            f"the load varies from {low:g} kg to {high:g} kg",
+        ),
+        (rated is None, "unknown", f"{high:g} kg throughout; give `rated_load` to compare"),
+        (True, *_rated_share(high / (rated or 1.0), (1.0, 0.1), f"{high:g} kg of {rated or 0:g} kg", "load")),
+    )
 
 
 def _velocity(files: Sequence[Measurements], speeds: list[Array]) -> Finding:
-    for data, speed in zip(files, speeds, strict=True):
-        if data.q is not None:
-            visits = numbered_visits(data.groups(), data.visit, data.cycle, data.target)
-            if np.allclose(speed, motion_between_visits(data.q, visits)[1], atol=1e-9):
-                return "unknown", "speeds are derived from the order of rows: they are relative, not absolute"
+    is_derived = any(
+        np.allclose(speed, motion_between_visits(data.q, visits)[1], atol=1e-9)
+        for data, speed in zip(files, speeds, strict=True)
+        if data.q is not None
+        for visits in [numbered_visits(data.groups(), data.visit, data.cycle, data.target)]
+    )
     fastest = np.concatenate([np.max(np.abs(speed), axis=0) for speed in speeds])
     fastest = fastest[fastest > 0.0]
-    if fastest.size == 0:
-        return "unknown", "every speed is 0"
-    low, high = 100 * fastest.min(), 100 * fastest.max()
-    if high - low > 100 * _STEP_TOLERANCE:
-        return "not_met", f"the fastest joint's speed varies from {low:.0f} % to {high:.0f} %"
-    return _rated_share(float(fastest.mean()), (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")
+    low, high = 100 * fastest.min(initial=np.inf), 100 * fastest.max(initial=0.0)
+    share = float(fastest.mean()) if fastest.size else 0.0
+    return _first(
+        (is_derived, "unknown", "speeds are derived from the order of rows: they are relative, not absolute"),
+        (fastest.size == 0, "unknown", "every speed is 0"),
+        (
+            high - low > 100 * _STEP_TOLERANCE,
+            "not_met",
+            f"the fastest joint's speed varies from {low:.0f} % to {high:.0f} %",
+        ),
+        (True, *_rated_share(share, (1.0, 0.5, 0.1), "the fastest joint's last motion", "velocity")),
+    )
 
 
 def _rated_share(share: float, steps: tuple[float, ...], description: str, quantity: str) -> Finding:
     """Return the status of a share of the rated value and the reason, which names the standard's optional steps."""
     step = next((step for step in steps if abs(share - step) <= _STEP_TOLERANCE * max(step, 0.1)), None)
-    if step is None:
-        optional = ", ".join(f"{100 * optional_step:.0f} %" for optional_step in steps[1:])
-        text = f"{description}: {100 * share:.0f} %; the standard requires 100 %; optional steps are {optional}"
-        return "not_met", text
-    also = "" if step == 1.0 else f", an optional step; a test at 100 % {quantity} is needed too"
-    return "met", f"{description}: {100 * step:.0f} %{also}"
+    text, optional = f"{description}: {100 * share:.0f} %", ", ".join(f"{100 * step:.0f} %" for step in steps[1:])
+    return _first(
+        (step is None, "not_met", f"{text}; the standard requires 100 %; optional steps are {optional}"),
+        (step == 1.0, "met", f"{description}: 100 %"),
+        (
+            True,
+            "met",
+            f"{description}: {100 * (step or 0):.0f} %, an optional step; a test at 100 % {quantity} is needed too",
+        ),
+    )
 
 
 def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding, Finding]:
@@ -495,27 +524,13 @@ def _cube(poses: Sequence[CommandedPose], robot: Robot | None) -> tuple[Finding,
     if isinstance(fit, str):
         return (("not_met", fit),) * 2
     (centre, edge, share, rising), cube = fit, f"a cube of {fit[1] * 1e3:.0f} mm"
-    plane: Finding = ("not_met", "the diagonal plane is upright; the standard's planes rise at 45°")
-    if rising is not None:
-        plane = ("met", f"{poses[centre].label} is the centre, and the plane rises at 45° towards {rising}")
-    if any(abs(edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES):
-        return plane, ("met", f"{100 * share:.1f} % in {cube}")
-    return plane, ("unknown", f"10 % in {cube}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm")
-
-
-def _one_approach(poses: Sequence[CommandedPose]) -> Finding:
-    labels = [
-        pose.label
-        for pose in poses
-        if pose.direction is not None
-        for moving in [pose.direction[:, np.any(pose.direction != 0, axis=0)]]
-        if np.unique(moving, axis=1).shape[1] > 1
-    ]
-    if not labels:
-        return "met", "every visit of a pose has the same approach direction"
-    return (
-        "not_met",
-        f"{', '.join(labels[:3])}{' …' * (len(labels) > 3)} approached from several directions: AP and RP include vAP",
+    upright = "the diagonal plane is upright; the standard's planes rise at 45°"
+    return _first(
+        (rising is None, "not_met", upright),
+        (True, "met", f"{poses[centre].label} is the centre, and the plane rises at 45° towards {rising}"),
+    ), _first(
+        (any(abs(edge - preferred) < 1e-9 for preferred in PREFERRED_EDGES), "met", f"{100 * share:.1f} % in {cube}"),
+        (True, "unknown", f"10 % in {cube}, not a preferred size; the preferred edges are {PREFERRED_SIZES} mm"),
     )
 
 
@@ -568,7 +583,7 @@ def iso9283(
         (None, None) if robot is None and data.commanded_position is None else commanded_poses(data, robot)
         for data in files
     ]
-    nominal_poses = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
+    nominal = poses_by_file = shared = [visits_of(data, commands[i], sources[i], i) for i, data in enumerate(files)]
     # Sixty times the standard's five.
     most = 300
     problems = [
@@ -577,29 +592,30 @@ def iso9283(
             poses[0].source,
             fix="name the commanded poses in a column pose; the command estimate takes poses that are visited once",
         )
-        for poses in nominal_poses
+        for poses in nominal
         if len(poses) > most
     ]
     refuse((problems, problems))
     alignments = [register(data, robot, align) for data in files] if align else []
-    poses_by_file = nominal_poses
-    # Registered robots were measured in different frames: positions move from the registered to the nominal base.
-    attained = [[pose.attained for pose in file_poses] for file_poses in nominal_poses]
     if alignments:
+        base = Frame().pose if robot is None else robot.base.pose
+        moves = [base @ alignment.robot.base.pose.inverse() for alignment in alignments]
+        # Registered robots were measured in different frames: positions move from the registered to the nominal base.
+        shared = [
+            tuple(
+                pose._replace(data=replace(pose.data, position=move.rotation @ pose.data.position + offset))
+                for pose in poses
+            )
+            for move, poses in zip(moves, nominal, strict=True)
+            for offset in [move.translation[:, None]]
+        ]
         poses_by_file = [
             visits_of(data, commanded_poses(data, robot, alignments[i]), sources[i], i) for i, data in enumerate(files)
         ]
-        nominal = Frame().pose if robot is None else robot.base.pose
-        attained = [
-            [move.rotation @ positions + move.translation[:, None] for positions in file_positions]
-            for alignment, file_positions in zip(alignments, attained, strict=True)
-            for move in [nominal @ alignment.robot.base.pose.inverse()]
-        ]
     poses = tuple(pose for file_poses in poses_by_file for pose in file_poses)
-    repeatability_characteristic = repeatability(poses, confidence, seed)
-    accuracy_drift, repeatability_drift, shift = drift(poses, confidence, seed, windows)
-    if robot is not None and alignments:
-        robot = alignments[0].robot
+    scatter = repeatability(poses, confidence, seed)
+    *drifts, shift = drift(poses, confidence, seed, windows)
+    robot = alignments[0].robot if robot is not None and alignments else robot
     return Iso9283Result(
         n_poses=sum(data.n for data in files),
         sources=tuple(sources),
@@ -607,17 +623,16 @@ def iso9283(
         poses=poses,
         characteristics=(
             accuracy(poses, confidence),
-            repeatability_characteristic,
+            scatter,
             multidirectional(poses, confidence),
             *distance_criteria(poses, confidence),
-            accuracy_drift,
-            repeatability_drift,
+            *drifts,
             shift,
-            exchangeability(nominal_poses, attained, confidence),
+            exchangeability(shared, confidence),
         ),
-        protocol=protocol(files, poses, robot, repeatability_characteristic, shift, rated_load),
+        protocol=protocol(files, poses, robot, scatter, shift, rated_load),
         alignments=tuple(alignments),
-        unaligned=np.array([_largest_accuracy(file_poses) for file_poses in nominal_poses]) if alignments else None,
+        unaligned=np.array([_largest_accuracy(file_poses) for file_poses in nominal]) if alignments else None,
         confidence=confidence,
         notes=_notes(poses, alignments, robot, files, shift),
         warnings=_warnings(files, poses_by_file, bool(alignments)),
@@ -640,9 +655,10 @@ def _notes(
     # The scatter of the visits, sphered for each pose, may have longer tails than a Gaussian.
     sphered = []
     for pose in poses:
-        values, axes = np.linalg.eigh(np.cov(pose.attained)) if pose.n > 9 else (np.zeros(3), np.eye(3))
+        attained = pose.data.position
+        values, axes = np.linalg.eigh(np.cov(attained)) if pose.data.n > 9 else (np.zeros(3), np.eye(3))
         if values[0] > 1e-12 * values[-1]:
-            sphered.append((axes / np.sqrt(values)).T @ (pose.attained - pose.attained.mean(axis=1, keepdims=True)))
+            sphered.append((axes / np.sqrt(values)).T @ (attained - attained.mean(axis=1, keepdims=True)))
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
     p_value = 1.0 if test is None or test.p_value is None else test.p_value
     notes: tuple[tuple[bool, str], ...] = (
@@ -691,23 +707,26 @@ def _notes(
 def _warnings(
     files: Sequence[Measurements], poses_by_file: Sequence[Sequence[CommandedPose]], registered: bool
 ) -> tuple[str, ...]:
-    warnings = [warning for data in files for warning in data.warnings]
     moves = [
-        (float(np.max(np.abs(pose.attained - pose.deviation - pose.commanded[:, None]))), pose.label)
+        (float(np.max(np.abs(pose.data.position - pose.deviation - pose.commanded[:, None]))), pose.label)
         for poses in poses_by_file
         for pose in poses
         if pose.deviation is not None and pose.commanded is not None
     ]
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
-    if move > SAME_COMMAND:
-        warnings.append(
+    # A single pose does not show whether the accuracy of a robot is too bad for an arm.
+    is_far = any(
+        too_far(_largest_accuracy(poses), np.column_stack([pose.data.position.mean(axis=1) for pose in poses]))
+        for poses in poses_by_file
+        if len(poses) > 1 and all(pose.deviation is not None for pose in poses)
+    )
+    warnings = (
+        *((True, warning) for data in files for warning in data.warnings),
+        (
+            move > SAME_COMMAND,
             f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
-            "commanded pose; put commanded joint values into the q columns, not encoder readings"
-        )
-    for poses in poses_by_file:
-        # A single pose does not show whether the accuracy of a robot is too bad for an arm.
-        if len(poses) > 1 and all(pose.deviation is not None for pose in poses):
-            barycentres = np.column_stack([pose.attained.mean(axis=1) for pose in poses])
-            if too_far(_largest_accuracy(poses), barycentres):
-                warnings.append(TOO_LARGE if registered else UNREGISTERED)
-    return tuple(dict.fromkeys(warnings))
+            "commanded pose; put commanded joint values into the q columns, not encoder readings",
+        ),
+        (is_far, TOO_LARGE if registered else UNREGISTERED),
+    )
+    return tuple(dict.fromkeys(warning for applies, warning in warnings if applies))

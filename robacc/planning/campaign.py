@@ -64,8 +64,7 @@ from robacc.planning.expected import (
 )
 from robacc.prediction.model_uncertainty import ModelFit, model_fit, scaled_inverse
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_cdf, chi2_quantile
-from robacc.statistics.intervals import ASSURANCE, smallest_sufficient
+from robacc.statistics.intervals import ASSURANCE, chi2_cdf, chi2_quantile, smallest_sufficient
 
 # Number of poses that decides a limit, and poses spread over the task's region.
 #

@@ -23,7 +23,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
 from robacc.prediction.predicting import ToleranceParameter
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_cdf, chi2_quantile, chi2_sf
+from robacc.statistics.intervals import chi2_cdf, chi2_quantile, chi2_sf
 
 # Measurement noise of the poses: given, from the file's columns, or estimated from the poses themselves.
 

@@ -47,7 +47,7 @@ from robacc.prediction.predicting import (
 )
 from robacc.robots.arm import BLOCK
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import normal_quantile
+from robacc.statistics.intervals import normal_quantile
 from robacc.statistics.lengths import length_quantiles, principal_variances
 
 if TYPE_CHECKING:

@@ -19,25 +19,206 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, field
-from functools import cached_property, lru_cache
-from typing import NamedTuple, Protocol
+from dataclasses import dataclass, field, replace
+from functools import cached_property, lru_cache, partial
+from statistics import NormalDist
+from typing import NamedTuple, Protocol, cast
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.distributions import (
-    beta_cdf,
-    chi2_cdf,
-    chi2_quantile,
-    chi2_sf,
-    f_sf,
-    normal_cdf,
-    normal_quantile,
-    root,
-    student_quantile,
-)
+
+# Normal, chi-square, Student, F, noncentral F and beta distributions in the standard library alone.
+#
+# scipy has all of them, but `import scipy.special` takes longer than a complete estimate of 100 poses. An estimate
+# needs only these few, written here from :mod:`math`; the tests compare them with scipy.
+#
+# Sources: NIST Digital Library of Mathematical Functions, 8.9.1 and 8.9.2 (continued fractions of the incomplete gamma
+# functions), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).
+
+_TINY = 1e-300
+_STIRLING_FROM = 10.0
+"""Argument from which Stirling's series of four terms is exact to 1e-14."""
+
+
+def root(function: Callable[[float], float], low: float, high: float, tolerance: float = 1e-15) -> float:
+    """Return the zero of a function between ``low`` and ``high``, to the relative ``tolerance``.
+
+    If its signs there are the same, the zero is looked for above ``high``. Inverse quadratic interpolation where it is
+    safe, else bisection: T. R. Chandrupatla, "A new hybrid quadratic/bisection algorithm for finding the zero of a
+    nonlinear function", Advances in Engineering Software 28 (1997).
+    """
+    b, a, f_b, f_a = low, high, function(low), function(high)
+    while (f_a > 0.0) == (f_b > 0.0) and abs(a) < _LARGEST:
+        b, a, f_b, f_a = a, 2.0 * a, f_a, function(2.0 * a)
+    c, f_c, share = b, f_b, 0.5
+    while True:
+        best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
+        smallest = (tolerance * abs(best) + _TINY) / abs(b - a) if a != b else 1.0
+        if smallest > 0.5 or f_best == 0.0:
+            return best
+        x = a + min(max(share, smallest), 1.0 - smallest) * (b - a)
+        f_x = function(x)
+        if (f_x > 0.0) == (f_a > 0.0):
+            c, f_c = a, f_a
+        else:
+            c, f_c, b, f_b = b, f_b, a, f_a
+        a, f_a, share = x, f_x, 0.5
+        ratio, height = (a - b) / (c - b), (f_a - f_b) / (f_c - f_b)
+        if height**2 < ratio and (1.0 - height) ** 2 < 1.0 - ratio:
+            share = f_a / (f_b - f_a) * f_c / (f_b - f_c) + (c - a) / (b - a) * f_a / (f_c - f_a) * f_b / (f_c - f_b)
+
+
+def normal_cdf(x: float) -> float:
+    """Return P(Z <= x) of a standard normal Z."""
+    return 0.5 * math.erfc(-x / math.sqrt(2.0))
+
+
+normal_quantile = NormalDist().inv_cdf
+"""Returns the x with P(Z <= x) = a probability between 0 and 1 of a standard normal Z."""
+
+
+def _stirling_remainder(a: float) -> float:
+    """Return the remainder log Gamma(a) - ((a - 1/2) log a - a + log(2 pi)/2) for a >= 10."""
+    square = 1.0 / (a * a)
+    return (1 / 12 - square * (1 / 360 - square * (1 / 1260 - square * (1 / 1680 - square / 1188)))) / a
+
+
+def _log_gamma_weight(a: float, x: float) -> float:
+    """Return log(x^a e^-x / Gamma(a)); for large a from x - a, because the plain formula loses digits."""
+    if a < _STIRLING_FROM:
+        return a * math.log(x) - x - math.lgamma(a)
+    excess = (x - a) / a
+    # log(1 + x) - x without cancellation near zero
+    near = math.fsum(-((-excess) ** k) / k for k in range(2, 18)) if abs(excess) <= 0.1 else None
+    fall = math.log(x / a) - excess if near is None else near
+    return a * fall + 0.5 * math.log(a / (2.0 * math.pi)) - _stirling_remainder(a)
+
+
+def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]]) -> float:
+    """Return ``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
+    d = value = 1.0 / (first or _TINY)
+    c = 1.0 / _TINY
+    for i in range(1, 200_000):
+        numerator, denominator = terms(i)
+        d = 1.0 / (denominator + numerator * d or _TINY)
+        c = denominator + numerator / c or _TINY
+        value *= c * d
+        if abs(c * d - 1.0) < 2e-16:
+            break
+    return value
+
+
+def _chi2_tail(x: float, dof: float, upper: bool) -> float:
+    """Return P(chi-square > x) if ``upper``, else P(chi-square <= x); small probabilities keep their digits."""
+    a, half = 0.5 * dof, 0.5 * x
+    if half <= 0.0:
+        return float(upper)
+    is_lower = half < a + 1.0
+
+    def term(i: int) -> tuple[float, float]:
+        if is_lower:
+            return (-(a + i // 2) if i % 2 else i // 2) * half, a + i
+        return -i * (i - a), half + 2.0 * i + 1.0 - a
+
+    fraction = _continued_fraction(a if is_lower else half + 1.0 - a, term)
+    tail = fraction * math.exp(_log_gamma_weight(a, half))
+    return 1.0 - tail if upper == is_lower else tail
+
+
+chi2_cdf = partial(_chi2_tail, upper=False)
+"""Returns P(chi-square <= x) from x and the degrees of freedom."""
+
+
+chi2_sf = partial(_chi2_tail, upper=True)
+"""Returns P(chi-square > x) from x and the degrees of freedom, exact far in the tail too."""
+
+
+@lru_cache(maxsize=256)
+def chi2_quantile(probability: float, dof: float) -> float:
+    """Return the x with P(chi-square <= x) = ``probability``, 0 < probability < 1."""
+    if probability < 0.5:  # the nearer tail keeps its digits
+        return root(lambda x: chi2_cdf(x, dof) - probability, 0.0, dof)
+    return root(lambda x: 1.0 - probability - chi2_sf(x, dof), 0.0, dof)
+
+
+def _log_beta(a: float, b: float) -> float:
+    """Return log B(a, b)."""
+    a, b = max(a, b), min(a, b)
+    if a < _STIRLING_FROM:
+        return math.lgamma(a) + math.lgamma(b) - math.lgamma(a + b)
+    # log Gamma(a) - log Gamma(a + b) from the difference of the Stirling forms.
+    difference = b - (a - 0.5) * math.log1p(b / a) - b * math.log(a + b)
+    return math.lgamma(b) + difference + _stirling_remainder(a) - _stirling_remainder(a + b)
+
+
+def beta_cdf(x: float, a: float, b: float, *, complement: float | None = None) -> float:
+    """Return P(Beta(a, b) <= x), the regularised incomplete beta function; ``complement`` is a more exact 1 - x."""
+    y = 1.0 - x if complement is None else complement
+    if x <= 0.0 or y <= 0.0:
+        return float(x > 0.0)
+    if x > (a + 1.0) / (a + b + 2.0):  # the continued fraction converges fast below about the mean
+        return 1.0 - beta_cdf(y, b, a, complement=x)
+
+    def term(i: int) -> tuple[float, float]:
+        m = i // 2
+        numerator = m * (b - m) if i % 2 == 0 else -(a + m) * (a + b + m)
+        return numerator * x / ((a + i - 1) * (a + i)), 1.0
+
+    log_x = math.log(x) if x < 0.5 else math.log1p(-y)
+    log_y = math.log(y) if y < 0.5 else math.log1p(-x)
+    return math.exp(a * log_x + b * log_y - _log_beta(a, b)) / a * _continued_fraction(1.0, term)
+
+
+def f_sf(x: float, dof1: float, dof2: float) -> float:
+    """Return P(F with ``dof1``, ``dof2`` degrees of freedom > x)."""
+    ratio = max(dof1 * x / dof2, 0.0)
+    return beta_cdf(1.0 / (1.0 + ratio), 0.5 * dof2, 0.5 * dof1, complement=ratio / (1.0 + ratio))
+
+
+@lru_cache(maxsize=256)
+def student_quantile(probability: float, dof: float) -> float:
+    """Return the t with P(Student's t with ``dof`` degrees of freedom <= t) = ``probability``; infinite: normal."""
+    if math.isinf(dof) or probability == 0.5:
+        return normal_quantile(probability)
+    size = math.sqrt(f_critical(2.0 * min(probability, 1.0 - probability), 1.0, dof))
+    return math.copysign(size, probability - 0.5)
+
+
+_LARGEST = 1e60
+"""Largest value that is searched."""
+_EXACT = 2e4
+"""Noncentrality up to which SciPy is exact. Beyond it the numerator varies by less than 1.5 %, which changes
+probabilities by less than 3e-4: it counts as its mean."""
+
+
+@lru_cache(maxsize=256)
+def f_critical(tail: float, dof1: float, dof2: float) -> float:
+    """Return the x with P(F > x) = ``tail``, 0 < ``tail`` < 1."""
+    return root(lambda x: tail - f_sf(x, dof1, dof2), 0.0, 1.0)
+
+
+def noncentral_f_sf(x: float, dof1: float, dof2: float, noncentrality: float) -> float:
+    """Return P(F > x) of the noncentral F distribution: the power of the F test with critical value ``x``.
+
+    ``noncentrality`` is the whitened sum of squares of the effect, orthogonal to the other coefficients of the model.
+    """
+    if noncentrality > _EXACT:
+        return 1.0 - chi2_sf(dof2 * (noncentrality + dof1) / (dof1 * x), dof2)
+    from scipy.special import ncfdtr
+
+    return float(1.0 - ncfdtr(dof1, dof2, noncentrality, x))
+
+
+@lru_cache(maxsize=256)
+def needed_noncentrality(power: float, level: float, dof1: float, dof2: float) -> float:
+    """Return the noncentrality at which the F test of ``level`` finds an effect with probability ``power``."""
+    critical = f_critical(level, dof1, dof2)
+    return root(lambda size: noncentral_f_sf(critical, dof1, dof2, size) - power, 0.0, 8.0)
+
+
+# Confidence curves and intervals.
 
 MOST_FOR_BINOMIAL = 5000
 """Number of poses above which the binomial distribution at 95 % is normal to a hundredth of a standard deviation."""
@@ -85,7 +266,10 @@ class ChiSquareCurve(NamedTuple):
 
 
 class StudentCurve(NamedTuple):
-    """Confidence curve of a mean over ``size`` poses, by Student's t and, where given, bootstrap t values."""
+    """Confidence curve of a mean over ``size`` poses, by Student's t and, where given, bootstrap t values.
+
+    Resampled standard errors vary less than true ones if the tails are long, so that Student's t is a floor.
+    """
 
     mean: float
     error: float
@@ -94,6 +278,15 @@ class StudentCurve(NamedTuple):
     """Resampled t values, in any order."""
     is_root: bool
     """The mean and its error are on the scale of the quantity's square root."""
+
+    def limit(self, probability: float) -> float:
+        """Return the limit below which the true quantity lies with a probability."""
+        t = student_quantile(1.0 - probability, self.size - 1.0)
+        if self.bootstrap_t is not None:
+            drawn = quantiles(self.bootstrap_t, (1.0 - probability,))[0]
+            t = max(t, drawn) if probability < 0.5 else min(t, drawn)
+        limit = self.mean - t * self.error
+        return max(limit, 0.0) ** 2 if self.is_root else limit
 
     def below(self, value: float) -> float:
         """See :class:`ConfidenceCurve`; each side uses the more cautious distribution, as the interval does."""
@@ -274,12 +467,9 @@ def largest_known(numbers: Sequence[int | None]) -> int | None:
 
 @lru_cache(maxsize=4)
 def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Array:
-    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``, read-only; kept for reuse."""
-    indices = np.random.default_rng(seed).integers(size, size=(draws, size))
-    indices += size * np.arange(draws)[:, None]
-    counts = np.bincount(indices.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
-    counts.flags.writeable = False
-    return counts
+    """Return how often each of ``size`` poses occurs in each resample, ``(draws, size)``; kept for reuse."""
+    drawn = np.random.default_rng(seed).integers(size, size=(draws, size)) + size * np.arange(draws)[:, None]
+    return np.bincount(drawn.ravel(), minlength=draws * size).reshape(draws, size).astype(float)
 
 
 STUDENT = "Student's t"
@@ -305,10 +495,28 @@ class Interval:
     curve: ConfidenceCurve | None = field(default=None, repr=False, compare=False)
     """Confidence of any other limit; None where it is unknown or not needed."""
 
+    @property
+    def limits(self) -> tuple[float, float, float] | None:
+        """Lower limit, upper limit and upper bound; None where one is missing."""
+        ends = self.lower, self.upper, self.upper_bound
+        return None if None in ends else cast("tuple[float, float, float]", ends)
+
     @classmethod
     def missing(cls, confidence: float, why: str) -> Interval:
         """Return an interval without limits, and the reason."""
         return cls(None, None, None, confidence, "none", why)
+
+    @classmethod
+    def at(
+        cls,
+        limit: Callable[[float], float],
+        confidence: float,
+        method: str,
+        curve: ConfidenceCurve | None = None,
+    ) -> Interval:
+        """Return the interval whose limits are those of a function at the probability of a smaller true value."""
+        low, high, bound = map(limit, tails(confidence))
+        return cls(low, high, bound, confidence, method, curve=curve)
 
     @classmethod
     def exact(cls, value: float, confidence: float, why: str = "no scatter") -> Interval:
@@ -320,15 +528,15 @@ class Interval:
         squares = self.lower, self.upper, self.upper_bound
         low, high, bound = (None if square is None else math.sqrt(max(square, 0.0)) for square in squares)
         curve = None if self.curve is None else RootCurve(self.curve)
-        return Interval(low, high, bound, self.confidence, self.method, self.why, curve)
+        return replace(self, lower=low, upper=high, upper_bound=bound, curve=curve)
 
     def wider(self, other: Interval) -> Interval:
-        """Return the interval that reaches as far as both; each must have all limits."""
-        limits = [(self.lower, other.lower), (self.upper, other.upper), (self.upper_bound, other.upper_bound)]
-        pairs = [(a, b) for a, b in limits if a is not None and b is not None]
+        """Return the interval that reaches as far as both, of which each has all limits."""
+        (low, low_2), (high, high_2), (bound, bound_2) = zip(self.limits or (), other.limits or (), strict=True)
         curve = None if self.curve is None or other.curve is None else WiderCurve((self.curve, other.curve))
         method = f"the wider of {self.method} and {other.method}"
-        return Interval(min(pairs[0]), max(pairs[1]), max(pairs[2]), self.confidence, method, curve=curve)
+        ends = min(low, low_2), max(high, high_2), max(bound, bound_2)
+        return Interval(*ends, self.confidence, method, curve=curve)
 
 
 class EstimatedValue(NamedTuple):
@@ -375,16 +583,15 @@ def quantiles(values: Array, levels: Sequence[float]) -> list[float]:
 
 def chi2_interval(value: float, dof: float, confidence: float, method: str) -> Interval:
     """Return the interval of a variance-like quantity with dof * estimate / truth ~ chi-square(dof)."""
-    low, high, bound = (dof * value / chi2_quantile(1.0 - p, dof) for p in tails(confidence))
-    return Interval(low, high, bound, confidence, method, curve=ChiSquareCurve(value, dof))
+    curve = ChiSquareCurve(value, dof)
+    return Interval.at(lambda p: dof * value / chi2_quantile(1.0 - p, dof), confidence, method, curve)
 
 
 def student_interval(
     value: float, standard_error: float, dof: float, confidence: float, method: str = STUDENT
 ) -> Interval:
     """Return the interval of a number whose standard error has ``dof`` degrees of freedom; infinite: normal."""
-    lower, upper, bound = (value + standard_error * student_quantile(p, dof) for p in tails(confidence))
-    return Interval(lower, upper, bound, confidence, method)
+    return Interval.at(lambda p: value + standard_error * student_quantile(p, dof), confidence, method)
 
 
 def difference_limits(
@@ -408,13 +615,11 @@ def covariance_element(first: float, second: float, cross: float, dof: float, co
     their sum and of their difference, which are uncorrelated.
     """
     scale = math.sqrt(first * second)
-    if scale == 0.0:
-        return 0.0, 0.0
     # Rounding may carry a perfect correlation past one.
-    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / scale))
-    minus = 1.0 - plus
+    plus = 0.5 + 0.5 * min(1.0, max(-1.0, cross / (scale or 1.0)))
     low, high = (dof / chi2_quantile(1.0 - p, dof) for p in tails(confidence)[:2])
-    limits = difference_limits(plus, (plus * low, plus * high), minus, (minus * low, minus * high))
+    (below, minus_low), (above, minus_high) = ((plus * end, (1.0 - plus) * end) for end in (low, high))
+    limits = difference_limits(plus, (below, above), 1.0 - plus, (minus_low, minus_high))
     return scale * limits[0], scale * limits[1]
 
 
@@ -448,9 +653,8 @@ class PoseSampling:
     @property
     def too_few(self) -> str | None:
         """Reason why no interval can be given; None if the poses suffice."""
-        if self.n_groups < 2:
-            return "one commanded pose: no scatter between poses to estimate from"
-        return None if self.n_independent >= 2.0 else f"{self.described}: too few for an interval"
+        few = f"{self.described}: too few for an interval" if self.n_independent < 2.0 else None
+        return "one commanded pose: no scatter between poses to estimate from" if self.n_groups < 2 else few
 
     @property
     def described(self) -> str:
@@ -485,30 +689,16 @@ class PoseSampling:
         # A positive mean of nothing but rounding may even be negative, where it is a sum of terms that cancel.
         if min(error := self._error(deviations), mean if positive else error) <= 1e-13 * largest:
             return Interval.exact(mean, confidence)
-        below, above, bound = tails(confidence)
-        t = [student_quantile(p, self.n_independent - 1.0) for p in (above, below, 1.0 - bound)]
         method, resampled = f"Student's t over {self.described}", None
         if FEWEST_FOR_BOOTSTRAP <= self.n_groups <= MOST_FOR_BOOTSTRAP:
             resampled = self._studentised(deviations, mean, positive)
-            drawn = quantiles(resampled, (above, below, 1.0 - bound))
-            # Resampled standard errors vary less than true ones if the tails are long; Student's t is a floor.
-            t = [max(t[0], drawn[0]), min(t[1], drawn[1]), min(t[2], drawn[2])]
             method = f"studentised bootstrap over {self.described}, {self.draws} draws, no narrower than Student's t"
-        if positive:
-            mean = math.sqrt(mean)
-            error *= 0.5 / mean
-        low, high, top = (max(mean - x * error, 0.0) ** 2 if positive else mean - x * error for x in t)
-        return Interval(
-            low,
-            high,
-            top,
-            confidence,
-            method,
-            curve=StudentCurve(mean, error, self.n_independent, resampled, positive),
-        )
+        root = math.sqrt(mean) if positive else mean
+        curve = StudentCurve(root, error * 0.5 / root if positive else error, self.n_independent, resampled, positive)
+        return Interval.at(curve.limit, confidence, method, curve)
 
     def _studentised(self, sums: Array, mean: float, positive: bool) -> Array:
-        """Return (resampled mean - mean) / its own standard error, ``(draws,)``."""
+        """Return (resampled mean - mean) / its own standard error, ``(draws,)``; of the root if ``positive``."""
         counts, sizes, size = resampled_counts(sums.size, self.draws, self.seed), self.sizes, sums.size
         totals = counts @ np.stack((sums, sums * sums, sums * sizes, sizes * sizes, sizes), axis=1)
         total, squares, cross, square_sizes, number = totals.T

@@ -21,8 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.geometry import Array
-from robacc.statistics.distributions import beta_cdf, normal_quantile, root
-from robacc.statistics.intervals import ASSURANCE, Interval, smallest_sufficient, tails
+from robacc.statistics.intervals import ASSURANCE, Interval, beta_cdf, normal_quantile, root, smallest_sufficient
 
 Complex = NDArray[np.complexfloating[Any, Any]]
 Distribution = Callable[[Array], tuple[Array, Array]]
@@ -47,14 +46,15 @@ def principal_variances(covariance: Array) -> Array:
     return np.asarray(np.maximum(values, 0.0))
 
 
-def _solved(
-    probability: float, distribution: Distribution, square: Array, share: float, shape: Array | float = 0.0
-) -> Array:
-    """Return the q ``(N,)`` of ``probability`` by Newton's steps in log q within a bracket, from ``square``.
+def _solved(probability: float, distribution: Distribution, variance: Array, share: float = 1e-5) -> Array:
+    """Return the q ``(N,)`` of ``probability`` of squared lengths of mean 1 and ``variance`` ``(N,)``.
 
-    The last step starts within ``share`` of the probability beyond, and leaves about its square. Steps have the
-    curvature of gamma distributions of ``shape`` and mean 1.
+    Newton's steps in log q within a bracket have the curvature of gamma distributions. The last step starts within
+    ``share`` of the probability beyond, and leaves about its square. The start is Wilson and Hilferty's cube, with
+    Satterthwaite's degrees of freedom.
     """
+    relative, shape = variance / 9.0, 1.0 / variance
+    square = np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3
     low, high = np.zeros_like(square), np.full_like(square, math.inf)
     enough = max(share * (1.0 - probability), 1e-14)
     for _ in range(200):
@@ -113,17 +113,6 @@ def _cdf_and_density(squares: Array, variances: Array) -> tuple[Array, Array]:
     return both[0], both[1]
 
 
-def _started(probability: float, distribution: Distribution, variance: Array, share: float = 1e-5) -> Array:
-    """Return the q ``(N,)`` of ``probability`` of squared lengths of mean 1 and ``variance`` ``(N,)``.
-
-    The start is Wilson and Hilferty's cube, with Satterthwaite's degrees of freedom; ``share`` is that of
-    :func:`_solved`.
-    """
-    relative = variance / 9.0
-    start = np.maximum(1.0 - relative + normal_quantile(probability) * np.sqrt(relative), 0.1) ** 3
-    return _solved(probability, distribution, np.asarray(start), share, 1.0 / variance)
-
-
 def length_quantiles(probability: float, variances: Array) -> Array:
     """Return radii ``(N,)`` of ``probability`` for variances ``(3, N)``; zero if all variances are zero.
 
@@ -135,7 +124,7 @@ def length_quantiles(probability: float, variances: Array) -> Array:
     scatter, result = power > 0.0, np.zeros(power.size)
     shares = variances[:, scatter] / power[scatter]
     distribution = partial(_cdf_and_density, variances=shares)
-    square = _started(probability, distribution, 2.0 * np.sum(np.square(shares), axis=0))
+    square = _solved(probability, distribution, 2.0 * np.sum(np.square(shares), axis=0))
     result[scatter] = np.sqrt(square * power[scatter])
     return result
 
@@ -157,7 +146,7 @@ def mixture_quantile(probability: float, variances: Array) -> float:
         return 1.0 - shares.shape[1] / power.size + cdf, density
 
     second_moment = np.sum(2.0 * np.sum(np.square(shares), axis=0) + np.square(shares.sum(axis=0))) / power.size
-    return math.sqrt(_started(probability, mixture, np.array([second_moment - 1.0]))[0] * mean_power)
+    return math.sqrt(_solved(probability, mixture, np.array([second_moment - 1.0]))[0] * mean_power)
 
 
 def mean_lengths(variances: Array) -> Array:
@@ -220,7 +209,7 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
         return np.array([cdf]), (s @ factor).imag * square
 
     scatter = np.sum(variance * (2.0 * variance + 4.0 * np.square(mean))) / power**2
-    return math.sqrt(_started(probability, distribution, np.array([scatter]), 1e-7)[0] * power)
+    return math.sqrt(_solved(probability, distribution, np.array([scatter]), 1e-7)[0] * power)
 
 
 def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tuple[Array, Array]:
@@ -310,8 +299,6 @@ def _saddle_point(q: float, mean: Array, variance: Array, is_upper: bool) -> tup
 
     branch = -0.5 / float(np.max(variance))
     low, high = (branch * (1.0 - 1e-12), branch * 1e-12) if is_upper else (1.0 / q, 2.0 / q)
-    while slope(high) < 0.0:
-        low, high = high, 2.0 * high
     # The path only needs to pass near the saddle point, relative to the distance to the nearest singularity.
     s = root(slope, low, high, 1e-9)
     w = [1.0 + 2.0 * v * s for _, v in terms]
@@ -372,11 +359,8 @@ class ScaledPercentileCurve:
         return low, high
 
     @cached_property
-    def _logit(self) -> tuple[Array, Array]:
-        """Logit of F as a Chebyshev series in the logarithm of the squared length less the constant.
-
-        Its domain ``(2,)``, and its coefficients and those of its derivative, ``(n, 2)``.
-        """
+    def _logit(self) -> tuple[np.polynomial.Chebyshev, np.polynomial.Chebyshev]:
+        """Logit of F as a series in the logarithm of the squared length less the constant, and its derivative."""
 
         def logit(logarithms: Array) -> Array:
             radii = [math.sqrt(math.exp(x) + self._constant) for x in logarithms.tolist()]
@@ -387,16 +371,14 @@ class ScaledPercentileCurve:
 
         domain = [math.log(length**2 - self._constant) for length in self._ends]
         series = np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
-        return series.domain, np.column_stack((series.coef, np.append(series.deriv().coef, 0.0)))
+        return series, series.deriv()
 
     def _distribution(self, lengths: Array) -> tuple[Array, Array]:
         """Return F and dF / d length; beyond the range, those of its ends."""
-        (low, high), coefficients = self._logit
-        squares = np.square(np.clip(lengths, *self._ends)) - self._constant
-        place = np.clip((2.0 * np.log(squares) - low - high) / (high - low), -1.0, 1.0)
-        logit, slope = coefficients.T @ np.cos(np.outer(np.arange(_DEGREE + 1), np.arccos(place)))
-        shares = 1.0 / (1.0 + np.exp(-logit))
-        return shares, shares * (1.0 - shares) * slope * 2.0 * lengths / squares
+        squares, (logit, slope) = np.square(np.clip(lengths, *self._ends)) - self._constant, self._logit
+        places = np.clip(np.log(squares), *logit.domain)
+        shares = 1.0 / (1.0 + np.exp(-logit(places)))
+        return shares, shares * (1.0 - shares) * slope(places) * 2.0 * lengths / squares
 
     def _share_below(self, value: float, n: int) -> float:
         """Return the probability that the percentile of ``n`` lengths is below ``value``."""
@@ -429,8 +411,7 @@ class ScaledPercentileCurve:
 
     def interval(self, confidence: float, method: str) -> Interval:
         """Return the interval; the curve at each of its bounds is that bound's level."""
-        lower, upper, bound = (self.value / self._ratio(1.0 - level, self.n) for level in tails(confidence))
-        return Interval(lower, upper, bound, confidence, method)
+        return Interval.at(lambda p: self.value / self._ratio(1.0 - p, self.n), confidence, method)
 
     def poses_for(self, limit: float, confidence: float, n: int) -> int | None:
         """See :class:`robacc.statistics.intervals.ConfidenceCurve`."""

@@ -46,7 +46,7 @@ from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
-from robacc.statistics.distributions import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
+from robacc.statistics.intervals import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
 
 TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or place is up against."""

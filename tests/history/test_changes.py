@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robacc.documents.history import date_text
-from robacc.history.changes import ArmSeries, find_changes, level_of, slope_of
+from robacc.history import ArmSeries, find_changes, level_of, slope_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)

@@ -5,7 +5,7 @@ import pytest
 from scipy.optimize import brentq
 from scipy.stats import chi2
 
-from robacc.history.changes import ArmFit, fleet_of
+from robacc.history import ArmFit, fleet_of
 
 
 def fleet(values, stds):

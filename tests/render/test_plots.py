@@ -21,7 +21,7 @@ from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_pa
 from robacc.render.plots.poses import SHARES, error_axis, stages_of
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
 from robacc.render.text import Grid, unit_of
-from robacc.statistics.distributions import chi2_cdf
+from robacc.statistics.intervals import chi2_cdf
 
 KINDS = {
     "estimate": ["distribution", "distribution-orientation", "poses", "ellipsoids-tool", "ellipsoids-base", "time"],

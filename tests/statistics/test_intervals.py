@@ -7,14 +7,16 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from robacc.statistics import distributions as own
-from robacc.statistics.distributions import f_critical, needed_noncentrality, noncentral_f_sf
+from robacc.statistics import intervals as own
 from robacc.statistics.intervals import (
     Interval,
     PoseSampling,
     chi2_interval,
     covariance_element,
+    f_critical,
     interpolated,
+    needed_noncentrality,
+    noncentral_f_sf,
     percentile_levels,
     resampled_counts,
 )

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from itertools import groupby
 
-from robacc.history.changes import SETUP
+from robacc.history import SETUP
 from robacc.render.text import (
     IN_MM,
     Document,

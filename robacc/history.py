@@ -1,4 +1,6 @@
-"""Stored tests: changes of one arm over its tests (what, when, by how much, and how), and differences between arms.
+"""Results of one arm over time, and of many arms: what changed, when, and which arm is unlike the others.
+
+Stored tests: changes of one arm over its tests (what, when, by how much, and how), and differences between arms.
 
 A series is ``y = c + k T + changes + e``: the value of each test, with the temperature T where it was recorded. A
 change is a step (a collision, a new mastering, a frame set up anew) or a ramp (wear) that begins after one of the
@@ -14,17 +16,27 @@ values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical 
 
 from __future__ import annotations
 
+import itertools
+import json
 import math
-from collections.abc import Mapping, Sequence
+import os
+import re
+import sqlite3
+import zlib
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import closing, contextmanager
 from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
+from urllib.parse import quote
 
 import numpy as np
 
+from robacc.comparison.stored_results import FITS, read_compared_result, unit_of
+from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.history import date_text
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.effects.specification import absorbed
-from robacc.errors import Problem, refuse
+from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, rms_length
@@ -32,7 +44,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
 from robacc.robots.description import Robot
-from robacc.statistics.distributions import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
+from robacc.statistics.intervals import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
 
 YEAR = 365.25 * 86400.0
 """s"""
@@ -115,9 +127,9 @@ class _Fit:
         self.coefficients = self.inverse @ (self.weighted.T @ series.values)
         self.rest = series.values - x @ self.coefficients
         self.dof = len(x) - x.shape[1] + spread.dof
-        factor = spread.factor
-        if math.isfinite(self.dof) and self.dof > 0.0:
-            factor = (spread.dof * factor + float(self.weights @ np.square(self.rest))) / self.dof
+        squares = float(self.weights @ np.square(self.rest))
+        has_own = math.isfinite(self.dof) and self.dof > 0.0
+        factor = (spread.dof * spread.factor + squares) / self.dof if has_own else spread.factor
         rest = self.rest * np.sqrt(self.weights)
         lag, n = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), _TINY), len(x)
         # White errors have a correlation of up to 1.6 / sqrt(n) by chance.
@@ -171,12 +183,9 @@ def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry]
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
     """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    changes: list[Entry] = []
-    limits: list[Entry] = []
-    for one in series:
-        found, limit = _changes(one, level, len(series), spread)
-        changes += found
-        limits.append({"key": one.key, "limit": limit, "unit": one.unit})
+    found = [(one, *_changes(one, level, len(series), spread)) for one in series]
+    changes = (change for _, of_series, _ in found for change in of_series)
+    limits: list[Entry] = [{"key": one.key, "limit": limit, "unit": one.unit} for one, _, limit in found]
     return sorted(changes, key=lambda change: float(change["p_value"])), limits
 
 
@@ -320,26 +329,25 @@ def quick_test(
     poses, jacobian, covariance = fitted_jacobian(model, record, data)
     error = residuals(data, poses)
     rows, n = error.shape
-    free, common, single = [], [], np.zeros((n, rows, n, rows))
-    # m or rad: no instrument measures finer, and exact data have no noise. Sockets, planes, distances and images have
-    # that of the fit: the unexplained error of its record is of the target.
-    noise = np.diag(np.square(np.repeat(record.noise if data.kind is not None else (1e-9, 1e-9), 3)[:rows]))
-    for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
-        free.append(own[:rows])
-        common.append(correlated[:rows])
-        for i, variance in zip(range(n)[block], independent[:rows, :rows].T, strict=True):
-            single[i, :, i, :] = variance + noise
+    blocks = blocks_with_frames(robot, record, data, data, Model.of(robot, frames))
+    _, free, common, alone = zip(*blocks, strict=True)
+    single = np.zeros((n, rows, n, rows))
+    # m or rad: no instrument measures finer than a nanometre, and exact data have no noise. Sockets, planes, distances
+    # and images have the noise of the fit: the unexplained error of its record is of the target.
+    stds = np.array((1e-9, 1e-9) if data.kind is None else record.noise, dtype=np.float64)
+    each = np.concatenate(alone, axis=2)[:rows, :rows].T + np.diag(np.square(np.repeat(stds, 3)[:rows]))
+    single[np.arange(n), :, np.arange(n)] = each
 
     def flat(columns: Array) -> Array:
         """Return columns ``(M, K, N)`` with the components of each pose together ``(N M, K)``."""
         return columns.transpose(2, 0, 1).reshape(n * rows, -1)
 
-    shared = flat(np.concatenate(common, axis=2))
+    shared = flat(np.concatenate(common, axis=2)[:rows])
     shared[:, : len(covariance)] *= math.sqrt(max(1.0, factor))
     whitener = np.linalg.cholesky(single.reshape(n * rows, n * rows) + shared @ shared.T)
     setup, moved, rest = (
         np.linalg.solve(whitener, flat(columns))
-        for columns in (np.concatenate(free, axis=2), jacobian[:rows], error[:, None, :])
+        for columns in (np.concatenate(free, axis=2)[:rows], jacobian[:rows], error[:, None, :])
     )
     setup = setup[:, np.linalg.norm(setup, axis=0) > 0.0]  # without orientations, a target has no turn
     few = Problem(f"{n} poses say nothing beyond where base and target are; measure more", data.source)
@@ -522,8 +530,9 @@ def joint_tolerances(coefficients: Sequence[Entry], urdf: bool) -> dict[str, dic
     for one in coefficients:
         effect, joint, *label = one["key"].split(".")
         zero = "offset" if urdf else "theta" if one["unit"] == "rad" else "d"
-        if effect == "joint_offset" or (effect == "link_geometry" and len(label) == 1):
-            found.setdefault(joint, {})[zero if effect == "joint_offset" else label[0]] = one["std"]
+        names = {"joint_offset": [zero], "link_geometry": label}.get(effect, [])
+        if len(names) == 1:
+            found.setdefault(joint, {})[names[0]] = one["std"]
     return found
 
 
@@ -536,3 +545,207 @@ def typical_robot(robot: Robot, coefficients: Sequence[Entry]) -> Robot:
     )
     joints = (replace(joint, tolerance=own.get(joint.name, {})) for joint in robot.joints)
     return replace(robot, joints=tuple(joints))
+
+
+# Database of results: one SQLite file with every result of one arm or of many, and what robacc compares of them.
+#
+# Tables, for other programs that read the file:
+#
+# - ``results``: ``id``, ``sha256`` of the result file, ``at`` (s since 1970, of the test), ``name`` of the file,
+#   ``arm`` (serial number, else the robot's name), ``model`` (command, robot file and effects, which must be the same
+#   in results that are compared), ``command``, ``version`` of robacc, ``n_poses``, ``grade``, ``temperature_c``
+#   (mean), ``document`` (JSON without its lists of poses, compressed by zlib).
+# - ``figures``: ``result``, ``key`` as gates name it (``position.rms``), ``value``, ``low``, ``high`` (95 %), ``unit``.
+# - ``coefficients``: ``result``, ``key`` (``joint_offset.j3``), ``value``, ``std``, ``unit``, or ``why`` without std.
+#
+# A result is added as a whole or not at all, by one transaction; write-ahead logging lets several programs add and
+# read.
+
+_SCHEMAS = (
+    """
+    CREATE TABLE results (id INTEGER PRIMARY KEY, sha256 TEXT NOT NULL UNIQUE, at REAL NOT NULL, name TEXT NOT NULL,
+        arm TEXT NOT NULL, model TEXT NOT NULL, command TEXT NOT NULL, version TEXT NOT NULL, n_poses INTEGER NOT NULL,
+        grade TEXT, temperature_c REAL, document BLOB NOT NULL);
+    CREATE TABLE figures (result INTEGER NOT NULL REFERENCES results, key TEXT NOT NULL, value REAL NOT NULL,
+        low REAL, high REAL, unit TEXT NOT NULL, PRIMARY KEY (result, key)) WITHOUT ROWID;
+    CREATE TABLE coefficients (result INTEGER NOT NULL REFERENCES results, key TEXT NOT NULL, value REAL, std REAL,
+        unit TEXT NOT NULL, why TEXT, PRIMARY KEY (result, key)) WITHOUT ROWID;
+    CREATE INDEX results_by_arm ON results (arm, at);
+    """,
+)
+"""Statements that bring a database of each version to the next; its version is SQLite's ``user_version``."""
+_OTHER = "is not a database of robacc history"
+_PATIENCE = 30.0
+"""s to wait for another program that writes."""
+_WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
+"""Lists that the stored document lacks: they are long, and the result file has them."""
+_STATED = ("fit", "declared", "align")
+"""Options that say which effects a result has."""
+_RIVAL = re.compile(r"is not distinguishable from (\S+) on these poses")
+"""Reason that names one other coefficient."""
+_STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
+_COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low AND r.command IN ('estimate', 'iso9283')"
+"""Figures that are series of their own: the others say the same of the same poses."""
+
+
+Test = Mapping[str, Any]
+"""A result of the database, by :data:`_TEST`."""
+_TEST = ("id", "at", "name", "arm", "model", "command", "n_poses", "grade", "temperature_c")
+
+
+@contextmanager
+def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
+    """Yield the database in a file; it is made if it is to be written, and is brought to this version of its tables.
+
+    Raises:
+        InputError: The file does not exist, is no such database, is of a later version, or cannot be written.
+    """
+    missing = Problem("no such database", path, fix="robacc history add makes it")
+    refuse(
+        (not writes and not os.path.exists(path), missing),
+        (not path or os.path.isdir(path), Problem(f"expected the name of a database file, found {path!r}")),
+    )
+    try:
+        # A folder that cannot be written has no place for the files of the log.
+        is_fixed = not writes and not os.access(os.path.dirname(path) or ".", os.W_OK)
+        uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}{'&immutable=1' * is_fixed}"
+        with closing(sqlite3.connect(uri, _PATIENCE, uri=True, isolation_level=None)) as db:
+            if writes:
+                db.execute("PRAGMA journal_mode = WAL")
+                db.execute("BEGIN IMMEDIATE")
+            version = db.execute("PRAGMA user_version").fetchone()[0]
+            is_empty = version == 0 and not db.execute("SELECT 1 FROM sqlite_master").fetchall()
+            later = f"has tables of version {version}; this robacc knows {len(_SCHEMAS)}"
+            refuse(
+                (is_empty and not writes, missing),
+                (version == 0 and not is_empty, Problem(_OTHER, path, fix="name another file")),
+                (version > len(_SCHEMAS), Problem(later, path, fix="use a later version of robacc")),
+            )
+            if writes:
+                for statement in ";".join(_SCHEMAS[version:]).split(";"):
+                    db.execute(statement)
+                db.execute(f"PRAGMA user_version = {len(_SCHEMAS)}")
+            yield db
+            if writes:
+                db.execute("COMMIT")
+    except sqlite3.Error as error:
+        text = _OTHER if "not a database" in str(error) else f"cannot be used as a database: {error}"
+        raise InputError(Problem(text, path)) from None
+
+
+def arm_of(document: Mapping[str, Any]) -> str:
+    """Return the serial number of the arm of a result, else the robot's name."""
+    identities = (entry.get("identity") or {} for entry in document["inputs"] if entry["kind"] == "robot")
+    serial = next((identity["serial_number"] for identity in identities if "serial_number" in identity), None)
+    return str(serial or (document.get("robot") or {}).get("name") or "unnamed")
+
+
+def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None = None) -> bool:
+    """Add a result of ``arm``, by default of :func:`arm_of`; return whether it was new.
+
+    Raises:
+        UsageError: The command's results cannot be compared.
+        InputError: The document lacks what its command writes.
+    """
+    document = result.document
+    with understood(result.name, result.command):
+        figures = read_compared_result(document, result.name, result.name, result.sha256).figures
+        robot: dict[str, Any] = next((entry for entry in document["inputs"] if entry["kind"] == "robot"), {})
+        heat = [value for value in (document.get("poses") or {}).get("temperature_c") or () if value is not None]
+        values = {
+            "sha256": result.sha256,
+            "at": at,
+            "name": os.path.basename(result.name),
+            "arm": arm or arm_of(document),
+            "model": f"{result.command} {robot.get('sha256')} {[*map(document['options'].get, _STATED)]}",
+            "command": result.command,
+            "version": document["robacc"],
+            "n_poses": document["n_poses"],
+            "grade": (document.get("grade") or {}).get("grade"),
+            "temperature_c": float(np.mean(heat)) if heat else None,
+            "document": zlib.compress(json.dumps({k: v for k, v in document.items() if k not in _WITHOUT}).encode()),
+        }
+        names, marks = ", ".join(values), ", ".join("?" * len(values))
+        added = db.execute(f"INSERT OR IGNORE INTO results ({names}) VALUES ({marks})", [*values.values()])
+        if not added.rowcount:
+            return False
+        number = added.lastrowid
+        of_figures = (
+            (number, key, figure.value, getattr(own, "lower", None), getattr(own, "upper", None), unit_of(key))
+            for key, figure in figures.items()
+            for own in [figure.interval]
+        )
+        of_coefficients = (
+            (number, e["name"], e["value"] if e["std"] is not None else None, e["std"], e["unit"], e.get("why"))
+            for e in document.get("parameters", [])
+        )
+        for table, rows in (("figures", of_figures), ("coefficients", of_coefficients)):
+            db.executemany(f"INSERT INTO {table} VALUES (?, ?, ?, ?, ?, ?)", rows)
+    return True
+
+
+def tests(db: sqlite3.Connection, arm: str | None) -> list[Test]:
+    """Return the results of an arm, or of all, by arm and date.
+
+    Raises:
+        UsageError: The database has no such arm.
+    """
+    query = f"SELECT {', '.join(_TEST)} FROM results WHERE ifnull(arm = ?1, 1) ORDER BY arm, at, id"
+    found: list[Test] = [dict(zip(_TEST, row, strict=True)) for row in db.execute(query, [arm])]
+    arms = ", ".join(name for (name,) in db.execute("SELECT DISTINCT arm FROM results ORDER BY arm LIMIT 20"))
+    refuse((arm is not None and not found, f"the database has no arm {arm!r}; it has {arms or 'no results'}"))
+    return found
+
+
+def document_of(db: sqlite3.Connection, test: Test) -> dict[str, Any]:
+    """Return the stored document of a test."""
+    (packed,) = db.execute("SELECT document FROM results WHERE id = ?", [test["id"]]).fetchone()
+    document: dict[str, Any] = json.loads(zlib.decompress(packed))
+    return document
+
+
+COLUMNS = ("arm", "at", "result", "key", "value", "std", "unit")
+"""Columns of :func:`rows_of`, and the id of the test."""
+
+
+def rows_of(db: sqlite3.Connection, arm: str | None, key: str | None = None) -> list[tuple[Any, ...]]:
+    """Return :data:`COLUMNS` of the figures and coefficients of an arm or of all, by key, arm and date.
+
+    With ``key``, they are those of one key. The standard deviation of a figure is the width of its 95 % interval over
+    twice the normal distribution's quantile.
+    """
+    one = "SELECT r.arm, r.at, r.name, t.key, t.value, {}, t.unit, r.id FROM {} t JOIN results r ON r.id = t.result"
+    where = "WHERE ifnull(r.arm = ?1, 1) AND ifnull(t.key = ?2, 1)"
+    both = f"{one.format(_STD, 'figures')} {where} UNION ALL {one.format('t.std', 'coefficients')} {where}"
+    return db.execute(f"{both} ORDER BY 4, 1, 2, 8", [arm, key]).fetchall()
+
+
+def counted(own: Sequence[Test]) -> list[Test]:
+    """Return the tests of an arm that can be compared with the last of their kind: the same robot file and effects."""
+    latest = {test["command"] in FITS or test["command"]: test["model"] for test in own}
+    return [test for test in own if test["model"] == latest[test["command"] in FITS or test["command"]]]
+
+
+def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
+    """Return the series of tests of one arm: coefficients, and errors that estimates and ISO 9283 tests measured."""
+    ids = json.dumps([test["id"] for test in own])
+    of_tests = "t JOIN results r ON r.id = t.result WHERE r.id IN (SELECT value FROM json_each(?)) AND"
+    columns = "t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {}"
+    query = f"SELECT {columns} {of_tests} {{}} ORDER BY t.key, r.at, r.id"
+    found = [
+        *db.execute(query.format(_STD, "figures", _COMPARED), [ids]),
+        *db.execute(query.format("t.std", "coefficients", "t.std > 0"), [ids]),
+    ]
+    rivals: dict[str, set[str]] = {}
+    for key, why in db.execute(f"SELECT DISTINCT t.key, t.why FROM coefficients {of_tests} t.std IS NULL", [ids]):
+        if (match := _RIVAL.search(why or "")) is not None:
+            rivals.setdefault(match[1], set()).add(key)
+    columns_of = {
+        name: np.array([row[2:] for row in group], dtype=float).T
+        for name, group in itertools.groupby(found, key=lambda row: row[:2])
+    }
+    return [
+        ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ()))))
+        for (key, unit), (times, values, stds, temperatures) in columns_of.items()
+        if len(times) > 1
+    ]

@@ -242,9 +242,9 @@ def line(label: str, rows: Rows) -> list[str]:
 
 HEADER = ("", "sets", "hold", "mm", "ratio / worst", "false", "worse", "told",
           "verdicts", "s")  # fmt: skip
-LEGEND = """hold: share of 95 % intervals with the truth; mm: rms at fresh poses, pooled; ratio: with the findings over without
-them; false: sets with a finding other than errors that wander; worse: fresh poses have a larger error with the
-findings; told: sets whose result says that remaining errors follow joints"""
+LEGEND = """hold: share of 95 % intervals with the truth; mm: rms at fresh poses, pooled; ratio: with the findings over
+without them; false: sets with a finding other than errors that wander; worse: fresh poses have a larger error with
+the findings; told: sets whose result says that remaining errors follow joints"""
 
 
 def summary(rows: Rows, study: Study) -> dict[str, Any]:

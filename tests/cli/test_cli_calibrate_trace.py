@@ -102,17 +102,6 @@ def test_stages_are_before_and_after(files: Path) -> None:
     assert found["gain_m"]["low"] > 0
 
 
-@pytest.mark.slow
-def test_joints_in_brackets_and_without(files: Path) -> None:
-    exactly = calibrated(files, "base_frame,joint_offset[j2,j3],gear_ratio[all]")
-    names = set(values(exactly))
-    assert {name for name in names if name.startswith("joint_offset")} == {"joint_offset.j2", "joint_offset.j3"}
-    assert {name for name in names if name.startswith("gear_ratio")} == {f"gear_ratio.j{i}" for i in range(1, 7)}
-    # Without brackets where the data show it.
-    found = calibrated(files, f"{GEOMETRY},gear_ratio")
-    assert {name for name in values(found) if name.startswith("gear_ratio")} == {"gear_ratio.j2"}
-
-
 def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     fitted = calibrated(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model))["after"]["fitted"]
@@ -138,22 +127,6 @@ def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
     poses = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(poses.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
     np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
-
-
-@pytest.mark.slow
-def test_constants_that_do_not_differ_are_drawn_to_the_file(files: Path) -> None:
-    # Of the lengths only a of the second joint is wrong, of the angles three.
-    found, alone = calibrated(files, GEOMETRY), calibrated(files, GEOMETRY, "--no-shrink")
-    chance = {one["name"]: one["probability"] for kind in found["shrinkage"] for one in kind["constants"]}
-    assert {name for name, p in chance.items() if p > 0.5} >= {"link_geometry.j2.a", "joint_offset.j2"}
-    assert ([kind["unit"] for kind in found["shrinkage"]], alone["shrinkage"]) == (["rad", "m"], [])
-    assert found["degrees_of_freedom"] > alone["degrees_of_freedom"] + 3
-    for name in chance:
-        drawn, free = values(found)[name], values(alone)[name]
-        assert drawn["std"] == pytest.approx(free["std"], rel=1e-6)
-        assert abs(drawn["value"]) < 0.1 * drawn["std"] or chance[name] > 0.05
-    assert calibrated(files, "base_frame,tool_frame,joint_offset[all],link_geometry[all]")["shrinkage"] == []
-    assert calibrated(files, GEOMETRY, "--prior")["shrinkage"] == []
 
 
 @pytest.mark.slow

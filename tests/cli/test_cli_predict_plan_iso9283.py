@@ -325,26 +325,6 @@ def test_robot_and_alignment() -> None:
     assert missing(shown, *told) == []
 
 
-@pytest.mark.slow
-def test_several_files_are_robots(tmp_path: Path) -> None:
-    other = tmp_path / "other.csv"
-    options = ("--seed", "3", "--noise", "0.01mm", "--commanded", "-o", other)
-    output("simulate", ROBOT, "--at", SAMPLE / "plan.csv", *options)
-    found = judged(str(POSES), str(other))
-    assert found["files"] == ["poses.csv", "other.csv"]
-    barycentres = [
-        {one["pose"]: one["barycentre_m"] for one in found["visits"] if one["file"] == name} for name in found["files"]
-    ]
-    apart = {name: float(np.linalg.norm(np.subtract(*(b[name] for b in barycentres)))) for name in barycentres[0]}
-    exchangeability = found["iso9283"]["exchangeability"]
-    assert {one["pose"]: one["position_m"] for one in exchangeability["poses"]} == pytest.approx(apart, rel=1e-9)
-    assert exchangeability["max_m"] == pytest.approx(max(apart.values()), rel=1e-9)
-    shown = run("iso9283", str(POSES), str(other), "--full").stdout
-    assert missing(shown, "Exchangeability E by pose, mm", "poses.csv and other.csv") == []
-    aligned = judged(str(POSES), str(other), "--robot", str(ROBOT), "--align", "base_frame")
-    assert aligned["iso9283"]["exchangeability"]["max_m"] < exchangeability["max_m"]
-
-
 @pytest.mark.parametrize(
     ("key", "limit", "status", "outcome"),
     [

@@ -1,6 +1,5 @@
 """Every exit status, what ends a run from outside, robots at the edges, and files made to mislead."""
 
-import itertools
 import json
 import math
 import os
@@ -510,34 +509,6 @@ def by_threads(*words: object) -> list[str]:
         ).stdout
         for threads in ("1", "2")
     ]
-
-
-FITS = {
-    "calibrate": ("--fit", "base_frame,tool_frame,joint_offset,joint_compliance[j2],backlash[j3]", "--folds", "2"),
-    "trace": ("--declared", "base_frame,tool_frame,joint_offset,link_geometry"),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", FITS)
-def test_one_thread_or_two(command: str) -> None:
-    """The linear algebra may divide its sums: what is found is the same, and the figures to 1e-9 of their size."""
-    samples = ROOT / "sample_data" / "trace"
-    made = by_threads(command, samples / "poses.csv", "--robot", samples / "robot.yaml", *FITS[command])
-    one, two = (json.loads(text) for text in made)
-    for stage, of in itertools.product(("nominal", "before", "after"), ("fitted", "held_out")):
-        first, second = (found[stage][of]["position"] for found in (one, two))
-        figures, others = (
-            {key: value for key, value in each.items() if isinstance(value, float)} for each in (first, second)
-        )
-        assert others == pytest.approx(figures, rel=1e-9), (stage, of)
-    for first, second in zip(one["parameters"], two["parameters"], strict=True):
-        assert first["name"] == second["name"]
-        # A coefficient is as good as its standard deviation; of that, a billionth.
-        assert second["value"] == pytest.approx(first["value"], rel=1e-9, abs=1e-9 * (first["std"] or 1e-3))
-    if command == "trace":
-        first, second = ((found["verdict"], [f["effect"] for f in found["findings"]]) for found in (one, two))
-        assert first == second
 
 
 N = 20_000

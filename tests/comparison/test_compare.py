@@ -327,21 +327,6 @@ def test_ranking_says_which_differences_are_real() -> None:
     assert comparison["warnings"] == ()
 
 
-def test_differences_are_to_the_baseline() -> None:
-    a, b = made("a", 1), made("b", 2)
-    (first,), (second,) = (compare([a, b], baseline=name)["statistics"][0]["differences"] for name in ("a", "b"))
-    assert (first["name"], second["name"]) == ("b", "a")
-    assert first["value"] == pytest.approx(-second["value"])
-
-
-def test_equal_results_are_one_result_twice() -> None:
-    comparison = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
-    for delta in (row["differences"][0] for row in comparison["statistics"]):
-        assert [delta[key] for key in ("value", "lower", "upper", "p_value")] == [0.0, 0.0, 0.0, 1.0]
-    told = comparison["warnings"], comparison["ranking"]["text"]
-    assert told == ((), ["a and b do not differ significantly"])
-
-
 def test_largest_errors_and_predictions_are_not_tested() -> None:
     comparison = compare([made("a", 1), made("b", 2)])
     largest = next(row for row in comparison["statistics"] if row["key"] == "position.max")["differences"][0]
@@ -374,26 +359,6 @@ def test_what_was_made_differently_is_warned_of() -> None:
         assert compare([a, other])["warnings"] == (f"made differently, {told}",)
     keys = [[row["key"] for row in compare([a, other])["statistics"]] for other in (framed, made("b", 2))]
     assert ["position.mean_x" in found for found in keys] == [False, True]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"baseline": "z"}, r"`baseline`: no result is named 'z'; choose from a, b"),
-        (
-            {"by": "position.mean_x"},
-            r"`by`: the results have no common figure 'position.mean_x'; choose from position.rms, ",
-        ),
-        ({"confidence": 2.0}, r"`confidence`: expected a probability of at least 0.5 and below 1, found 2"),
-        (
-            {"required_grade": "Z"},
-            r"`grade`: the scale CAD/CAM 0.1 mm, 0.1 degree has no grade 'Z'; it has A, B, C, D, E",
-        ),
-    ],
-)
-def test_calls_that_do_not_fit(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        compare([made("a", 1), made("b", 2)], **options)
 
 
 def test_there_must_be_something_to_compare() -> None:

@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-import pytest
-from independent_arm import LIMITS, Run, measured, targets, torques
+from independent_arm import LIMITS, Run, measured, torques
 from searched import fitted
 
-from robacc.diagnostics.recorded import memory_of_play, previous_visit
+from robacc.diagnostics.recorded import memory_of_play
 from robacc.effects.base import effect_class
 
 N = 120
@@ -40,16 +39,3 @@ def test_play_alone_has_none() -> None:
     p_values = [memory_p_value(sequence(seed), 0.0, seed) for seed in range(2, 8)]
     assert min(p_values) > 0.002
     assert max(p_values) > 0.2
-
-
-def test_rows_of_a_visit_have_the_same_visit_before() -> None:
-    q = np.array([[0.0, 0.0, 1.0, 1.0, 2.0, 0.0]])
-    assert previous_visit(q).tolist() == [-1, -1, 1, 1, 3, 4]
-
-
-def test_without_joints_there_is_nothing_to_test() -> None:
-    poses = sequence(1)
-    data = measured(poses, targets(poses.q), 2e-5, 1, timed=True)
-    result = fitted(data, declared="base_frame")
-    assert memory_of_play(result, data, []) == {}
-    assert memory_of_play(result, data, ["j2"]) == {"j2": pytest.approx(0.5, abs=0.5)}

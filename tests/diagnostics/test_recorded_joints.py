@@ -161,20 +161,6 @@ def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
         assert (rounding is not None) is is_evident, step
 
 
-@needs_data
-@pytest.mark.slow
-@pytest.mark.parametrize("series", ["B", "D"])
-def test_joints_read_back_that_a_real_arm_did_not_follow_are_no_finding(series: str) -> None:
-    """Random readings, and readings that lag behind the last motion, beside a residual full of other errors."""
-    arm, data = recorded(series)
-    rng = np.random.default_rng(0)
-    motion = np.sign(np.diff(data.q, axis=1, prepend=data.q[:, :1]))
-    for off in (1e-5 * rng.standard_normal(data.q.shape), 3e-4 * rng.standard_normal(data.q.shape), -2e-4 * motion):
-        both = dataclasses.replace(data, read_back=data.q + off)
-        names = {effect.name for effect in search(model(both, arm), both, only=["read_back", "gear_ratio"]).effects}
-        assert "read_back" not in names
-
-
 @pytest.mark.parametrize("is_command", [False, True])
 def test_an_estimate_names_the_rounding_that_its_errors_show(tmp_path: Path, is_command: bool) -> None:
     path = tmp_path / "poses.csv"

@@ -13,7 +13,6 @@ from test_mistake_sets import made
 
 import robacc
 from robacc.effects.specification import parse_requests
-from robacc.fitting.warnings import reach
 from robacc.geometry import exp_so3
 from robacc.measurements import Measurements
 from robacc.robots.description import Robot
@@ -45,10 +44,6 @@ def files(folder: Path, length: float) -> list[str]:
     robacc.write_robot(folder / "robot.yaml", robot)
     robacc.write_poses(folder / "poses.csv", data)
     return [str(folder / "poses.csv"), "--robot", str(folder / "robot.yaml")]
-
-
-def test_reach_is_the_sum_of_the_lengths() -> None:
-    assert reach(arm.robot()) == pytest.approx(sum(np.hypot(d, a) for _, d, a, *_ in arm.DH))
 
 
 def test_a_length_that_is_far_off_is_suspected_and_a_usual_correction_is_not() -> None:

@@ -9,7 +9,6 @@ import independent_arm
 import numpy as np
 import pytest
 from independent_arm import (
-    DECLARED,
     DH,
     TOOL,
     Matrix,
@@ -24,7 +23,6 @@ from independent_arm import (
 )
 from searched import ARM, error_at, fitted, found, model, values_of
 
-import robacc
 from robacc.api.inputs import read_poses, write_poses
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
@@ -65,14 +63,6 @@ def test_another_centre_is_found_and_predicts_other_poses() -> None:
     assert found(with_centre(80, 61, NOISE, FAR)) == (PayloadCompliance(("j2",), "uncertain"),)
     assert error_with_centre(PayloadCompliance(("j2",), "uncertain"), FAR) < 1.2e-5
     assert error_with_centre(PayloadCompliance(("j2",)), FAR) > 2.4e-5
-
-
-@pytest.mark.slow
-def test_a_centre_at_the_tool_costs_no_accuracy() -> None:
-    (effect,) = found(with_centre(80, 61, NOISE, TOOL))
-    assert isinstance(effect, PayloadCompliance)
-    assert effect.joints == ("j2",)
-    assert error_with_centre(effect, TOOL) < 1.2e-5
 
 
 def test_first_moments_times_the_centre_are_the_payload() -> None:
@@ -165,22 +155,6 @@ def test_its_column_is_the_difference_of_two_torques() -> None:
     assert [values["step.j2"], values["step.j3"]] == pytest.approx(25.0 * OF_BOTH[1:3], rel=2e-3)
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(20))
-def test_arms_whose_load_stays_have_no_step(seed: int) -> None:
-    assert "step" not in " ".join(names(with_a_change(100 + seed, 0.0)))
-
-
-@pytest.mark.slow
-def test_a_load_is_found_from_its_detection_limit_on() -> None:
-    """A load that moves the tool by three times the noise is found, one of a fifth of the noise is not."""
-    share = [
-        sum("step[payload]" in names(with_a_change(200 + seed, mass)) for seed in range(4)) for mass in (1.0, 15.0)
-    ]
-    assert share[0] == 0
-    assert share[1] >= 3
-
-
 # A constant load at a link that the robot file does not state.
 OF_TWO = np.array([0.0, 6e-7, 8e-7, 0.0, 0.0, 0.0])
 
@@ -240,13 +214,6 @@ def test_a_tool_that_is_not_declared_is_named_with_its_mass() -> None:
     # The poses determine compliance times first moment: the mass is known to a factor of two or three.
     assert 7.0 < load.places[0].mass < 30.0
     assert "kg more on the link of j6 (95 %:" in load.statement
-
-
-def test_a_link_that_can_hardly_be_lighter_is_tried_with_more_alone() -> None:
-    light = arm_that_states(5, -2.9, np.array(DH[5][5]))
-    load = judged(with_undeclared_load(80, 1, NOISE, 5, 15.0, np.array([0.1, 0.05, 0.2])), light)
-    assert load.is_named
-    assert load.places[0].link == "j6"
 
 
 @pytest.mark.parametrize("error", [None, 0.02], ids=["10 percent", "2 percent"])
@@ -350,17 +317,6 @@ def test_errors_that_wander_are_no_steps() -> None:
         wander[:, i] = memory * wander[:, i - 1] + np.sqrt(1 - memory**2) * wander[:, i]
     data = measured(poses, targets(poses.q) + 1.5 * STEP_NOISE * wander, STEP_NOISE, 41)
     assert "step" not in [finding.effect for finding in traced(data).findings]
-
-
-@pytest.mark.slow
-def test_two_steps_of_one_part_have_coefficients_of_their_own() -> None:
-    poses = run(N, seed=7)
-    position = targets(poses.q)
-    for first, shift in ((30, 4e-4), (62, -7e-4)):
-        position = np.where(np.arange(N) >= first, position + np.array([[0.0], [shift], [0.6 * shift]]), position)
-    result = robacc.trace(measured(poses, position, STEP_NOISE, 7), robot=robot(), declared=DECLARED)
-    assert [finding.effect for finding in result.findings] == ["step", "step"]
-    assert result.robot.fit["coefficients"].count("step.x") == 2
 
 
 def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:

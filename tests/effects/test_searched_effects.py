@@ -22,7 +22,6 @@ from independent_arm import (
     targets,
     torques,
 )
-from scipy import stats
 from scipy.optimize import brentq
 from searched import ARM, SearchEnd, error_at, fitted, found, model, searched, values_of
 
@@ -32,13 +31,8 @@ from robacc.effects.campaign import InstrumentScale, TargetDecentre, TrackerErro
 from robacc.effects.elastic import BaseCompliance, LateralCompliance
 from robacc.effects.frames import JointWarmup
 from robacc.effects.periodic import (
-    HIGHEST_OF_ALL,
-    HIGHEST_ORDER,
-    ORDER_STEP,
-    high_orders,
     order_tolerance,
     origin_of,
-    supported_orders,
 )
 from robacc.gravity import gravity_torques
 from robacc.measurements import Measurements
@@ -109,19 +103,6 @@ def test_what_acts_beside_a_spring_is_found(
         assert values[name] == pytest.approx(size, rel=rel)
 
 
-@pytest.mark.slow
-def test_a_hardening_spring_is_found() -> None:
-    reference = float(np.abs(TORQUE).max())
-    turn = 6e-4 * (TORQUE / reference) - 3e-4 * (TORQUE / reference) ** 3
-    data = measured(POSES, positions(turn), NOISE, 2)
-    effects = found(data)
-    assert "joint_hardening[j2]" in map(str, effects)
-    (hardening,) = [effect for effect in effects if effect.name == "joint_hardening"]
-    values = coefficients(data, effects)
-    at_largest = values["joint_hardening.j2"] * (reference / hardening.settings()["torque_nm"]) ** 3
-    assert at_largest == pytest.approx(-3e-4, rel=0.15)
-
-
 def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_known() -> None:
     turn = 1.5e-4 * np.sign(TORQUE)
     data = measured(POSES, positions(turn), NOISE, 3, directed=True)
@@ -161,13 +142,6 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     assert "1.2 m below" in statement or "1.1 m below" in statement or "1.3 m below" in statement
     above = effects[0].statement(ARM, {"base_compliance.tilt": 2e-5, "base_compliance.shift": -4.4e-5})
     assert above == "the base tilts about a point 2.2 m above its origin"
-
-
-def test_the_poses_cover_both_signs_of_the_torque() -> None:
-    """Otherwise loaded backlash would be a constant, and the tests above would test nothing."""
-    assert TORQUE.min() < 0 < TORQUE.max()
-    light = np.abs(TORQUE) < 0.1 * np.abs(TORQUE).max()
-    assert np.any(light & (np.sign(TORQUE) != POSES.direction[1]))
 
 
 # Effects whose setting a search refines, or that it tries beside another, on an arm with matrices of its own.
@@ -295,14 +269,6 @@ def test_friction_that_keeps_the_flank_is_refined() -> None:
     assert values["backlash.j2"] == pytest.approx(PLAY, rel=0.05)
 
 
-@pytest.mark.slow
-def test_a_linear_spring_has_no_knee() -> None:
-    effects, values, error = search_end("spring", 120, 79)
-    assert [str(effect) for effect in effects] == ["joint_compliance[j2]"]
-    assert values["joint_compliance.j2"] == pytest.approx(SOFT, rel=0.05)
-    assert error < 1e-5
-
-
 # A spring between two points across joint 2.
 def test_a_counterbalance_is_found_and_predicts_other_poses() -> None:
     effects, values, error = search_end("counterbalance", 120, 81)
@@ -381,18 +347,6 @@ def test_evenly_spaced_angles_have_aliases() -> None:
         grid = OrderGrid("j1", 0, np.arange(0.25, 98, 0.25), apart, 0.0)
         peaks = grid.peaks(np.cos(17.25 * apart - 0.3), np.ones(61))
         assert set(peaks[: len(expected)].tolist()) == expected
-
-
-def test_grids_meet_and_end_at_what_the_poses_support() -> None:
-    angle = np.random.default_rng(1).uniform(-2.5, 2.5, 200)
-    low, high = supported_orders(angle), high_orders(angle)
-    assert low[-1] == HIGHEST_ORDER
-    assert high[0] == HIGHEST_ORDER + ORDER_STEP
-    assert high[-1] == HIGHEST_OF_ALL
-    # Steps of a twentieth of a turn support ten periods per turn.
-    coarse = np.arange(-10, 11) * (2 * np.pi / 20)
-    assert high_orders(coarse).size == 0
-    assert supported_orders(coarse)[-1] == 10.0
 
 
 def test_origins() -> None:
@@ -537,28 +491,6 @@ def test_a_warm_up_does_not_depend_on_the_clocks_zero() -> None:
     later = dataclasses.replace(data, time=data.time + 1e9)
     first, second = (fitted(at, [JointWarmup.default(ARM, at, ("j3",))]) for at in (data, later))
     np.testing.assert_allclose(second.theta, first.theta, rtol=0, atol=1e-9)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("effect", "position", "truth"),
-    [
-        (TargetDecentre(place=tuple(TRACKER)), decentred(2e-5, 1e-4, -5e-5), {"along": 2e-5, "across": 1e-4}),
-        (TrackerError(place=tuple(TRACKER), kind="horizontal"), eccentric(1e-4, 5e-5), {"cos": 1e-4, "sin": 5e-5}),
-        (JointWarmup(("j2",), 600.0, float(TIMED.time[0])), warm(1, 2e-4, 600.0), {"j2": 2e-4}),
-    ],
-)
-def test_intervals_hold_the_truth(effect: Effect, position: np.ndarray, truth: dict[str, float]) -> None:
-    """Of 40 seeds and two coefficients, intervals of 95 % hold the truth in all but a few."""
-    hits = []
-    for seed in range(40):
-        result = fitted(measured(TIMED, position, NOISE, seed, timed=True), [effect])
-        limit = stats.t.ppf(0.975, result.degrees_of_freedom)
-        for label, value in truth.items():
-            i = result.names.index(f"{effect.name}.{label}")
-            hits.append(abs(result.theta[i] - value) < limit * np.sqrt(result.covariance[i, i]))
-    # Below 0.88 by chance with a probability under one in a hundred.
-    assert np.mean(hits) >= 0.88
 
 
 @pytest.mark.slow

@@ -15,10 +15,9 @@ from scipy import stats
 import robacc.fitting.masses
 import robacc.tracing.calibrating
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
-from robacc.effects import REGISTRY
 from robacc.effects.specification import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
-from robacc.fitting.masses import BETTER, choose_form, with_deflection
+from robacc.fitting.masses import BETTER, choose_form
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
@@ -74,17 +73,6 @@ def test_the_form_of_a_soft_arm_is_the_one_its_poses_have(form: str, known: bool
     assert {e.settings().get("deflection", "equilibrium") for e in found.effects if e.name.startswith("lat")} == {form}
 
 
-def test_the_likelihood_picks_the_right_form_whatever_the_noise() -> None:
-    frames = (REGISTRY["base_frame"](), REGISTRY["tool_frame"]())
-    model = Model(arm("puma560"), free=(*frames, REGISTRY["lateral_compliance"](("j4",))))
-    for form in ("equilibrium", "rigid"):
-        for seed in range(8):
-            data = measured(form, seed=seed)
-            found, chosen = choose_form(fit(model, data), model, data, Options())
-            assert chosen.form == form, seed
-            assert found.model.free == with_deflection(model.free, chosen.form)
-
-
 def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pytest.MonkeyPatch) -> None:
     fits = []
     monkeypatch.setattr(robacc.fitting.masses, "fit", lambda *args: fits.append(args))
@@ -103,23 +91,6 @@ def test_validation_poses_are_predicted_in_the_chosen_form() -> None:
     error = np.sum(np.square(apart.position - predict(found.robot, apart).translation), axis=0)
     # Poses held out are predicted by a fit to a part in a million of the residual, the model by one to 1e-8.
     assert found.after.held_out.position.rms == pytest.approx(np.sqrt(np.mean(error)), rel=1e-5)
-
-
-@pytest.mark.parametrize("form", ["equilibrium", "rigid"])
-def test_a_written_model_says_its_form_and_predicts_the_same(form: str) -> None:
-    found, data = calibrated(form), measured(form)
-    text = robot_to_yaml(found.robot)
-    assert ("deflection: rigid" in text) == (form == "rigid")
-    again = predict(parse_robot(text, "model.yaml"), data)
-    np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-
-
-def test_the_form_asked_for_is_fitted_as_it_is() -> None:
-    data = measured("equilibrium")
-    rigid = with_deflection((REGISTRY["lateral_compliance"](("j4",)),), "rigid")
-    model = Model.of(arm("puma560").robot, (*calibrated("equilibrium").effects[:3], *rigid))
-    found = fit(model, data)
-    assert choose_form(found, model, data, Options()) == (found, None)
 
 
 def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors() -> None:
@@ -211,22 +182,3 @@ def test_a_finding_of_a_trace_gets_the_form_too(form: str, apart: bool) -> None:
     stream = StringIO()
     draw(fit_view(payload, "poses.csv", "robot.yaml", "full"), stream)
     assert "torques at the undeflected pose change" in " ".join(stream.getvalue().split())
-
-
-@pytest.mark.slow
-def test_a_declared_effect_has_the_same_form_before_and_after_a_finding() -> None:
-    robot = bent("rigid")
-    offset = {"effect": "gear_ratio", "joints": ["j3"], "values": {"j3": 2e-4}}
-    built = dataclasses.replace(robot, effects=(*robot.effects, offset))
-    data = dataclasses.replace(
-        simulate(built, Plan(120, seed=2, noise_position=NOISE)).data, rotation=None, sigma_rotation=None
-    )
-    declared = (REGISTRY["base_frame"](), REGISTRY["tool_frame"](), REGISTRY["lateral_compliance"](("j4",)))
-    found = trace(Model.of(arm("puma560").robot, declared), data, n_folds=2, empirical=False)
-    assert [one.effect for one in found.findings] == ["gear_ratio"]
-    assert found.deflection.form == "rigid"
-    assert {"deflection": "rigid"} in [effect.settings() for effect in found.fit.model.free]
-    clean = trace(Model.of(arm("puma560").robot, declared), measured("rigid"), n_folds=2, empirical=False)
-    assert not clean.findings
-    assert clean.declared is clean.fit
-    assert {"deflection": "rigid"} in [effect.settings() for effect in clean.fit.model.free]

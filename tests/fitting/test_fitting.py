@@ -16,7 +16,6 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import entry_of
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
@@ -238,12 +237,6 @@ def test_order_of_rows_and_size_of_blocks_do_not_matter(monkeypatch: pytest.Monk
     blocked = fit(model, data)
     np.testing.assert_allclose(blocked.poses.translation, first.poses.translation, rtol=0, atol=1e-10)
     assert blocked.chi_square == pytest.approx(first.chi_square, rel=1e-6)
-
-
-def test_more_coefficients_than_numbers_are_refused() -> None:
-    data = blank("puma560").subset(np.arange(4))
-    with pytest.raises(InputError, match=r"24 numbers measured \(4 poses\), too few for 2\d coefficients;"):
-        fit(Model.of(arm("puma560").robot, effects("puma560", "joint_offset", "link_geometry")), data)
 
 
 @pytest.mark.parametrize("n", [300, 600])

@@ -11,7 +11,6 @@ from arms import arm
 from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, HoldOut, Options, held_out_poses
 from robacc.fitting.solver import fit
-from robacc.fitting.visits import LEAST_PLACES
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
@@ -81,21 +80,6 @@ def test_repeats_are_held_out_together_whatever_the_order_of_rows() -> None:
         assert not np.array_equal(HoldOut.of(one, None, 5, 1).groups, how.groups)
 
 
-def test_too_few_poses_hold_none_out() -> None:
-    few = measured(LEAST_PLACES - 1, 10)
-    how = HoldOut.of(few, None, None, 0)
-    assert how.folds == 0
-    assert how.residuals(fitted(few, "base_frame")) == [None]
-    assert HoldOut.of(measured(LEAST_PLACES), None, None, 0).folds == LEAST_PLACES
-
-
-def test_a_model_without_coefficients_predicts_every_pose_as_it_is() -> None:
-    data = measured(20)
-    found = fit(Model.of(arm("puma560").robot, []), data)
-    (apart,) = HoldOut.of(data, None, None, 0).residuals(found)
-    np.testing.assert_array_equal(apart, found.residual)
-
-
 def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose() -> None:
     # Only the last pose turns j1, so that only it separates its gear ratio from a turn of the base.
     data = measured(30, orientation=False)
@@ -115,16 +99,6 @@ def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose()
     error = np.linalg.norm(moved.position - poses.translation, axis=0)
     assert error[:-1].max() < 1e-6
     assert error[-1] > 1e-4
-
-
-def test_validation_poses_are_predicted_by_the_fit_itself() -> None:
-    data = measured(orientation=False)
-    apart = simulate(arm("puma560").robot, Plan(20, seed=5, orientation=False)).data
-    found = fitted(data)
-    how = HoldOut.of(data, apart, None, 0)
-    assert how.folds == 0
-    (error,) = how.residuals(found)
-    np.testing.assert_allclose(error, apart.position - found.predict(apart).translation, rtol=0, atol=1e-15)
 
 
 @pytest.mark.parametrize("orientation", [False, True])

@@ -11,7 +11,7 @@ from arms import arm
 
 from robacc.effects import REGISTRY
 from robacc.effects.base import Term
-from robacc.fitting.fit_result import DEPENDENT, Dropped, Identifiability, Options, identify_terms
+from robacc.fitting.fit_result import DEPENDENT, Identifiability, Options, identify_terms
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -49,12 +49,6 @@ def test_a_column_that_others_make_up_is_dropped_with_its_partners() -> None:
         == f"ab is not distinguishable from {', '.join(found.dropped[0].partners)} together on these poses"
     )
     assert found.dropped[1].why == "nothing has no effect on these poses"
-
-
-def test_words_for_one_partner_and_for_many() -> None:
-    assert Dropped("x", ("y",)).why == "x is not distinguishable from y on these poses"
-    many = Dropped("x", ("a", "b", "c", "d", "e")).why
-    assert many == "x is not distinguishable from a, b, c, d … together on these poses"
 
 
 @pytest.mark.parametrize(("angle", "kept"), [(3 * DEPENDENT, 2), (DEPENDENT / 3, 1)])
@@ -117,11 +111,6 @@ def test_observability_indices_are_those_of_the_definition() -> None:
     }
     assert found.observability() == pytest.approx(expected, rel=1e-12)
     assert found.condition == pytest.approx(first / last, rel=1e-12)
-
-
-def test_nothing_to_fit_is_well_conditioned() -> None:
-    found = identify(np.zeros((0, 0)), (), 5)
-    assert (found.columns.size, found.condition, found.observability()) == (0, 1.0, {})
 
 
 def test_the_first_joints_zero_is_the_bases_yaw() -> None:

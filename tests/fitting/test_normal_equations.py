@@ -11,26 +11,11 @@ from arms import arm
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.periodic import TransmissionError
-from robacc.fitting.fit_result import Options
 from robacc.fitting.normal_equations import PoseEquations, Whitening, joint_columns, whitening
-from robacc.fitting.solver import fit
 from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
-
-ORIENTATION = (True, False)
-EVERY_KIND = (
-    "base_frame",
-    "joint_offset",
-    "link_geometry",
-    "gear_ratio",
-    "joint_compliance",
-    "payload_compliance",
-    "lateral_compliance",
-    "axis_wobble",
-    "instrument_scale",
-)
 
 
 def measured(n: int = 40, *, orientation: bool = True) -> Measurements:
@@ -108,42 +93,3 @@ def test_profiles_are_summed_as_their_built_columns(
     assert normal.cost == pytest.approx(residual @ residual, rel=1e-12)
     root = normal.root() / scale
     np.testing.assert_allclose(root.T @ root, expected, rtol=0, atol=1e-12)
-
-
-def test_columns_built_in_part_are_those_of_the_whole() -> None:
-    data = measured()
-    bound = model(data, *EVERY_KIND).bind(data)
-    rng = np.random.default_rng(5)
-    theta = rng.normal(size=len(bound.terms)) * [0.1 * term.typical for term in bound.terms]
-    poses, whole = bound.linearise(theta)
-    for columns in (np.arange(0, theta.size, 3), np.array([theta.size - 1, 2]), np.zeros(0, dtype=np.int64)):
-        again, some = bound.linearise(theta, columns)
-        np.testing.assert_allclose(some, whole[:, columns], rtol=1e-13, atol=1e-15)
-        np.testing.assert_array_equal(again.translation, poses.translation)
-
-
-@pytest.mark.parametrize("n", [12, 40])
-def test_steps_end_where_rounding_begins(n: int) -> None:
-    data = measured(n)
-    found = fit(
-        model(data, "joint_offset", "link_geometry"), data, Options(robust=False, misfit=(2e-5, 2e-5), tolerance=1e-15)
-    )
-    assert found.steps <= 6
-    # One step more from there moves no coefficient by a millionth of its standard error.
-    again = PoseEquations(found.model, data)
-    again.columns = found.identifiability.columns
-    _, normal = again.linearise(found.theta, found.whitening)
-    error = np.sqrt(np.diag(found.covariance))[again.columns]
-    gradient = normal.gradient - found.precision * normal.theta
-    assert np.abs(np.linalg.solve(normal.gram + np.diag(found.precision), gradient) / error).max() < 1e-6
-
-
-@pytest.mark.parametrize("orientation", ORIENTATION)
-def test_the_same_coefficients_are_identifiable_in_blocks(orientation: bool, monkeypatch: pytest.MonkeyPatch) -> None:
-    data = measured(80, orientation=orientation)
-    whole = fit(model(data, *EVERY_KIND), data).identifiability
-    monkeypatch.setattr(robacc.fitting.normal_equations, "BLOCK", 64)
-    parts = fit(model(data, *EVERY_KIND), data).identifiability
-    np.testing.assert_array_equal(parts.columns, whole.columns)
-    # The root of the normal matrix has half of the digits: 1e-8 over the smallest singular value.
-    np.testing.assert_allclose(parts.singular_values, whole.singular_values, rtol=0, atol=1e-8)

@@ -27,18 +27,6 @@ def sample(n: int, seed: int) -> Measurements:
     )
 
 
-@pytest.mark.slow
-def test_random_outliers_have_no_pattern() -> None:
-    hits = 0
-    for seed in range(400):
-        data = sample(120, seed)
-        outliers = np.zeros(120, dtype=bool)
-        outliers[np.random.default_rng(seed + 1000).choice(120, size=3 + seed % 10, replace=False)] = True
-        hits += outlier_pattern(data, outliers, NAMES) is not None
-    # The bound is 1 in 1000 per set: more than 4 of 400 have a probability of 1e-4.
-    assert hits <= 4
-
-
 @pytest.mark.parametrize(
     ("chosen", "expected"),
     [

@@ -11,7 +11,7 @@ from arms import arm
 
 from robacc.documents.keys import COVARIANCE
 from robacc.effects.specification import build, parse_requests
-from robacc.fitting.parameters import ParameterCovariance, apply_fit, parameter_covariance, parameters
+from robacc.fitting.parameters import apply_fit, parameter_covariance, parameters
 from robacc.fitting.solver import Fit, fit
 from robacc.geometry import exp_so3
 from robacc.io.json_text import json_text
@@ -94,8 +94,3 @@ def test_document_gives_the_covariance_by_its_triangle() -> None:
     np.testing.assert_allclose(np.diag(written), np.diag(covariance.matrix), rtol=1e-11)
     # Sums of coefficients whose errors cancel keep their variance.
     assert np.linalg.eigvalsh(written).min() > 0
-
-
-def test_document_of_a_fit_without_noise_has_no_nan() -> None:
-    covariance = ParameterCovariance(("a", "b"), np.zeros((2, 2)))
-    assert COVARIANCE.write(covariance)["lower_triangle"] == [[0.0], [0.0, 0.0]]

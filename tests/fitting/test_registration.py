@@ -10,7 +10,6 @@ from arms import arm
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.fitting.closed_form import register_frames
 from robacc.fitting.registration import align, align_commands
 from robacc.geometry import exp_so3, rpy_from_rotation
 from robacc.measurements import Measurements
@@ -88,22 +87,6 @@ def test_one_frame_alone_is_found_and_the_other_left(what: tuple[str, ...]) -> N
     assert [one.unit for one in found.parameters] == ["m"] * 3 + ["rad"] * 3
 
 
-@pytest.mark.slow
-def test_standard_errors_are_the_scatter_over_noise() -> None:
-    """Of 200 sets of noisy poses; a standard deviation of 200 is known to 5 %, and the largest of 12 to some 15 %."""
-    robot = arm("puma560").robot
-    rng = np.random.default_rng(3)
-    truth = dataclasses.replace(robot, base=anywhere(rng, 2.0), tool=anywhere(rng, 0.2))
-    values, errors = [], []
-    for seed in range(200):
-        plan = Plan(15, seed=seed, noise_position=1e-4, noise_orientation=1e-4)
-        found = align(robot, simulate(truth, plan).data, BOTH)
-        values.append([one.value for one in found.parameters])
-        errors.append([one.std for one in found.parameters])
-    scatter, told = np.std(values, axis=0), np.sqrt(np.mean(np.square(errors), axis=0))
-    np.testing.assert_allclose(told, scatter, rtol=0.2)
-
-
 @pytest.mark.parametrize("orientation", [True, False])
 @pytest.mark.parametrize("name", ["puma560", "panda", "targets:puma560"])
 def test_gross_errors_do_not_move_the_frames(name: str, orientation: bool) -> None:
@@ -115,13 +98,6 @@ def test_gross_errors_do_not_move_the_frames(name: str, orientation: bool) -> No
         error = np.linalg.norm(predict(found.robot, clean).translation - clean.position, axis=0)
         # Twelve coefficients (more with two targets) from over a hundred numbers: well below the noise on average.
         assert np.sqrt(np.mean(error**2)) < NOISE
-
-
-def test_the_closed_form_alone_is_near_with_full_poses() -> None:
-    # What the least squares starts from is exact where orientation was measured and nothing is wrong but the frames.
-    data = measured("panda", 9, orientation=True)
-    found = register_frames(arm("panda").robot, data, True, True)
-    np.testing.assert_allclose(predict(found, data).translation, data.position, rtol=0, atol=1e-8)
 
 
 def test_frames_of_a_wrong_arm_are_the_least_squares_ones() -> None:

@@ -14,9 +14,8 @@ from robacc.effects import REGISTRY
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.priors import shrink_to_nominal
 from robacc.fitting.solver import fit
-from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, predict
+from robacc.modelling.model import Model
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 
@@ -103,17 +102,6 @@ def test_kinds_are_judged_apart() -> None:
     assert np.linalg.norm(found.theta[lengths]) < 0.5 * np.linalg.norm(alone.theta[lengths])
 
 
-def test_effects_that_are_not_named_and_kinds_of_few_are_left_alone() -> None:
-    data = measured(ONE, 1)
-    alone = plain(data, "link_geometry")
-    assert shrink_to_nominal(alone, data, Options(), ("joint_offset",)) == (alone, ())
-    scara = arm("scara")
-    free = [REGISTRY["joint_offset"].default(scara, data, scara.names[:2])]
-    still = simulate(scara.robot, PLAN).data
-    few = fit(Model.of(scara.robot, free), still, Options(misfit=(NOISE, NOISE)))
-    assert shrink_to_nominal(few, still, Options(), CONSTANTS) == (few, ())
-
-
 def test_probabilities_are_those_of_all_subsets_counted() -> None:
     # Bayes' rule over the 2^n models of which offsets differ, with the widths and shares that were found.
     entry = {"effect": "joint_offset", "joints": ["panda_joint4"], "values": {"panda_joint4": 4e-4}}
@@ -138,34 +126,3 @@ def test_probabilities_are_those_of_all_subsets_counted() -> None:
     # The mean field takes each offset's neighbours at their mean.
     np.testing.assert_allclose(kind.probability, exact, atol=0.01)
     assert sorted(exact)[-1] > 0.99
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("wrong", ["one", "all"])
-def test_intervals_hold(wrong: str) -> None:
-    effects = ONE if wrong == "one" else everywhere()
-    hits: list[Array] = []
-    names: list[str] = []
-    for seed in range(200):
-        data = measured(effects, seed)
-        alone = plain(data, *CONSTANTS)
-        found, _ = shrink_to_nominal(alone, data, Options(misfit=(NOISE, NOISE)), CONSTANTS)
-        kept = found.identifiability.columns
-        truth = _least_change(found, data, effects)
-        names = [found.names[i] for i in kept]
-        deviation = np.sqrt(np.diag(found.covariance))[kept]
-        hits.append(np.abs(found.theta[kept] - truth) < 1.96 * deviation)
-    share = np.mean(hits, axis=0)
-    frames = np.array([name.startswith(("base_frame", "tool_frame")) for name in names])
-    assert 0.93 < share[frames].mean() < 0.97
-    # Of constants drawn to the file's value the intervals are wider than they need be.
-    assert share[~frames].mean() > 0.93
-    assert share.min() > 0.88
-
-
-def _least_change(found: Fit, data: Measurements, effects: tuple[dict[str, object], ...]) -> Array:
-    """The coefficients kept that describe the arm with ``effects`` exactly."""
-    robot = dataclasses.replace(arm("puma560").robot, effects=effects, effect_units=(1.0, 1.0))
-    exact = dataclasses.replace(data, position=predict(robot, data).translation)
-    options = Options(robust=False, misfit=(NOISE, NOISE), start=np.zeros(found.theta.size), tolerance=1e-12)
-    return fit(found.model, exact, options).theta[found.identifiability.columns]

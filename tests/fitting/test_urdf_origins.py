@@ -12,7 +12,6 @@ from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
-from robacc import trace
 from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.specification import entry_of, parse_requests
 from robacc.errors import InputError
@@ -51,7 +50,6 @@ ARMS = (
 """Twenty arms; the first eleven have origins at a pitch of 90 degrees."""
 POSITION_STD, ORIENTATION_STD = 2e-5, 2e-5
 TOOL = Frame((0.05, 0.02, 0.1), (0.1, -0.2, 0.3))
-ANGLES = ("roll", "pitch", "yaw")
 
 
 def read_any_chain(path: Path) -> Robot | None:
@@ -109,28 +107,6 @@ def simulate(path: Path, robot: Robot, n: int, seed: int) -> tuple[Measurements,
     return data, position.T
 
 
-@pytest.mark.slow
-def test_corrections_of_every_origin_of_every_urdf_have_full_rank() -> None:
-    count, without_turns = 0, 0
-    for path in sorted(example_robots().rglob("*.urdf")):
-        robot = read_any_chain(path)
-        if robot is None:
-            continue
-        arm = Arm.of(robot)
-        q = np.random.default_rng(0).uniform(-1, 1, (len(arm.names), 3))
-        data = Measurements(position=np.zeros((3, 3)), q=q)
-        for joint in arm.names:
-            bound = Model(arm, (), (LinkGeometry((joint,)),)).bind(data)
-            jacobian = bound.linearise(np.zeros(6))[1].transpose(2, 0, 1).reshape(-1, 6)
-            assert np.linalg.matrix_rank(jacobian, tol=1e-6) == 6, f"{path.name} {joint}"
-            motions = [arm.motion(joint, label) for label in ("x", "y", "z", *ANGLES)]
-            angles = arm.chain.jacobian(q, motions).transpose(2, 0, 1).reshape(-1, 6)
-            without_turns += np.linalg.matrix_rank(angles, tol=1e-6) < 6
-        count += 1
-    assert count >= 60, "the package has 69 files, of which a few are no serial chain"
-    assert without_turns > 0, "no origin is at a pitch of 90 degrees: the test shows nothing"
-
-
 @pytest.mark.parametrize("name", some_fast(ARMS, 4))
 def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str) -> None:
     robot = read_any_chain(example_robots() / name)
@@ -148,16 +124,6 @@ def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str) -> Non
     # Estimation adds to the true position at most the noise of as many numbers as there are coefficients.
     error = np.sqrt(np.mean(np.sum(np.square(predict(result.robot, data).translation - true), axis=0)))
     assert error < 1.5 * POSITION_STD * np.sqrt(fitted.identifiability.columns.size / 150)
-
-
-@pytest.mark.slow
-def test_a_rigid_urdf_with_geometry_errors_has_no_findings() -> None:
-    path = example_robots() / "ur_description/urdf/ur10_robot.urdf"
-    robot = ur10()
-    data, _ = simulate(path, robot, 150, 3)
-    traced = trace(data, robot=robot, declared="base_frame,tool_frame,joint_offset,link_geometry")
-    assert not traced.findings
-    assert traced.verdict == "clean"
 
 
 def ur10() -> Robot:

@@ -168,24 +168,6 @@ def test_outliers_do_not_leave_a_wrong_length() -> None:
     assert found.theta[found.names.index(f"link_geometry.{arm('ur10').names[1]}.a")] == pytest.approx(-0.03, abs=2e-3)
 
 
-@pytest.mark.slow
-def test_standard_errors_at_other_orientations_hold_the_truth() -> None:
-    """Intervals of predicted positions of arms of the usual size, from 25 poses of one orientation."""
-    fresh = Measurements(position=np.zeros((3, 50)), q=joints("ur10", 50, 4))
-    shares = []
-    for seed in range(25):
-        true = made("ur10", seed, 1e-3)
-        found = geometry("ur10", measured(true, one_orientation(25, seed + 50), seed, oriented=False))
-        columns = found.identifiability.columns
-        poses, jacobian = found.model.bind(fresh).linearise(found.theta)
-        of_position = jacobian[:3, columns]
-        covariance = found.covariance[np.ix_(columns, columns)]
-        std = np.sqrt(np.einsum("ipn,pq,iqn->in", of_position, covariance, of_position))
-        shares.append(np.mean(np.abs(poses.translation - predict(true, fresh).translation) < 1.96 * std))
-    # Positions of one arm share its errors: 25 arms give the share to some 2 %.
-    assert 0.91 < np.mean(shares) < 1.0
-
-
 def test_poses_of_nearly_one_orientation_leave_the_tool_unknown() -> None:
     """The orientation of the flange stays the same but for a thousandth."""
     q, small = joints("irb1600", 80, 2), 1e-3 * np.random.default_rng(0).standard_normal((4, 80))

@@ -415,31 +415,6 @@ def test_the_largest_error_takes_59_poses() -> None:
     assert evaluate("key: position.max, limit: 0.5 mm", estimate())["outcome"] == "fail"
 
 
-@pytest.mark.slow
-def test_grades_are_met_by_every_bound() -> None:
-    document = estimate(errors(size=0.4e-3), errors(1, 1e-4))
-    p95, bound = document["position"]["p95_m"], document["position"]["intervals"]["p95_m"]["upper_bound"]
-    assert 0.5e-3 < p95 < bound < 1e-3  # grade D, and demonstrated
-    assert document["grade"]["demonstrated_grade"] == "D"
-    found = {grade: evaluate(f"key: grade, limit: {grade}", document) for grade in "ACDEZ"}
-    assert (found["D"]["outcome"], found["D"]["value"]) == ("pass", "D")
-    assert (found["E"]["outcome"], found["A"]["outcome"]) == ("pass", "fail")
-    assert found["C"]["outcome"] in ("fail", "inconclusive")
-    alone = evaluate("key: position.p95, limit: 0.5 mm", document)
-    assert found["C"]["conformity_probability"] == pytest.approx(alone["conformity_probability"])
-    why = "the scale CAD/CAM 0.1 mm, 0.1 degree has no grade Z; its grades are A, B, C, D, E"
-    assert found["Z"]["why"] == why
-    turned = estimate(errors(size=0.4e-3), errors(1, 0.2))
-    assert evaluate("key: grade, limit: D", turned)["outcome"] == "fail"
-    bare = evaluate("key: grade, limit: A", {**document, "grade": {"grade": "A"}})
-    assert bare["why"] == "the result's grade does not list the steps of its scale"
-    few = estimate(errors(size=0.41e-3, n=12), errors(1, 1e-4, 12))
-    few["grade"]["steps"][2]["position_m"] = 1.02 * few["position"]["p95_m"]
-    undecided = evaluate("key: grade, limit: C", few)
-    assert undecided["outcome"] == "inconclusive"
-    assert undecided["poses_to_decide"] > 59
-
-
 def test_what_makes_a_figure_too_optimistic_is_warned_of() -> None:
     document = stage(errors(size=1e-5))
     ok = evaluate("key: after.held_out.position.rms, limit: 0.161 mm", document)

@@ -250,27 +250,3 @@ def test_conformity_probabilities_are_calibrated(statistic: Any) -> None:
         # False accepts and false rejects of rule bound at the limit itself: 5 % each.
         assert np.mean(np.array(outcomes) == "pass") < 0.05 + 0.045
         assert np.mean(np.array(outcomes) == "fail") < 0.05 + 0.045
-
-
-@pytest.mark.slow
-def test_the_promised_poses_decide_a_p95_too() -> None:
-    rng = np.random.default_rng(11)
-    quantile = float(np.quantile(np.sqrt(np.sum((SD * rng.normal(size=(3, 1_000_000))) ** 2, axis=0)), 0.95))
-
-    def decided(errors: Array, limit: float, seed: int) -> Evaluation:
-        curve = BoundCurve.through(
-            [by_name["p95"] for by_name in length_intervals(errors, (0.3, 0.9, 0.95), bootstrap=200, seed=seed)]
-        )
-        value = float(np.quantile(np.sqrt(np.sum(errors**2, axis=0)), 0.95))
-        return decide(criterion(limit, key="position.p95"), value, curve, errors.shape[1])
-
-    for n in (30, 100):
-        outcomes: list[bool] = []
-        while len(outcomes) < 120:
-            limit = quantile * math.exp(rng.uniform(-0.35, 0.35) * math.sqrt(30 / n))
-            errors = SD * rng.normal(size=(3, n))
-            first = decided(errors, limit, len(outcomes))
-            if first["outcome"] == "inconclusive":
-                all_errors = np.hstack((errors, SD * rng.normal(size=(3, first["poses_to_decide"] - n))))
-                outcomes.append(decided(all_errors, limit, 0)["outcome"] != "inconclusive")
-        assert np.mean(outcomes) > ASSURANCE - 3 * math.sqrt(0.09 / 120)

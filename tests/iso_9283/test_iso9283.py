@@ -18,7 +18,6 @@ from robacc.iso_9283 import criteria as estimates
 from robacc.iso_9283.criteria import (
     DELTA,
     Characteristic,
-    IntervalEstimate,
     characteristic,
     distance,
     drift,
@@ -589,45 +588,6 @@ def test_largest_has_the_greatest_upper_limit_and_a_corrected_lower_one() -> Non
 
 def visits(rng: np.random.Generator, scale: tuple[float, float, float], n: int, mean: np.ndarray) -> np.ndarray:
     return mean[:, None] + TURN @ (np.array(scale)[:, None] * rng.normal(size=(3, n)))
-
-
-def coverage(distances: list[IntervalEstimate], truth: float) -> tuple[float, float]:
-    intervals = [estimate.interval_at(0.95) for estimate in distances]
-    # 1e-9: a truth of zero is held by a lower limit of zero.
-    inside = np.mean([i.lower - 1e-9 <= truth <= i.upper for i in intervals])  # type: ignore[operator]
-    return float(inside), float(np.mean([truth <= i.upper_bound for i in intervals]))  # type: ignore[operator]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("away", [0.0, 2.0, 10.0, 100.0], ids=lambda away: f"{away:g} standard errors")
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1)], ids=["round", "long"])
-def test_coverage_of_a_distance(scale: tuple[float, float, float], away: float) -> None:
-    """AP: 95 % within the binomial scatter of 400 runs (± 2.2 %, two of it), or more where it is all scatter."""
-    rng = np.random.default_rng(9283)
-    truth = away * float(np.linalg.norm(scale)) / math.sqrt(30)
-    mean = truth * TURN @ np.array([1.0, 2.0, 2.0]) / 3.0
-    runs = [visits(rng, scale, 30, mean) for _ in range(400)]
-    distances = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
-    interval_coverage, bound_coverage = coverage(distances, truth)
-    assert interval_coverage > 0.925
-    assert bound_coverage > 0.925
-    assert interval_coverage < 0.975 or away < 5.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [10, 30])
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.5, 0.2), (1.0, 0.05, 0.01)], ids=["round", "long", "line"])
-def test_coverage_of_repeatability(scale: tuple[float, float, float], n: int) -> None:
-    rng = np.random.default_rng(9283)
-    length = np.linalg.norm(rng.normal(size=(2_000_000, 3)) * scale, axis=1)
-    truth = float(length.mean() + 3 * length.std())
-    repeatabilities = []
-    for run in range(400):
-        x = visits(rng, scale, n, np.zeros(3))
-        repeatabilities.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
-    interval_coverage, bound_coverage = coverage(repeatabilities, truth)
-    assert 0.925 < interval_coverage < 0.995
-    assert bound_coverage > 0.92
 
 
 def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Measurements:

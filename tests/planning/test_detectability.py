@@ -2,18 +2,14 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from arms import arm
 from scipy import stats
 from test_expected import NOISE, SCATTER, jacobian, whitener
 
-import robacc
 from robacc.planning.campaign import CampaignPlan, plan_campaign
 
-ROOT = Path(__file__).resolve().parents[2]
 CAMPAIGNS = 200
 
 
@@ -68,28 +64,3 @@ def test_exact_equals_are_named(plan: CampaignPlan) -> None:
     first, second = "link_geometry[j2] (labels d)", "link_geometry[j3] (labels d)"
     assert pairs[first, second]["similarity"] == pytest.approx(1.0, abs=1e-6)
     assert pairs[first, second]["evidence"] == pytest.approx(0.0, abs=1e-6)
-
-
-@pytest.mark.slow
-def test_a_trace_finds_effects_of_three_planned_limits(tmp_path: Path) -> None:
-    # Seven campaigns at a promised 95 %: six or more with probability 0.96, and the seeds are fixed.
-    robot = ROOT / "sample_data" / "robot.yaml"
-    planned = robacc.plan(robot, purpose="trace", poses=60, noise="0.03mm", repeatability="0mm", candidates=600)
-    planned.write(tmp_path / "plan.csv")
-    limits = {(entry["effect"], entry["joints"]): entry["limit"] for entry in planned.detectability["limits"]}
-    wanted = [("backlash", j) for j in ("j2", "j3", "j4")] + [("approach_lag", j) for j in ("j2", "j3")]
-    wanted += [("gear_ratio", j) for j in ("j1", "j4")]
-    found = 0
-    for seed, (effect, joint) in enumerate(wanted, 1):
-        limit = limits[effect, (joint,)]
-        size = 3 * limit if effect == "gear_ratio" else np.degrees(3 * limit)
-        truth = tmp_path / "truth.yaml"
-        entry = f"{{effect: {effect}, joints: [{joint}], values: {{{joint}: {size:.9f}}}}}"
-        truth.write_text(f"{robot.read_text()}effects:\n  - {entry}\n")
-        simulated = robacc.simulate(truth, at=tmp_path / "plan.csv", noise="0.03mm", position_only=True, seed=seed)
-        simulated.write(tmp_path / "measured.csv")
-        traced = robacc.trace(tmp_path / "measured.csv", robot=robot, ordered=True)
-        named = [(f.effect, f.joints) for f in traced.findings]
-        named += [(a.effect, a.joints) for f in traced.findings for a in f.alternatives]
-        found += any(name == effect and joint in joints for name, joints in named)
-    assert found >= 6

@@ -58,17 +58,6 @@ def test_predictions_are_realised() -> None:
     assert 0.75 < ratio < 1.3
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "poses", "noise"),
-    [("irb1600", 30, 5e-5), ("ur10", 30, 5e-5), ("irb1600", 30, 1e-3), ("ur10", 20, 1e-3)],
-)
-def test_predictions_are_realised_over_200_campaigns(name: str, poses: int, noise: float) -> None:
-    ratio, held_out = compared(name, poses, noise, 200)
-    assert 0.9 < ratio < 1.1
-    assert 0.9 < held_out < 1.1
-
-
 def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
     robot, poses = ROOT / "sample_data" / "robot.yaml", ROOT / "sample_data" / "poses.csv"
     effects = "base_frame,tool_frame,joint_offset,link_geometry"
@@ -104,34 +93,6 @@ def test_the_prior_is_that_of_the_fit() -> None:
     # (v + k^2 v^2 u^2) / (1 + k v)^2: at most 3.99 u^2, at v = 15.5 u^2.
     stds = [entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]]
     assert max(stds) < 2.0e-3
-
-
-DATA = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
-EFFECTS = "base_frame,tool_frame,joint_offset,link_geometry"
-
-
-@pytest.mark.skipif(not DATA.exists(), reason="needs the recorded UR10")
-@pytest.mark.slow
-def test_sixty_planned_rows_do_for_all() -> None:
-    robot = robacc.read_robot(DATA / "robot.yaml")
-    data = robacc.read_poses(DATA / "series_B.csv", robot=robot)
-
-    def error(rows: np.ndarray, at: np.ndarray) -> float:
-        fitted = fit(Model.of(robot, free_effects(robot, EFFECTS)), data.subset(rows))
-        predicted = fitted.model.bind(data.subset(at)).poses(fitted.theta).translation
-        return float(np.sqrt(np.mean(np.sum(np.square(data.position[:, at] - predicted), axis=0))))
-
-    plan = plan_campaign(
-        robot, "calibrate", 60, noise=1e-5, unexplained=2.5e-4, check_every=0, repeats=0, candidates=data, task=data
-    )
-    chosen = plan.candidates.q[:, plan.chosen]
-    rows = np.unique([int(np.argmin(np.sum(np.square(data.q - q[:, None]), axis=0))) for q in chosen.T])
-    others = np.setdiff1d(np.arange(data.n), rows)
-    assert rows.size == 60
-    # The remaining error is a periodic error of the joints, not noise, so random rows do as well here: 1.03 to 1.12 of
-    # the fit to all in twelve draws, 1.06 in the mean. Planned rows give 1.07; with other criteria, other unexplained
-    # errors and orientations planned too, 1.06 to 1.14.
-    assert error(rows, others) < 1.10 * error(np.arange(data.n), others)
 
 
 @pytest.mark.parametrize(("settings", "enough"), [({}, 9), ({"noise_orientation": 1e-4}, 5)])

@@ -15,7 +15,7 @@ from robacc.geometry import log_between
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.modelling.validity import outside_validity
-from robacc.prediction.model_uncertainty import ModelFit, _scatter, beyond_columns, model_uncertainty
+from robacc.prediction.model_uncertainty import ModelFit, beyond_columns, model_uncertainty
 from robacc.prediction.predicting import outer_sums
 from robacc.robots.description import Robot
 
@@ -107,16 +107,6 @@ def test_a_pose_whole_turns_away_is_where_the_gear_was() -> None:
 
 def test_a_gear_of_a_ratio_that_is_not_whole_repeats_nothing() -> None:
     assert beyond_columns(Model.of(geared(107.815)), poses_at(0.5 + 2.0 * math.pi)).any()
-
-
-def test_a_gross_residual_does_not_widen_the_covariance() -> None:
-    residual = np.random.default_rng(0).normal(size=(6, 500))
-    spread = np.diag(_scatter(residual))
-    # The variance of a variance of 500 values is 2/500.
-    np.testing.assert_allclose(spread, np.mean(residual**2, axis=1), rtol=0.03)
-    gross = residual.copy()
-    gross[:3, 7] = 100.0
-    np.testing.assert_allclose(np.diag(_scatter(gross)), spread, rtol=0.06)
 
 
 ORDERS = tuple(float(order) for order in range(1, 21))
@@ -244,34 +234,6 @@ def test_the_profile_fades_to_its_level_within_a_quarter_of_its_finest_period(be
     outside = outside_validity(robot, poses_at(angle))
     assert (outside.std_max > 0.0) is (beyond > 0.016)
     assert all(item["rule"] != "held" for item in outside.ranges)
-
-
-def test_the_level_passes_from_end_to_end_without_a_jump() -> None:
-    values = STD * np.random.default_rng(2).normal(size=2 * len(ORDERS))
-    robot, _ = fitted(values, posterior(TRAINED))
-    opposite = 0.5 * (LOW + HIGH) + np.pi
-    below, above = turned_by(robot, np.array([opposite - 1e-6, opposite + 1e-6]))
-    ends = np.abs(left(np.array([LOW - 0.5 * PERIOD, HIGH + 0.5 * PERIOD])) @ values)
-    assert abs(ends[0] - ends[1]) > 1e-5
-    assert below == pytest.approx(above, abs=1e-8)
-
-
-@pytest.mark.parametrize("slope", [0.5, pytest.param(0.0, marks=pytest.mark.slow)])
-def test_bounds_hold_for_profiles_that_fade(slope: float) -> None:
-    """Whether all orders are as large as each other, as the prior says, or low ones larger, as on real gears."""
-    random = np.random.default_rng(9)
-    design, covariance, n = basis(TRAINED), posterior(TRAINED), 300
-    sizes = np.repeat(np.array(ORDERS) ** -slope, 2)
-    held = np.zeros(len(PLACES))
-    for _ in range(n):
-        truth = STD * sizes / np.sqrt(np.mean(sizes**2)) * random.normal(size=sizes.size)
-        measured = design @ truth + NOISE * random.normal(size=len(TRAINED))
-        estimate = covariance @ design.T @ measured / NOISE**2
-        error = (HERE - FADED) @ estimate - HERE @ truth
-        held += np.abs(error) < 1.96 * np.sqrt(joint_variance(PLACES, covariance, estimate))
-    # Three standard errors of 95 % of 300 are 3.8 %.
-    assert (held / n).min() > 0.91
-    assert 0.935 < (held / n).mean() < 0.985
 
 
 def test_a_gear_that_does_not_repeat_itself_is_held() -> None:

@@ -164,10 +164,6 @@ def test_likelihood_ratio_and_its_factor_against_a_direct_maximisation() -> None
     assert result["p_value_asymptotic"] == pytest.approx(stats.chi2.sf(result["statistic"], 1), rel=1e-9)
 
 
-def test_no_effect_of_the_parameters_at_all_is_a_factor_of_zero() -> None:
-    assert scale_test(np.zeros(5), np.full(5, 100.0))["factor"] == 0.0
-
-
 def rejected(factor: float, sets: int, *, full: bool, exact: bool) -> float:
     """Share of sets that the likelihood ratio rejects at 5 %; ``exact`` by kinematics, else from the evidence's law."""
     statistics = reduce_residuals(ROBOT, simulated(0, full=full), PARAMETERS)
@@ -330,19 +326,6 @@ def test_base_and_tool_are_used_as_given() -> None:
     assert result["notes"][-1] == "the tolerances of base and tool are used as given, not estimated"
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("full", [True, False])
-def test_components_cover_the_truth_in_95_percent_of_500_sets(full: bool) -> None:
-    count = np.zeros(4)
-    for k in range(500):
-        statistics = reduce_residuals(ROBOT, simulated(5000 + k, full=full), PARAMETERS)
-        result = variance_components(statistics, PARAMETERS)
-        count += [c["lower"] <= 1.0 <= (c["upper"] or math.inf) for c in result["components"]]
-    # Of all 2,000 intervals; a single component's share of 500 sets has a standard error of 1 %.
-    assert (count / 500).mean() == pytest.approx(0.95, abs=0.02)
-    assert np.all(np.abs(count / 500 - 0.95) < 0.035)
-
-
 def test_one_draw_text() -> None:
     comparison = compare_with_measured(ROBOT, simulated(9), PARAMETERS)
     assert comparison["one_draw"].startswith("all 30 poses are of one robot and share the same parameter errors")
@@ -358,20 +341,6 @@ def test_one_draw_text() -> None:
     assert "Of 12 measured numbers, 12 depend on the parameters" in few["one_draw"]
     assert few["one_draw"].endswith("; more poses would improve it")
     assert few["normalised_squared_error"]["noise"] is None
-
-
-def test_treating_poses_as_independent_would_reject_far_too_often() -> None:
-    """Why the joint covariance is used: the sum over poses of each one's own squared error is no chi-square."""
-    wrong = 0
-    for k in range(100):
-        data = simulated(200 + k, full=False)
-        error, columns, _ = dense(data)
-        total = 0.0
-        for i in range(0, error.size, 3):
-            covariance = columns[i : i + 3] @ columns[i : i + 3].T + NOISE**2 * np.eye(3)
-            total += error[i : i + 3] @ np.linalg.solve(covariance, error[i : i + 3])
-        wrong += 2 * min(stats.chi2.cdf(total, error.size), stats.chi2.sf(total, error.size)) < 0.05
-    assert wrong > 30
 
 
 UNSTATED = simulated(0, sigma=False)

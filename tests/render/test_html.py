@@ -3,14 +3,11 @@
 from __future__ import annotations
 
 import base64
-import contextlib
 import hashlib
 import itertools
 import json
 import math
 import re
-import shlex
-import shutil
 from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
@@ -21,9 +18,7 @@ import pytest
 import results
 from commands import missing
 from pages import Element, parsed
-from typer.testing import CliRunner
 
-from robacc.cli.main import app
 from robacc.render.page import command_line, headline_of, render, script_json
 from robacc.render.plots.results import charts_of
 
@@ -303,25 +298,6 @@ def test_several_results_stand_side_by_side() -> None:
     assert len(report.all("article")) == 2
 
 
-@pytest.mark.parametrize(
-    "command", ["estimate", "predict", pytest.param("calibrate", marks=pytest.mark.slow), "iso9283"]
-)
-def test_the_command_line_makes_the_same_result_again(command: str, tmp_path: Path) -> None:
-    document = results.document(command)
-    for argument in results.CALLS[command]:
-        if (results.PROJECT / argument).is_file():
-            shutil.copy(results.PROJECT / argument, tmp_path)
-    arguments = shlex.split(command_line(document))
-    with contextlib.chdir(tmp_path):
-        done = CliRunner().invoke(app, [*arguments[1:], "--format", "json"])
-    assert done.exit_code == 0, done.stderr
-    again = json.loads(done.stdout)
-    # Some options are paths, as they were typed.
-    assert {key: again[key] for key in again if key != "options"} == {
-        key: document[key] for key in document if key != "options"
-    }
-
-
 def test_switches_and_options_of_the_command_line() -> None:
     changed = {
         **results.document("trace"),
@@ -332,11 +308,6 @@ def test_switches_and_options_of_the_command_line() -> None:
     )
     robust = {**results.document("calibrate"), "options": {"robust": False, "prior": True, "align": ["a", "b"]}}
     assert command_line(robust).endswith("--all-rows --prior --align a,b --seed 0")
-
-
-@pytest.mark.slow
-def test_the_same_result_gives_the_same_page() -> None:
-    assert render([results.document("iso9283")], ["iso9283"]) == page("iso9283")
 
 
 def test_parameter_names_in_notes_are_shown_as_options() -> None:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import dataclasses
-import math
 from functools import cache
 
 import numpy as np
@@ -16,11 +15,9 @@ from test_trace import DECLARED, NOISE, entry, measured
 import robacc
 from robacc.effects.base import effect_class
 from robacc.effects.specification import build, entry_of, parse_requests
-from robacc.error_model.covariance import Whitened
-from robacc.fitting.levels import ACCEPTED
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.tracing.candidates import Candidate, Evidence, decisive_test
+from robacc.tracing.candidates import decisive_test
 from robacc.tracing.search import DetectionLimit, SearchResult, detection_limits, search
 from robacc.tracing.trace import trace
 
@@ -71,48 +68,6 @@ def test_at_the_limit_the_f_test_finds_every_second_one(name: str) -> None:
         assert power == pytest.approx(0.5, abs=0.02), one
         checked += 1
     assert checked > 30
-
-
-@pytest.mark.parametrize(("rank", "free"), [(1, 15), (2, 30)])
-def test_at_the_limit_the_evidence_accepts_half_of_linear_campaigns(rank: int, free: int) -> None:
-    """Random columns and coefficients, with algebra of their own but for the evidence."""
-    rng = np.random.default_rng(3)
-    joint = entry("gear_ratio", "j2", 0.0)["joints"]
-    effect = effect_class("gear_ratio" if rank == 1 else "transmission_error").from_settings(
-        tuple(joint), {} if rank == 1 else {"orders": [1.0]}
-    )
-    candidate = Candidate(effect, effect.terms(arm("puma560"), clean("puma560")[0]), -math.log(80.0))
-    count = 150
-    limit = decisive_test(rank, count - free, candidate.log_prior_of_size).noncentrality_at_limit
-    found = {times: 0 for times in (0.5, 1.0, 2.0)}
-    for times in found:
-        for _ in range(200):
-            base, own = rng.normal(size=(count, free)), rng.normal(size=(count, rank))
-            basis = np.linalg.qr(base)[0]
-            way = rng.normal(size=rank)
-            new = own @ way - basis @ (basis.T @ (own @ way))
-            way *= times * math.sqrt(limit / float(new @ new))
-            y = own @ way + rng.normal(size=count)
-            broad = 1e3 * base
-            triangle = np.linalg.cholesky(broad.T @ broad + np.eye(free))
-            reduced = np.linalg.solve(triangle, broad.T @ y)
-            white = Whitened(broad, y, triangle, reduced, 0.0, np.ones(count), count)
-            # The usual size is such that the effect at its limit is of the most probable size.
-            scale = candidate.scales[0][3] / float(np.linalg.norm(way / times))
-            scores = Evidence(white, own / scale, [candidate]).scores(np.arange(0), free)
-            found[times] += scores.log_odds[0] > ACCEPTED
-    # 200 campaigns: three standard deviations are 0.11; the scales of the prior are a factor of 4 apart.
-    assert found[1.0] / 200 == pytest.approx(0.5, abs=0.16)
-    assert found[0.5] / 200 < 0.15
-    assert found[2.0] / 200 > 0.97
-
-
-def test_without_a_degree_of_freedom_nothing_is_found() -> None:
-    """As many coefficients as values: no test, and no division by zero."""
-    test = decisive_test(1, 1.0, -math.log(80.0))
-    assert test.dof[1] == 0.0
-    assert test.noncentrality_at_limit == math.inf
-    assert test.power(1e9) == 0.0
 
 
 @pytest.mark.parametrize("poses", [10, 11])

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
 import math
 
 import numpy as np
@@ -11,7 +10,7 @@ from draws import KINDS, draw
 from scipy import stats
 
 from robacc.fitting.levels import ACCEPTED
-from robacc.tracing.trace import Trace, trace
+from robacc.tracing.trace import trace
 
 FOLDS = 5
 SEEDS = 20
@@ -61,40 +60,3 @@ def test_detection_against_size_is_what_theory_allows(which: str) -> None:
         if stats.binom.cdf(named, CURVE_SEEDS, power * (1.0 - math.exp(-ACCEPTED))) < CHANCE / len(SIZES):
             below.append(times)
     assert below == []
-
-
-def told(found: Trace) -> list[tuple[str, tuple[str, ...], dict[str, object]]]:
-    """What is found, in the order found."""
-    return [(one.effect, one.joints, one.settings) for one in found.findings]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("which", KINDS)
-def test_neither_the_order_of_rows_nor_the_seed_decides(which: str) -> None:
-    """At twice the limit, where a coin toss would show, with a beam break among the rows."""
-    one = draw(KINDS[which], 77)
-    plan = dataclasses.replace(one.plan, outliers=1, outlier_size=0.02)
-    data = dataclasses.replace(one, plan=plan).measured(2.0)
-    found = trace(one.model(data), data, n_folds=FOLDS)
-    mixed = data.subset(np.random.default_rng(5).permutation(data.n))
-    again = trace(one.model(mixed), mixed, n_folds=FOLDS)
-    assert told(again) == told(found)
-    assert again.verdict == found.verdict
-    for mine, yours in zip(again.findings, found.findings, strict=True):
-        assert mine.p_value == pytest.approx(yours.p_value, rel=1e-3)
-        assert [(a.effect, a.joints) for a in mine.alternatives] == [(a.effect, a.joints) for a in yours.alternatives]
-    other = trace(one.model(data), data, n_folds=FOLDS, seed=12)
-    assert told(other) == told(found)
-    for same, rel in ((again, 1e-3), (other, 0.1)):
-        assert same.after.held_out.position.rms == pytest.approx(found.after.held_out.position.rms, rel=rel)
-
-
-@pytest.mark.slow
-def test_the_order_of_rows_does_not_decide_where_poses_are_thinned_out() -> None:
-    one = draw(KINDS["backlash"], 3)
-    data = dataclasses.replace(one, plan=dataclasses.replace(one.plan, poses=900)).measured(1.0)
-    mixed = data.subset(np.random.default_rng(5).permutation(data.n))
-    found, again = (trace(one.model(rows), rows, n_folds=FOLDS) for rows in (data, mixed))
-    assert one.is_named(found)
-    assert told(found) == told(again)
-    assert again.findings[0].p_value == pytest.approx(found.findings[0].p_value, rel=1e-3)

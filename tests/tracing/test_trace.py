@@ -12,19 +12,15 @@ import pytest
 from arms import arm
 from draws import FRAMES, erring
 
-from robacc.documents.fit import FINDING, TRACE, fit_document
+from robacc.documents.fit import FINDING
 from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Options
 from robacc.fitting.levels import ACCEPTED
-from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.solver import fit, refit
-from robacc.geometry import rotation_about
-from robacc.io.json_text import json_text
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.render.views.fit import _at_tool
 from robacc.robots.description import Robot
-from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import Trace, trace
 
@@ -146,20 +142,6 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     assert low < high
 
 
-@pytest.mark.parametrize(
-    "which", ["compliance", *(pytest.param(n, marks=pytest.mark.slow) for n in CASES if n != "compliance")]
-)
-def test_the_written_model_predicts_as_fitted_and_finds_nothing_more(which: str) -> None:
-    data, found = case(which)
-    again = parse_robot(robot_to_yaml(found.robot), "model.yaml")
-    poses = predict(again, data)
-    np.testing.assert_allclose(poses.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
-    second = traced(again, data)
-    assert named(second) == []
-    assert second.verdict == "clean"
-
-
 @pytest.mark.slow
 def test_several_effects_at_once() -> None:
     gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
@@ -173,15 +155,6 @@ def test_several_effects_at_once() -> None:
     # Each finding's part in the whole: without it the poses held out are worse.
     for finding in found.findings:
         assert finding.held_out_after < finding.held_out_before
-
-
-@pytest.mark.slow
-def test_the_same_call_twice_is_the_same_to_the_bit() -> None:
-    data, found = case("gear")
-    again = traced(arm("puma560").robot, data)
-    robot = arm("puma560").robot
-    assert json_text(fit_document(TRACE, again, data, robot)) == json_text(fit_document(TRACE, found, data, robot))
-    np.testing.assert_array_equal(again.fit.theta, found.fit.theta)
 
 
 def test_a_beam_break_is_no_effect() -> None:
@@ -202,23 +175,6 @@ def test_frames_that_nobody_declared_are_found() -> None:
     assert found.nominal_unregistered.fitted == found.before.fitted
     frame = {parameter.name: parameter.value for parameter in found.findings[0].parameters}
     assert frame["base_frame.z"] == pytest.approx(robot.base.xyz[2] + 5e-4, abs=5e-5)
-
-
-@pytest.mark.slow
-def test_an_instrument_metres_away_with_nothing_declared() -> None:
-    """Without the frame the rest asks for compliances that no arm has; that must not end the whole trace."""
-    turn = rotation_about(2, np.array(0.4))
-    data = measured("puma560", entry("joint_compliance", "j2", 2e-6), n=60)
-    away = dataclasses.replace(data, position=turn @ data.position + np.array([[2.1], [-0.35], [0.41]]))
-    found = traced(arm("puma560").robot, away, "")
-    by_name = {finding.effect: finding for finding in found.findings}
-    assert by_name["base_frame"].held_out_before is None
-    assert by_name["base_frame"].held_out_after is not None
-    assert all(f.held_out_before is not None for name, f in by_name.items() if name not in ALIGNABLE)
-    assert found.after.fitted.position.rms < 2e-3
-    assert any(text.endswith("declare base_frame,tool_frame") for text in found.warnings)
-    registered = traced(arm("puma560").robot, away)
-    assert not any("frames that do not agree" in text for text in registered.warnings)
 
 
 @pytest.mark.parametrize("declared", [FRAMES, DECLARED])

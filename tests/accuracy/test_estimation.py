@@ -119,13 +119,6 @@ def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     np.testing.assert_allclose(estimate(data).errors.position, 0, atol=0)
 
 
-def test_statistics_know_repeated_poses() -> None:
-    position = np.random.default_rng(7).normal(scale=1e-4, size=(3, 20))
-    for ids, n_poses in ((np.arange(20) // 2, 10), (np.arange(20), 20)):
-        data = Measurements(position=position, commanded_position=np.zeros((3, 20)), pose=ids.astype(str))
-        assert (estimate(data).position.n, estimate(data).position.n_poses) == (20, n_poses)
-
-
 def test_worst_poses_and_ties() -> None:
     size = np.array([1.0, 3.0, 2.0, 3.0, 0.5, 3.0, 4.0, 3.0, 3.0])
     data = Measurements(position=np.vstack((size, 0 * size, 0 * size)), commanded_position=np.zeros((3, size.size)))

@@ -117,14 +117,6 @@ def test_reasons_in_words() -> None:
     assert graded(9e-4, 1e-3).reason.endswith("no step of the scale is met, so no grade can be confirmed")
 
 
-@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
-def test_the_scale_says_which_statistic(statistic: str) -> None:
-    statistics = error_statistics(1e-4 * np.random.default_rng(0).normal(size=(3, 100)), "m")
-    result = grade(statistics, None, SCALE._replace(statistic=statistic))
-    assert result.position.value == getattr(statistics, statistic)
-    assert result.position.interval.upper_bound == getattr(statistics.intervals, statistic).upper_bound
-
-
 def test_confidence_must_agree() -> None:
     statistics = error_statistics(np.random.default_rng(0).normal(size=(3, 20)), "m", confidence=0.9)
     with pytest.raises(
@@ -149,11 +141,6 @@ def test_the_example_beside_the_package_is_the_packages_own() -> None:
 @pytest.mark.parametrize("path", sorted(CONFIGS.glob("*.yaml")), ids=lambda path: path.name)
 def test_every_example_scale_loads(path: Path) -> None:
     assert load_scale(path.read_text(encoding="utf-8"), path.name).steps
-
-
-def test_a_scale_of_ones_own() -> None:
-    steps = (GradeStep("A", 1e-4, 2e-3), GradeStep("B", 3e-4, None))
-    assert load_scale(GOOD, "mine.yaml") == Scale("mine", "rms", 0.9, steps, "C")
 
 
 def test_a_free_orientation_limits_nothing() -> None:
@@ -343,21 +330,6 @@ def test_position_and_orientation_together() -> None:
     )
     first, second, joint = (result.probability_within(0) for result in (by_position, by_orientation, combined))
     assert joint == pytest.approx(first * second, rel=1e-6)
-
-
-def test_free_orientation_is_met_for_certain() -> None:
-    scale = Scale("free", "rms", 0.95, (GradeStep("A", 1e-4, None), GradeStep("B", 3e-4, None)), "C")
-    position = error_statistics(errors_like(50), "m")
-    alone, free = (grade(position, turned, scale) for turned in (None, errors_of(0.5, None, "rad")))
-    assert alone.probabilities == free.probabilities
-
-
-def test_number_of_poses_that_would_confirm_the_grade() -> None:
-    result = grade(error_statistics(errors_like(30, 1.85e-4), "m"), None, SCALE)
-    assert (result.grade, result.demonstrated) == ("B", False)
-    assert result.poses_to_demonstrate > 30
-    assert grade(error_statistics(errors_like(300, 1.2e-4), "m"), None, SCALE).poses_to_demonstrate is None
-    assert grade(error_statistics(errors_like(30, 1.0), "m"), None, SCALE).poses_to_demonstrate is None
 
 
 @pytest.mark.parametrize("share", [0.7, 0.9])

@@ -359,20 +359,6 @@ def test_the_table_has_its_sections_in_order(traced_files: Path) -> None:
     assert ("held-out poses" in done.stdout, done.exit_code, done.stderr) == (True, 0, "")
 
 
-@pytest.mark.parametrize("poses", ["poses", "clean"])
-def test_the_first_screen_of_a_trace_says_how_good_why_and_what_now(traced_files: Path, poses: str) -> None:
-    done = run(*trace_command(traced_files, poses=poses))
-    lines = done.stdout.splitlines()
-    assert len(lines) <= 25
-    assert max(len(line) for line in lines if str(traced_files) not in line) <= 80
-    found = traced(traced_files, poses=poses)
-    held_out = [found[stage]["held_out"]["position"]["rms_m"] * 1e3 for stage in ("nominal", "after")]
-    assert "{:.3g} mm rms before, {:.3g} mm rms after, on held-out poses".format(*held_out) in done.stdout
-    assert ("backlash[j2]" in done.stdout) == (poses == "poses")
-    assert ("next: nothing to correct" in done.stdout) == (held_out[1] > 0.9 * held_out[0])
-    assert "--full adds" in done.stdout
-
-
 def test_a_clean_arm(traced_files: Path) -> None:
     found, table = traced(traced_files, poses="clean"), output(*trace_command(traced_files, poses="clean"), "--full")
     assert (found["verdict"], found["findings"], found["after"]) == ("clean", [], found["before"])

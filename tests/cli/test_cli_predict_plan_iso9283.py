@@ -4,10 +4,7 @@ import csv
 import hashlib
 import io
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -39,15 +36,6 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
     told = "no parameter of sample arm has a tolerance, so no error can be predicted"
     shown = refused_predict("sample_data/robot.yaml", status=3)
     assert missing(shown, told, "tip: give a tolerance file with --tolerances") == []
-
-
-def test_as_a_process() -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
-    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    # The same call gives the same bytes, in another process too.
-    same = run_predict(PUMA, "--samples", "20", "--format", "json").stdout
-    assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
 
 
 def test_json_has_the_contracts_keys() -> None:

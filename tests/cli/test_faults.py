@@ -24,7 +24,7 @@ from sample_files import ROOT, SAMPLES, saved
 import robacc
 from robacc.errors import InputError
 from robacc.io.dialect import find_dialect
-from robacc.io.files import sha256_of, write_text
+from robacc.io.files import sha256_of
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import is_documented
@@ -538,28 +538,6 @@ URDF = (
 )
 
 TRACED_ROBOT, TRACED_POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
-
-
-def test_a_number_of_400_digits_in_a_result(tmp_path: Path) -> None:
-    result = json.loads(robacc.estimate(TRACED_POSES, robot=TRACED_ROBOT).to_json())
-    result["position"]["rms_m"] = int("9" * 400)
-    path, gate = tmp_path / "r.json", tmp_path / "g.yaml"
-    path.write_text(json.dumps(result))
-    gate.write_text("robacc_gate: 1\nname: g\ncriteria:\n  - {key: position.rms, limit: 1 mm, reason: r}\n")
-    for call in (["check", str(path), "--gate", str(gate)], ["compare", str(path), str(path)]):
-        assert "is not a result: the number 9999" in refused(*call, status=3)
-
-
-def test_a_loop_of_links_is_no_output(tmp_path: Path) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    first.symlink_to(second)
-    second.symlink_to(first)
-    with pytest.raises(InputError, match="first: cannot be written: it is a link to itself"):
-        write_text(first, "x")
-    assert first.is_symlink()
-    (tmp_path / "new").symlink_to(tmp_path / "target")
-    write_text(tmp_path / "new", "x")
-    assert (tmp_path / "target").read_text() == "x"
 
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that opens and cannot be read")

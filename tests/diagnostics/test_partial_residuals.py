@@ -112,15 +112,6 @@ def test_a_joints_effect_is_told_as_its_own_angle(name: str, oriented: bool) -> 
     assert np.max(np.abs(one.effect - wanted)[sure]) < 0.03 * np.max(np.abs(wanted))
 
 
-@pytest.mark.parametrize("name", ["gear_ratio", "joint_coupling", "transmission_error", "joint_correction"])
-def test_the_line_is_the_effect_between_the_poses(name: str) -> None:
-    one = curve(name)
-    assert (one.grid[0], one.grid[-1]) == (one.x.min(), one.x.max())
-    sure = np.isfinite(one.sd) & (one.sd < 20 * np.nanmedian(one.sd))
-    between = np.interp(one.x[sure], one.grid, one.value)
-    assert np.max(np.abs(between - one.effect[sure])) < 0.03 * np.max(np.abs(one.value))
-
-
 def test_the_reading_is_the_least_squares_angle_by_finite_differences() -> None:
     """Against the derivative of the prediction by central differences, and the normal equation written out."""
     one = curve("gear_ratio")

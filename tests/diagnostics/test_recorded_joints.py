@@ -12,10 +12,9 @@ from independent_arm import Run, measured, robot, run, targets
 from searched import ARM, fitted, found, model, values_of
 
 import robacc
-from robacc.diagnostics.recorded import evident_rounding, joint_step, read_back_warning
+from robacc.diagnostics.recorded import evident_rounding, read_back_warning
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
-from robacc.poses.reading import KnownRobot
 from robacc.robots.arm import Arm
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search
@@ -61,17 +60,6 @@ def test_a_fit_without_the_effect_says_where_the_arm_stood() -> None:
     assert float(text.split("share of ")[1].split(" ")[0]) == pytest.approx(1.0, abs=0.05)
 
 
-def test_columns_come_back_from_a_file(tmp_path: Path) -> None:
-    data = dataclasses.replace(with_both(1.0), source=None)
-    path = tmp_path / "poses.csv"
-    path.write_text(format_poses(data))
-    again = read_poses(path)
-    np.testing.assert_array_equal(again.read_back, data.read_back)
-    named = format_poses(data).replace("read_q", "read_j").replace(",q", ",j").replace("q1,", "j1,", 1)
-    path.write_text(named)
-    np.testing.assert_array_equal(read_poses(path, robot=KnownRobot(joint_names=ARM.names)).read_back, data.read_back)
-
-
 def test_joints_of_another_unit_are_an_error(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     path.write_text("q1,read_q1,x,y,z\n0.5,28.6,1,0,0\n0.6,34.4,1,0,0\n")
@@ -92,15 +80,6 @@ def test_an_export_with_both_has_both(tmp_path: Path) -> None:
     path.write_text("J1 cmd [deg],J2 cmd [deg],J1 actual [deg],J2 actual [deg],X [mm],Y [mm],Z [mm]\n" + rows + "\n")
     data = read_poses(path)
     np.testing.assert_allclose(np.degrees(data.read_back - data.q), np.tile([[0.01], [0.02]], 10), atol=1e-9)
-
-
-@pytest.mark.parametrize(("step", "text"), [(0.1, "0.1 degrees"), (0.01, "0.01 degrees")])
-def test_steps_are_recognised(step: float, text: str) -> None:
-    values = np.radians(np.round(np.random.default_rng(1).uniform(-90, 90, 50) / step) * step)
-    size, label = joint_step(values, "revolute") or (0.0, "")
-    assert size == pytest.approx(np.radians(step))
-    assert label == text
-    assert joint_step(np.random.default_rng(2).uniform(-1, 1, 50), "revolute") is None
 
 
 def rounded(step_degrees: float, is_command: bool) -> Measurements:

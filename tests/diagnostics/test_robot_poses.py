@@ -87,12 +87,6 @@ def test_where_the_instrument_stands_does_not_matter(tmp_path: Path, offset: flo
     assert np.ptp(data.position[0]) < 3.0
 
 
-def test_poses_without_joints_are_left_to_the_command(tmp_path: Path) -> None:
-    path = tmp_path / "commanded.csv"
-    path.write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n2,2,3,2,2,3\n", encoding="utf-8")
-    assert read_robot_poses(path, read_robot(str(ROBOT))).q is None
-
-
 def test_several_targets_want_a_robot_that_tells_them_apart(tmp_path: Path) -> None:
     robot = read_robot(str(ROBOT))
     header, first, second = POSES.read_text(encoding="utf-8").splitlines()[1:4]

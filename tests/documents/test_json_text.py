@@ -12,7 +12,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 
 from robacc.documents.envelope import InputFile, csv_text, envelope
-from robacc.io.json_text import json_pieces, json_text
+from robacc.io.json_text import json_text
 
 values = st.recursive(
     st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
@@ -32,12 +32,6 @@ def test_arrays_read_back_exactly(shape: tuple[int, ...]) -> None:
     array = np.random.default_rng(0).normal(size=shape)
     read = json.loads(json_text({"a": {"b": array, "c": 1}}))["a"]
     np.testing.assert_array_equal(np.array(read["b"]).reshape(shape), array)
-
-
-def test_long_arrays_come_in_pieces() -> None:
-    longest = max(len(piece) for piece in json_pieces({"a": np.full((100_000, 3), 1 / 3)}))
-    # 4096 rows of three numbers of about 20 characters, and what stands between them.
-    assert longest < 4096 * 3 * 30
 
 
 def test_what_is_not_a_number_is_null() -> None:

@@ -139,10 +139,3 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b" " * 65)))
     with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the limit for text files$"):
         read_result("-")
-
-
-def test_files_that_are_not_there(tmp_path: Path) -> None:
-    with pytest.raises(InputError, match="the file does not exist"):
-        read_result(str(tmp_path / "none.json"))
-    with pytest.raises(InputError, match="is a folder, not a file"):
-        read_result(str(tmp_path))

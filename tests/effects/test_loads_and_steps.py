@@ -25,7 +25,6 @@ from searched import ARM, error_at, fitted, found, model, values_of
 
 from robacc.api.inputs import read_poses, write_poses
 from robacc.effects import REGISTRY
-from robacc.effects.base import Effect
 from robacc.effects.campaign import Step
 from robacc.effects.elastic import JointCompliance, PayloadCompliance
 from robacc.effects.specification import build, known_effects, parse_requests
@@ -236,12 +235,6 @@ def test_no_load_is_named_where_the_masses_of_the_file_are_wrong(seed: int, monk
     assert "is not distinguishable from errors" in load.statement
 
 
-def test_without_uncertain_masses_nothing_is_judged() -> None:
-    data = with_undeclared_load(40, 1, NOISE, 5, 15.0, np.zeros(3))
-    result = fitted(data, (JointCompliance(("j2", "j3")),), declared="base_frame,tool_frame")
-    assert undeclared_load(result, data) is None
-
-
 # Step changes on an arm with kinematics of its own: part, place and size are found, and clean arms have none.
 
 STEP_NOISE = 2e-5
@@ -302,13 +295,6 @@ def test_two_steps_are_found() -> None:
     assert abs(at["base"] - 77) <= 2
 
 
-def test_clean_arms_have_no_step() -> None:
-    """Two arms here; twenty in the study that docs/explanation/tracing.md quotes."""
-    for seed in (31, 32):
-        poses = run(N, seed)
-        assert traced(measured(poses, targets(poses.q), STEP_NOISE, seed)).findings == ()
-
-
 def test_errors_that_wander_are_no_steps() -> None:
     """A tracker's mounting that creeps: correlated over some 30 poses, one and a half times the noise."""
     poses, memory = run(N, 41), 0.97
@@ -352,21 +338,6 @@ def test_poses_of_another_file_come_after_the_step() -> None:
     assert timed.after(data).all()
     late = dataclasses.replace(data, time=np.linspace(0, 199, 60))
     np.testing.assert_array_equal(timed.after(late), late.time >= 100.0)
-
-
-@pytest.mark.parametrize(
-    "effect",
-    [
-        Step((), "base", from_line=12, turning=True),
-        Step((), "target", from_time=12.5, target="a"),
-        Step(("j2",), "joint", from_line=12, file="poses.csv"),
-        Step(("j2", "j3"), "payload", from_line=52),
-    ],
-)
-def test_settings_are_read_back(effect: Effect) -> None:
-    assert Step.from_settings(effect.joints, effect.settings()) == effect
-    terms = effect.terms(ARM, measured(run(5, 1), np.zeros((3, 5)), STEP_NOISE, 1))
-    assert len(terms) == {"base": 6, "target": 3, "joint": 1, "payload": 2}[effect.part]  # type: ignore[attr-defined]
 
 
 @pytest.mark.parametrize(

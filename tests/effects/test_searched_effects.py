@@ -39,7 +39,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.candidates import OrderGrid
 from robacc.tracing.trace import Trace, trace
 
 # Wind-up, hardening, loaded backlash, a common delay and a pedestal, on an arm with matrices of its own.
@@ -337,16 +336,6 @@ def test_a_high_order_is_found_and_named(order: float, ratio: float | None, word
     assert harmonic.amplitude == pytest.approx(2e-4, rel=0.15)
     assert word in harmonic.origin
     assert result.findings[0].statement is not None
-
-
-def test_evenly_spaced_angles_have_aliases() -> None:
-    """Angles at multiples of a step show the orders n and 2 pi / step - n alike."""
-    angle = np.arange(-30, 31) * (2 * np.pi / 98.25)
-    uneven = np.random.default_rng(1).uniform(-2.0, 2.0, 61)
-    for apart, expected in ((angle, {17.25, 81.0}), (uneven, {17.25})):
-        grid = OrderGrid("j1", 0, np.arange(0.25, 98, 0.25), apart, 0.0)
-        peaks = grid.peaks(np.cos(17.25 * apart - 0.3), np.ones(61))
-        assert set(peaks[: len(expected)].tolist()) == expected
 
 
 def test_origins() -> None:

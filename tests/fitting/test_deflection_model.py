@@ -12,8 +12,6 @@ import pytest
 from arms import arm
 from scipy import stats
 
-import robacc.fitting.masses
-import robacc.tracing.calibrating
 from robacc.documents.fit import CALIBRATE, TRACE, fit_document
 from robacc.effects.specification import Baseline, build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
@@ -71,26 +69,6 @@ def test_the_form_of_a_soft_arm_is_the_one_its_poses_have(form: str, known: bool
     one = values["lateral_compliance.j4"]
     assert one.value == pytest.approx(SOFT, abs=4 * one.std)
     assert {e.settings().get("deflection", "equilibrium") for e in found.effects if e.name.startswith("lat")} == {form}
-
-
-def test_a_stiff_arm_keeps_the_equilibrium_without_a_second_fit(monkeypatch: pytest.MonkeyPatch) -> None:
-    fits = []
-    monkeypatch.setattr(robacc.fitting.masses, "fit", lambda *args: fits.append(args))
-    found = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests(ASKED), n_folds=2)
-    assert not fits
-    assert (found.deflection.form, found.deflection.gain) == ("equilibrium", None)
-    assert found.deflection.difference < 1e-10
-    rigid = calibrate(arm("puma560").robot, measured("rigid", STIFF), parse_requests("base_frame,tool_frame"))
-    assert rigid.deflection is None
-    assert fit_document(CALIBRATE, rigid, measured("rigid", STIFF), arm("puma560").robot)["deflection"] is None
-
-
-def test_validation_poses_are_predicted_in_the_chosen_form() -> None:
-    data, apart = measured("rigid"), measured("rigid", seed=1)
-    found = calibrate(arm("puma560").robot, data, parse_requests(ASKED), holdout=apart)
-    error = np.sum(np.square(apart.position - predict(found.robot, apart).translation), axis=0)
-    # Poses held out are predicted by a fit to a part in a million of the residual, the model by one to 1e-8.
-    assert found.after.held_out.position.rms == pytest.approx(np.sqrt(np.mean(error)), rel=1e-5)
 
 
 def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors() -> None:

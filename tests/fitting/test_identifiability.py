@@ -113,20 +113,6 @@ def test_observability_indices_are_those_of_the_definition() -> None:
     assert found.condition == pytest.approx(first / last, rel=1e-12)
 
 
-def test_the_first_joints_zero_is_the_bases_yaw() -> None:
-    data = poses("puma560")
-    found = fit(geometric_model("puma560", data, ("base_frame", "joint_offset")), data)
-    (dropped,) = found.identifiability.dropped
-    assert (dropped.name, dropped.partners) == ("joint_offset.j1", ("base_frame.yaw",))
-    assert dropped.why == "joint_offset.j1 is not distinguishable from base_frame.yaw on these poses"
-    i = found.names.index("joint_offset.j1")
-    assert found.theta[i] == 0.0
-    assert np.isnan(found.covariance[i, i])
-    alone = fit(geometric_model("puma560", data, ("joint_offset",)), data)
-    assert not alone.identifiability.dropped
-    assert np.isfinite(np.diag(alone.covariance)).all()
-
-
 def test_poses_too_much_alike_lose_coefficients() -> None:
     # A joint that never moved is part of a link: 4 R + 6 of an arm of one joint fewer.
     data = poses("puma560", 60)

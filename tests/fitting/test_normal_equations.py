@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import dataclasses
-
 import numpy as np
 import pytest
 from arms import arm
@@ -12,7 +10,6 @@ import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.periodic import TransmissionError
 from robacc.fitting.normal_equations import PoseEquations, Whitening, joint_columns, whitening
-from robacc.geometry import compose, exp_so3
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.simulation.simulate import Plan, simulate
@@ -35,24 +32,6 @@ def weights(equations: PoseEquations, n: int, seed: int = 0) -> np.ndarray:
     rng = np.random.default_rng(seed)
     turned = np.broadcast_to(rng.uniform(1e3, 1e4, n), (equations.components - 3, n))
     return np.concatenate((rng.uniform(1e4, 1e5, (3, n)), turned))
-
-
-def test_the_gradient_is_that_of_the_cost_for_orientations_far_off() -> None:
-    data = measured()
-    rng = np.random.default_rng(1)
-    turned = compose(exp_so3(rng.normal(scale=0.5, size=(3, data.n))), data.rotation)
-    far = dataclasses.replace(data, rotation=turned)
-    equations = PoseEquations(model(far, "joint_offset", "link_geometry", "joint_compliance"), far)
-    weight = weights(equations, far.n)
-    theta = rng.normal(scale=1e-3, size=len(equations.terms)) * [term.typical / 1e-3 for term in equations.terms]
-    _, normal = equations.linearise(theta, Whitening(weight))
-    for i, term in enumerate(equations.terms):
-        step = np.zeros(theta.size)
-        step[i] = 1e-2 * term.typical
-        costs = [float(np.square(equations.residual(theta + s * step) * weight).sum()) for s in (1, -1)]
-        # Central difference: rounding 1e-16 of the cost, curvature 1e-5 squared of it.
-        slope = (costs[1] - costs[0]) / (4 * step[i])
-        assert slope == pytest.approx(normal.gradient[i], rel=1e-6, abs=1e-9 * normal.cost / step[i])
 
 
 @pytest.mark.parametrize("visit_rows", [None, 1, 2, "some twice"])

@@ -73,12 +73,6 @@ def test_the_order_of_rows_and_the_unit_do_not_matter() -> None:
     assert np.array_equal(second[:, None] == second, same[np.ix_(order, order)])
 
 
-def test_a_pose_column_joins_what_lies_close() -> None:
-    q = np.repeat(random_poses(20), 2, axis=1)
-    data = dataclasses.replace(poses(q), pose=np.repeat(np.arange(20).astype(str), 2))
-    assert len(set(places(data))) == 20
-
-
 def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
     """16 groups of six poses, joints wrong by 50 urad in each: joint zeros are right within their standard errors."""
     robot, rng = arm("puma560").robot, np.random.default_rng(4)

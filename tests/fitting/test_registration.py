@@ -190,14 +190,3 @@ def test_commanded_positions_alone_register_the_base_as_points_do() -> None:
     assert (turned.inv() * best).magnitude() < 1e-6
     with pytest.raises(UsageError, match="add the columns cmd_qw"):
         align_commands(positions, BOTH)
-
-
-def test_the_robot_and_its_commanded_poses_are_registered_alike() -> None:
-    data = measured("puma560", 5, orientation=True, noise=NOISE)
-    robot = arm("puma560").robot
-    nominal = predict(robot, data)
-    commanded = dataclasses.replace(
-        data, q=None, commanded_position=nominal.translation, commanded_rotation=nominal.rotation
-    )
-    by_robot, by_commands = align(robot, data, BOTH), align_commands(commanded, BOTH)
-    np.testing.assert_allclose(predict(by_robot.robot, data).translation, by_commands.commanded.translation, atol=1e-9)

@@ -126,11 +126,6 @@ def test_each_mistake_is_named(entry: str, message: str) -> None:
     assert all(text.startswith("g.yaml:4, criteria[0]") for text in messages)
 
 
-def test_a_reason_may_have_several_lines() -> None:
-    text = f"{HEAD}  - key: position.rms\n    limit: 1 mm\n    reason: >\n      one\n      two\n"
-    assert load_gate(text, "g.yaml").criteria[0].reason == "one two"
-
-
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
@@ -214,35 +209,6 @@ def test_a_short_key_finds_the_value_with_its_unit() -> None:
             node = node[part]
         assert match.value == node
         assert match.dimension == {"m": "length", "rad": "angle"}[name]
-
-
-@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
-def test_bounds_are_those_of_the_result_itself(statistic: str) -> None:
-    document = estimate()
-    without = copy.deepcopy(document)
-    del without["position"]["errors_m"]
-    recomputed, from_stored = (figure_at(one, f"position.{statistic}", 0.95) for one in (document, without))
-    bound = document["position"]["intervals"][f"{statistic}_m"]["upper_bound"]
-    assert [one.curve.bound(0.95) for one in (recomputed, from_stored)] == pytest.approx([bound, bound], rel=1e-12)
-    # Order statistics make steps, of which three bounds show little.
-    near = 0.15 if statistic == "p95" else 0.08
-    for limit in (0.95 * recomputed.value, recomputed.value, 1.08 * recomputed.value):
-        assert from_stored.curve.below(limit) == pytest.approx(recomputed.curve.below(limit), abs=near)
-
-
-@pytest.mark.parametrize(("n", "statistic"), [(30, "p95"), (200, "p95"), (30, "rms")])
-def test_the_text_of_a_method_decides_nothing(n: int, statistic: str) -> None:
-    document = estimate(errors(n=n))
-    del document["position"]["errors_m"]
-    reworded = copy.deepcopy(document)
-    reworded["position"]["intervals"][f"{statistic}_m"]["method"] = "another text"
-    entry = f"key: position.{statistic}, limit: {1.02e3 * document['position'][f'{statistic}_m']:.6g} mm"
-    decision, again = evaluate(entry, document), evaluate(entry, reworded)
-    assert decision["outcome"] == "inconclusive"
-    assert (decision["poses_to_decide"], decision["operating_curve"]) == (
-        again["poses_to_decide"],
-        again["operating_curve"],
-    )
 
 
 def test_repetitions_of_a_pose_count_once() -> None:

@@ -20,7 +20,6 @@ from robacc.gravity import (
     Load,
     Weighted,
     bears_weight,
-    combined,
     force_derivatives,
     forces,
     gravity_torques,
@@ -149,32 +148,6 @@ def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
         # A central difference of a hundred joules leaves some 1e-9; a torque of the wrong sign or lever is far from it.
         np.testing.assert_allclose(result[i], -slope, rtol=0, atol=1e-7)
     assert np.abs(result).max() > 1.0
-
-
-def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all() -> None:
-    puma = arm("puma560")
-    q = circumstances(puma.robot, N).q
-    np.testing.assert_allclose(gravity_torques(puma, q)[0], 0.0, rtol=0, atol=1e-12)
-    bare = arm("irb1600")
-    q = circumstances(bare.robot, N).q
-    assert not np.any(gravity_torques(bare, q))
-
-
-def test_a_load_in_front_of_the_motion_is_not_moved_by_it() -> None:
-    robot_arm = arm("puma560")
-    load = own_weight(robot_arm)[0]
-    result = all_forces(robot_arm, start(robot_arm), (load,))
-    assert np.any(result[: load.after])
-    assert not np.any(result[load.after :])
-
-
-def test_loads_with_factors_act_as_their_sum() -> None:
-    panda = arm("panda")
-    scalars, own, carried = start(panda), own_weight(panda), payload(panda, np.linspace(0.0, 4.0, N))
-    expected = 0.5 * all_forces(panda, scalars, own) - 2.0 * all_forces(panda, scalars, carried)
-    together = combined([(0.5, own), (-2.0, carried)])
-    assert len(together) == len({load.after for load in (*own, *carried)})
-    np.testing.assert_allclose(all_forces(panda, scalars, together), expected, rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", [*ARMS, "scara"])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from robacc.documents.history import date_text
-from robacc.history.changes import ArmSeries, find_changes, level_of, slope_of
+from robacc.history.changes import ArmSeries, find_changes, level_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)
@@ -137,14 +137,3 @@ def test_level_is_one_alarm_a_year_at_most_five_percent():
     assert level_of(np.arange(10) * WEEK) == pytest.approx(7 / 365.25)
     assert level_of(np.arange(3) * 365.25 * 86400.0) == 0.05
     assert level_of(np.array([5.0, 5.0])) == 0.05
-
-
-def test_slope_agrees_with_numpy():
-    rng, n = np.random.default_rng(9), 12
-    values = rng.normal(size=n)
-    slope, low, high = slope_of(np.arange(n) * WEEK, values, np.full(n, 0.1))
-    line, covariance = np.polyfit(np.arange(n) * LEVEL, values, 1, cov=True)
-    assert slope == pytest.approx(line[0], rel=1e-9)
-    from scipy.stats import t
-
-    assert (high - low) / 2 == pytest.approx(t.ppf(0.975, n - 2) * covariance[0, 0] ** 0.5, rel=1e-6)

@@ -129,16 +129,6 @@ def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: st
     np.testing.assert_allclose(grown - fixed, 1e-3 * travel * direction, rtol=0, atol=1e-8)
 
 
-def test_a_known_value_and_the_same_one_free_predict_the_same() -> None:
-    robot_arm = arm("puma560")
-    data = circumstances(robot_arm.robot, 9)
-    for name, values in (("gear_ratio", {"j2": 1e-3}), ("joint_compliance", {"j2": 1e-4}), ("backlash", {"j3": 1e-3})):
-        entry = {"effect": name, "joints": list(values), "values": values}
-        known = predict(dataclasses.replace(robot_arm.robot, effects=(entry,)), data)
-        free = Model.of(robot_arm.robot, [REGISTRY[name].default(robot_arm, data, tuple(values))]).bind(data)
-        np.testing.assert_array_equal(free.poses(np.array(list(values.values()))).translation, known.translation)
-
-
 def test_poses_that_do_not_fit_the_robot_are_refused() -> None:
     robot_arm = arm("puma560")
     data = circumstances(robot_arm.robot, 3)

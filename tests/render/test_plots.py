@@ -17,7 +17,7 @@ from typer.testing import CliRunner
 import robacc
 from robacc.cli.main import app
 from robacc.errors import UsageError
-from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
+from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short
 from robacc.render.plots.poses import SHARES, error_axis, stages_of
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
 from robacc.render.text import Grid, unit_of
@@ -35,21 +35,6 @@ KINDS = {
 @pytest.mark.parametrize("command", KINDS)
 def test_the_charts_of_each_command(command: str) -> None:
     assert [chart.kind for chart in charts_of(results.document(command))] == KINDS[command]
-
-
-def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
-    rng = np.random.default_rng(1)
-    first, second = rng.normal(size=100_000), rng.normal(size=100_000)
-    rows = thinned(500, first, second)
-    assert rows.size == 500
-    assert np.all(np.diff(rows) > 0)
-    for column in (first, second):
-        assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
-    assert np.array_equal(rows, thinned(500, first.copy(), second.copy()))
-    # The rest is spread over all rows, not taken from their beginning.
-    assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
-    assert np.array_equal(thinned(500, first[:500]), np.arange(500))
-    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, first[:1000])).size == 60
 
 
 def many(n: int) -> dict[str, Any]:

@@ -9,9 +9,9 @@ import numpy as np
 import pytest
 from homogeneous import frame
 
-from robacc.geometry import Array, log_so3
+from robacc.geometry import Array
 from robacc.modelling.robot_file import read_robot
-from robacc.robots.arm import BLOCK, TOOL, Chain, build_chain
+from robacc.robots.arm import BLOCK, Chain, build_chain
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs" / "robots").glob("*.yaml"))
@@ -184,19 +184,6 @@ def test_jacobian_to_every_scalar_is_the_complex_step(robot: Robot) -> None:
     np.testing.assert_allclose(chain.jacobian(q), complex_step(chain, q), atol=1e-10)
 
 
-@pytest.mark.parametrize("robot", ROBOTS)
-def test_flexures_and_turns_are_zero_and_change_nothing(robot: Robot) -> None:
-    chain = build_chain(robot)
-    extra = {"flex_x", "flex_y", "turn_x", "turn_y", "turn_z"}
-    assert all(motion.value == 0 for motion in chain.motions if motion.label in extra)
-    motion_numbers = [k for k, motion in enumerate(chain.motions) if motion.label not in extra]
-    bare = Chain(tuple(chain.motions[k] for k in motion_numbers), (), 0)
-    q = np.random.default_rng(6).uniform(-2, 2, (chain.n_joints, 2))
-    scalars = chain.scalars(q)
-    expected = bare.poses([scalars[k] for k in motion_numbers], 2)
-    np.testing.assert_array_equal(chain.forward(q).matrices(), expected.matrices())
-
-
 def test_a_mimic_joint_follows_its_master() -> None:
     robot = finite_robots()[0]
     chain = build_chain(robot)
@@ -215,36 +202,3 @@ def test_poses_do_not_depend_on_how_many_are_asked_for() -> None:
         np.testing.assert_array_equal(chain.forward(q[:, part]).matrices(), together[part])
     assert chain.forward(q[:, :0]).translation.shape == (3, 0)
     assert chain.jacobian(q[:, :0]).shape == (6, len(chain.motions), 0)
-
-
-def test_sweep_gives_the_frames_and_columns_that_are_asked_for() -> None:
-    chain = build_chain(read_robot(CONFIGS[0]))
-    q = np.random.default_rng(9).uniform(-2, 2, (chain.n_joints, 5))
-    wanted = [chain.index(0, "theta"), chain.index(TOOL, "x"), chain.index(0, "theta")]
-    counts = (0, 20, len(chain.motions))
-    sweep = chain.sweep(chain.scalars(q), 5, wanted, counts)
-    np.testing.assert_array_equal(sweep.jacobian, chain.jacobian(q)[:, wanted])
-    np.testing.assert_array_equal(sweep.frames[0].matrices(), np.broadcast_to(np.eye(4), (5, 4, 4)))
-    np.testing.assert_array_equal(sweep.frames[2].matrices(), chain.forward(q).matrices())
-    partial = Chain(chain.motions[:20], (), 0)
-    expected = partial.poses(chain.scalars(q)[:20], 5)
-    np.testing.assert_allclose(sweep.frames[1].matrices(), expected.matrices(), atol=1e-15)
-
-
-def test_spatial_twists_move_every_point_behind_the_motion() -> None:
-    chain = build_chain(read_robot(CONFIGS[0]))
-    q = np.array([[0.3], [-0.2], [0.5], [0.1], [0.7], [-0.4]])[: chain.n_joints]
-    k, step = chain.joint_axis[1], 1e-6
-    count = len(chain.motions) - 12
-    linear, angular = chain.sweep(chain.scalars(q), 1, [k]).twists()
-    ends = []
-    for sign in (1, -1):
-        scalars = list(chain.scalars(q))
-        scalars[k] = scalars[k] + sign * step
-        ends.append(chain.sweep(scalars, 1, (), (count,)).frames[0])
-    point = chain.sweep(chain.scalars(q), 1, (), (count,)).frames[0].translation
-    velocity = linear[:, 0] + np.cross(angular[:, 0], point, axis=0)
-    # A difference quotient of numbers of order one: 1e-12 of truncation, 1e-10 of rounding.
-    np.testing.assert_allclose(velocity, (ends[0].translation - ends[1].translation) / (2 * step), atol=1e-9)
-    spin = log_so3(np.einsum("ijn,kjn->ikn", ends[0].rotation, ends[1].rotation)) / (2 * step)
-    np.testing.assert_allclose(angular[:, 0], spin, atol=1e-9)

@@ -10,7 +10,6 @@ from pathlib import Path
 import pytest
 
 from robacc.errors import InputError, RobaccError, UsageError
-from robacc.robots.arm import TOOL, build_chain
 from robacc.robots.description import Mimic
 from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
@@ -198,11 +197,6 @@ def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
         parse_urdf(TREE, "t.urdf", "1")
     with pytest.raises(UsageError, match="link 'base' is not behind link 'upper'"):
         parse_urdf(TREE, "t.urdf", "upper", "base")
-
-
-def test_the_tool_of_a_chain_is_empty_and_motions_have_owners() -> None:
-    chain = build_chain(parse_urdf(TREE, "tree.urdf"))
-    assert chain.index(TOOL, "x") > chain.index(4, "offset") > chain.index(1, "x")
 
 
 def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> None:

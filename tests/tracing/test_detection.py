@@ -132,13 +132,6 @@ def test_limits_stand_beside_what_was_found() -> None:
     assert found[alike].limit > 1.1 * before[alike].limit  # type: ignore[operator]
 
 
-def test_a_form_that_others_make_up_is_not_repeated() -> None:
-    found = detection_limits(clean("puma560")[1])
-    orders = [one.settings["orders"] for one in found if one.effect == "transmission_error" and one.joints == ("j2",)]
-    assert orders == [[1.0], [2.0], [107.815]]
-    assert all(one.effect != "base_frame" for one in found)
-
-
 @pytest.mark.parametrize("which", [pytest.param("backlash", marks=pytest.mark.slow), "thermal_expansion"])
 def test_far_beyond_the_limit_an_effect_is_named_and_far_below_it_is_not(which: str) -> None:
     one = draw(KINDS[which], 0)

@@ -218,14 +218,6 @@ def test_a_scale_along_one_axis_is_never_called_explained() -> None:
     assert traced(arm("puma560").robot, stretched).verdict in ("unexplained", "partly_explained")
 
 
-def test_a_knocked_tracker_is_a_step() -> None:
-    data = measured("puma560", n=100)
-    knocked = data.position + np.where(np.arange(100) < 50, 0.0, 1e-4)
-    found = traced(arm("puma560").robot, dataclasses.replace(data, position=knocked))
-    assert [finding.effect for finding in found.findings] == ["step"]
-    assert found.verdict == "explained"
-
-
 def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:
     data = measured("puma560")
     for factor, warned in ((1.0, False), (5.0, True)):
@@ -286,18 +278,6 @@ def test_the_columns_that_would_show_a_cause_are_named() -> None:
     (hint,) = [hint for hint in found.unexplained.hints if "approach_lag" in hint]
     assert "no speed_q columns" in hint
     assert "record what they need" in hint
-
-
-def test_poses_of_their_own_judge_instead_of_folds() -> None:
-    name, effect = CASES["gear"]
-    data, found = case("gear")
-    apart = measured(name, effect, n=30, seed=50)
-    judged = traced(arm(name).robot, data, holdout=apart)
-    assert judged.n_folds == 0
-    assert named(judged) == named(found)
-    residual = apart.position - predict(judged.robot, apart).translation
-    rms = float(np.sqrt(np.mean(np.sum(residual**2, axis=0))))
-    assert judged.after.held_out.position.rms == pytest.approx(rms, rel=1e-2)
 
 
 def test_too_few_poses_hold_none_out_and_say_so() -> None:

@@ -15,6 +15,7 @@ import pytest
 from arms import arm
 from costs import ROBACC, ROOT, costs, fastest, report, users_environment
 from peer import by_scipy
+from sample_files import saved
 
 import robacc
 from robacc.accuracy.error_statistics import error_statistics, satterthwaite
@@ -32,14 +33,8 @@ from robacc.robots.arm import Arm
 from robacc.simulation.simulate import Plan, simulate
 
 pytestmark = pytest.mark.slow
-
-
 NOISE = 2e-5
-
-
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
-
-
 OPTIONS = Options(robust=False, misfit=(NOISE, NOISE))
 
 
@@ -141,11 +136,7 @@ def test_choice_of_poses(capsys: pytest.CaptureFixture[str]) -> None:
 
 
 SAMPLE = "sample_data/trace"
-
-
 FITTED = "base_frame,tool_frame,joint_offset,link_geometry"
-
-
 POSES = {
     "million": f"{SAMPLE}/truth.yaml --poses 1000000 --noise 0.02mm --position-only",
     "rows": "sample_data/robot.yaml --poses 1000000 --noise 0.1mm --no-motion",
@@ -155,10 +146,7 @@ POSES = {
     "poses_1495": f"{SAMPLE}/truth.yaml --poses 1495 --noise 0.02mm --noise-orientation 0.003deg",
     "poses_11911": f"{SAMPLE}/truth.yaml --poses 11911 --noise 0.02mm --position-only",
 }
-
 """Simulated poses by name; other machines do not have the sets that arms were measured on."""
-
-
 TRACE = f"--robot {SAMPLE}/robot.yaml --declared {FITTED}"
 
 
@@ -241,19 +229,16 @@ def test_a_hundred_poses_above_importing_numpy(
 def test_help_against_a_bare_typer_program(
     tmp_path: Path, environment: dict[str, str], capsys: pytest.CaptureFixture[str]
 ) -> None:
-    bare = tmp_path / "bare.py"
-    bare.write_text(
+    bare = saved(
+        tmp_path / "bare.py",
         "import typer\napp = typer.Typer()\n\n@app.command()\ndef hello(name: str) -> None:\n    'Say hello.'\n\n"
         "@app.command()\ndef bye(name: str) -> None:\n    'Say goodbye.'\n\napp()\n",
-        encoding="utf-8",
     )
     base, whole = costs(environment, 9, (sys.executable, str(bare), "--help"), (*ROBACC, "--help"))
     report(capsys, "robacc --help", (whole.seconds / base.seconds, "times a bare typer program", 1.3))
 
 
 LIMIT, VISITED, ARMS = 1.0, 60, 1000
-
-
 SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)
 
 

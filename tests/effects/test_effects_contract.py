@@ -1,7 +1,5 @@
 """What holds for every effect of the catalogue: one that is added is tested without a new test."""
 
-from __future__ import annotations
-
 import dataclasses
 import re
 import subprocess
@@ -49,13 +47,8 @@ from robacc.tracing.trace import trace
 # What holds for every effect of the catalogue: one that is added is tested without a new test.
 
 EFFECTS = tuple(REGISTRY)
-
-
 ARMS = ("puma560", "panda", "urdf:stanford", "targets:puma560")
-
-
 N = 5
-
 OTHER_FORMS = {
     "approach_lag": ({"common": True},),
     "backlash": ({"by": "gravity"},),
@@ -76,7 +69,6 @@ OTHER_FORMS = {
     "transmission_error": ({"orders": [3.5], "shrunk": True},),
     "thermal_expansion": ({"time_constant_s": 600.0}, {"slides": False}),
 }
-
 """Settings that neither the default, nor the example, nor a trace of data with every column has."""
 
 
@@ -302,7 +294,6 @@ WRONG_VALUES = {
     tuple: (5, None, [{}]),
     type(None): ([1], True),
 }
-
 """Values that a setting refuses, by the type of what it holds."""
 
 
@@ -332,15 +323,10 @@ def reasons(name: str) -> list[str]:
 
 
 NEEDY = tuple(filter(reasons, REGISTRY))
-
 """Effects that ask for a column or for masses."""
-
 SLIDING = ("rail_errors",)
-
 """Effects that need a slide, not a column or a mass."""
-
 PAST = ("step",)
-
 """Effects that lie in the past of poses without a time or a line, and so need neither in a robot file."""
 
 
@@ -398,7 +384,6 @@ def test_a_driver_is_a_name_or_a_list_of_names() -> None:
 
 
 CORRECTION = {"drivers": ["torque"], "range": [[-1.0, 1.0]], "degree": 2}
-
 WRONG = {
     "5": "expected a mapping with the key effect, found 5",
     "{joints: [j2]}": "expected a mapping with the key effect",

@@ -1,7 +1,5 @@
 """What is put into simulated poses comes out of the fit, within the uncertainty that the fit states."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 
@@ -28,9 +26,7 @@ from robacc.tracing.trace import trace
 # What is put into simulated poses comes out of the fit, within the uncertainty that the fit states.
 
 NOISE = 2e-5
-
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
-
 PLAN = Plan(
     120,
     seed=3,
@@ -127,7 +123,6 @@ HAS_IT_NOT = (
     }
     | {("rail_errors", name) for name in ("irb1600", "panda", "puma560", "ur10")}
 )  # no joint slides; the simulation reads no joints back
-
 SIX = ("joint_compliance", "backlash", "transmission_error", "thermal_expansion", "frame_drift", "gear_ratio")
 
 

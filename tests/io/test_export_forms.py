@@ -1,7 +1,5 @@
 """Exports in the forms that users have: each is read with one command, and all give the figures of the plain file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,6 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 from typer.testing import CliRunner
 
@@ -738,8 +737,7 @@ def test_rows_without_a_measurement_are_left_out_by_their_status(campaign: Campa
 
 
 def test_a_row_without_a_measurement_at_the_end_is_no_footer(campaign: Campaign, tmp_path: Path) -> None:
-    path = tmp_path / "points.csv"
-    path.write_text(lines(named(campaign.position * MM), ",", "Name,X,Y,Z\n", "P99,,,\n"), encoding="utf-8")
+    path = saved(tmp_path / "points.csv", lines(named(campaign.position * MM), ",", "Name,X,Y,Z\n", "P99,,,\n"))
     with pytest.raises(InputError, match=f"{N + 2}, X: the value is missing"):
         robacc.read_poses(path)
 
@@ -780,8 +778,7 @@ def test_two_readings_stay_a_question(campaign: Campaign, tmp_path: Path) -> Non
 def test_a_part_in_another_unit_is_refused(campaign: Campaign, tmp_path: Path) -> None:
     q = np.vstack((np.degrees(campaign.q[:8]), campaign.q[8:]))
     head = ",".join(f"q{i}" for i in range(1, 7)) + ",x,y,z\n"
-    path = tmp_path / "poses.csv"
-    path.write_text(lines(np.hstack((q, campaign.position)), ",", head), encoding="utf-8")
+    path = saved(tmp_path / "poses.csv", lines(np.hstack((q, campaign.position)), ",", head))
     with pytest.raises(InputError, match="from line 2 to 9 only"):
         robacc.read_poses(path, robot=ROBOT)
 
@@ -790,8 +787,7 @@ def test_a_part_in_another_unit_is_refused(campaign: Campaign, tmp_path: Path) -
     "text", ['{"joints": [1, 2', '[{"joints": 1}, 2]', "a: &a [1]\nb: [*a, *a]\n", '{"poses": []}'], ids=str
 )
 def test_documents_without_records_get_one_message(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "poses.yaml"
-    path.write_text(text, encoding="utf-8")
+    path = saved(tmp_path / "poses.yaml", text)
     with pytest.raises(InputError) as caught:
         robacc.read_poses(path)
     assert len(caught.value.problems) == 1

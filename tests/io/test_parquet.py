@@ -1,7 +1,5 @@
 """Poses from Parquet: the same table as from CSV, the same checks, and rows in place of lines."""
 
-from __future__ import annotations
-
 import decimal
 import hashlib
 import io
@@ -15,6 +13,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_files import saved
 from typer.testing import CliRunner
 
 from robacc.cli.main import app
@@ -25,7 +24,6 @@ from robacc_plugins import parquet
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
-
 ROOT = Path(__file__).resolve().parents[2]
 POSES = ROOT / "sample_data" / "poses.csv"
 ROBOT = ROOT / "sample_data" / "robot.yaml"
@@ -159,8 +157,7 @@ def test_pandas_index_is_no_column(tmp_path: Path) -> None:
 
 def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
     path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
-    text = tmp_path / "p.csv"
-    text.write_text(",".join(PLAIN) + "\n", encoding="utf-8")
+    text = saved(tmp_path / "p.csv", ",".join(PLAIN) + "\n")
     ends = [
         CliRunner().invoke(app, ["estimate", str(table), "--robot", str(ROBOT)]).exit_code for table in (path, text)
     ]
@@ -168,8 +165,7 @@ def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
 
 
 def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "p.parquet"
-    path.write_text("x,y,z,q1\n1,2,3,4\n", encoding="utf-8")
+    path = saved(tmp_path / "p.parquet", "x,y,z,q1\n1,2,3,4\n")
     assert problems(str(path)) == [
         ": is not a Parquet file: it does not begin with PAR1; export it again, or rename it to .csv if it is text"
     ]

@@ -1,13 +1,11 @@
 """Predicted errors against campaigns that the tool itself fits, simulated and recorded; plans of too few poses."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import arm
-from test_expected import positions
+from test_design import positions
 
 import robacc
 from robacc.fitting.priors import weak_kinds

@@ -1,7 +1,5 @@
 """Measurements: repetitions, close poses, what is written and read back."""
 
-from __future__ import annotations
-
 import dataclasses
 import json
 import math
@@ -24,7 +22,6 @@ from robacc.poses.reading import KnownRobot
 # Rows of the same commanded pose.
 
 N = 40_000
-
 """More than are hashed at a time."""
 
 
@@ -110,7 +107,6 @@ def test_ids_that_agree_with_the_commands_are_believed() -> None:
 # Writing pose files: what is written is read back.
 
 finite = st.floats(-1e8, 1e8)  # what a file of poses may hold
-
 ids = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)
 
 

@@ -1,7 +1,5 @@
 """Predicted against measured: the algebra against dense matrices, and the tests' behaviour over simulated robots."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -1,7 +1,5 @@
 """Reports without a browser: content of the page, agreement with the JSON, and escaping of names."""
 
-from __future__ import annotations
-
 import base64
 import hashlib
 import itertools

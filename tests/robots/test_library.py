@@ -1,7 +1,5 @@
 """Arms of the package: their robot files against URDFs, published tables and published reaches."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path

@@ -8,8 +8,6 @@ Ry(pitch) Rx(roll). All coefficients are differences from the nominal model.
 `python arm.py` compares the derivatives with complex steps.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -133,7 +131,6 @@ TIAGO = Arm(
 )
 ARMS = {arm.name: arm for arm in (PUMA560, UR10, IRB1600, TIAGO)}
 SIX_JOINTS = ("puma560", "ur10", "irb1600")
-
 TARGETS = np.array([[0.06, 0.03, 0.12], [-0.04, 0.07, 0.12], [-0.05, -0.07, 0.16], [0.07, -0.06, 0.18], [0, 0.1, 0.2]])
 """Places of the targets in the last link's frame, m; the first is the tool where there is only one."""
 

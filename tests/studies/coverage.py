@@ -24,8 +24,6 @@ fresh poses without noise is compared with that of a process over the driver, wh
     OPENBLAS_NUM_THREADS=1 python coverage.py --lacking 20 -v
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 import tempfile

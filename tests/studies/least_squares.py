@@ -1,7 +1,5 @@
 """Least squares in plain NumPy: what the studies compare robacc's fits with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

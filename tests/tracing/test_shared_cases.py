@@ -1,7 +1,5 @@
 """Cases and measurements that lie beside the checkout, judged as their scorer does; skipped where they are absent."""
 
-from __future__ import annotations
-
 import json
 from functools import cache
 from pathlib import Path
@@ -28,12 +26,10 @@ SHARED = Path(__file__).resolve().parents[2].parent / "shared"
 CASES = SHARED / "cases"
 UR10 = SHARED / "data" / "ipa_ur10"
 GEOMETRY = "base_frame,tool_frame,joint_offset,link_geometry"
-
 pytestmark = [
     pytest.mark.slow,
     pytest.mark.skipif(not (CASES.is_dir() and UR10.is_dir()), reason="the shared cases are not here"),
 ]
-
 CHOSEN = (
     "basic/clean-panda-150",
     "basic/outliers-puma",

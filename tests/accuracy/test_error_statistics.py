@@ -351,8 +351,7 @@ def test_pose_structure_of_balanced_data_is_the_textbook_anova() -> None:
 
 def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
     rng = np.random.default_rng(9)
-    sizes = np.array([1, 2, 3, 5, 8, 2, 2, 7])
-    groups = np.repeat(np.arange(8), sizes)
+    groups = np.repeat(np.arange(8), np.array([1, 2, 3, 5, 8, 2, 2, 7]))
     draws = (rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)) for _ in range(600))
     samples = [error_statistics(errors, "m", groups=groups).structure for errors in draws]
     # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
@@ -497,8 +496,7 @@ def test_the_worse_of_position_and_orientation_decides() -> None:
     assert (result.position.grade, result.position.demonstrated_grade, result.position.limit) == ("A", "A", 5e-4)
     assert (result.orientation.grade, result.orientation.demonstrated_grade) == ("C", None)
     assert [*result.next.values()] == ["B", 0.0, pytest.approx(1e-3)]
-    both = graded(1.5e-4, 1.6e-4, 1.5e-3, 1.6e-3)
-    assert both.limited_by == ("position", "orientation")
+    assert graded(1.5e-4, 1.6e-4, 1.5e-3, 1.6e-3).limited_by == ("position", "orientation")
 
 
 def test_the_best_grade_and_beyond_the_last_step() -> None:

@@ -15,7 +15,7 @@ from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 import robacc
-from robacc.accuracy.error_sums import DifferentCommands, features, weights
+from robacc.accuracy.error_sums import DifferentCommands
 from robacc.accuracy.estimation import EstimateResult, commanded_poses, estimate, moved_warning, pose_errors
 from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
@@ -395,14 +395,6 @@ def test_too_few_components_are_an_error(rows: list[int], turned: bool, frames: 
         estimate(commanded, align=BASE)
 
 
-def test_four_positions_have_figures_without_intervals() -> None:
-    rng = np.random.default_rng(8)
-    found = estimate(measured(Arm.drawn(rng), rng.uniform(LOW, HIGH, (6, 4)), rng, False), ROBOT, align=FRAMES)
-    assert found.position.intervals.rms.why == "4 poses, of which the fitted frames leave 1: too few for an interval"
-    assert not found.grade.demonstrated
-    assert "9 parameters of the frames were fitted to these poses" in " ".join(found.notes)
-
-
 ROOT = Path(__file__).parents[2]
 ROBOT_OF_IN_PARTS = str(ROOT / "sample_data" / "robot.yaml")
 BIN = 1 / 4096
@@ -510,8 +502,7 @@ def test_a_reading_far_beyond_the_others_is_named(tmp_path: Path, monkeypatch: p
     path.write_text("\n".join(lines), encoding="utf-8")
     whole = robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
     in_parts(monkeypatch)
-    parts = robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
-    for result in (whole, parts):
+    for result in (whole, robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)):
         (warning,) = (text for text in result.warnings if "far beyond" in text)
         assert "line 1501 (" in warning
         assert " more;" not in warning
@@ -541,17 +532,6 @@ def test_a_byte_order_mark_moves_no_row(tmp_path: Path, monkeypatch: pytest.Monk
     whole = robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
     in_parts(monkeypatch)
     check_same(whole, robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS))
-
-
-def test_weights_of_features_are_the_quadratic_function() -> None:
-    rng = np.random.default_rng(0)
-    errors, origin, about, linear = rng.normal(size=(3, 20)), *rng.normal(size=(3, 3))
-    square = rng.normal(size=(3, 3))
-    square += square.T
-    shifted = errors - about[:, None]
-    expected = linear @ shifted + np.einsum("in,ij,jn->n", shifted, square, shifted)
-    z = features(errors - origin[:, None], np.linalg.norm(errors, axis=0))
-    assert weights(origin, about, linear, square) @ z == pytest.approx(expected, abs=1e-12)
 
 
 @pytest.mark.parametrize("count", [1, 60, 20_000, 300_000])

@@ -715,8 +715,7 @@ def test_a_data_frame_has_a_row_for_each_pose(result: robacc.Estimate) -> None:
 
 def test_chart_and_report_of_a_result(result: robacc.Estimate, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    figure = result.plot()
-    assert figure.axes
+    assert result.plot().axes
     path = tmp_path / "chart.svg"
     result.plot("time", path=path)
     assert path.read_text(encoding="utf-8").startswith("<?xml")

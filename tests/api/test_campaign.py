@@ -253,14 +253,6 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     assert any(text.startswith(told) for text in compared["warnings"])
 
 
-def test_arrays_have_a_digest_too(model: Path) -> None:
-    data = robacc.read_poses(POSES)
-    arrays = robacc.Measurements(position=data.position, rotation=data.rotation, q=data.q)
-    found = robacc.calibrate(arrays, robot=ROBOT, fit="base_frame,tool_frame")
-    assert NOTE in robacc.estimate(arrays, robot=found.robot).notes
-    assert NOTE not in robacc.estimate(data, robot=found.robot).notes
-
-
 @pytest.mark.slow
 def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
     pages = []
@@ -509,8 +501,7 @@ def test_the_configuration_of_the_program_decides() -> None:
         ("fanuc", "F D B, 0, 0, -1"): [False, False],
     }
     for (dialect, text), expected in cases.items():
-        window = joint_window(dialect, text, 6)
-        assert allowed_by_window(window, q).tolist() == expected
+        assert allowed_by_window(joint_window(dialect, text, 6), q).tolist() == expected
     assert joint_window("val3", "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert (joint_window("krl", "T 5", 7), joint_window("krl", "", 6)) == (None, None)

@@ -444,8 +444,7 @@ def test_what_is_declared_by_default_is_said_and_recorded(traced_files: Path) ->
     text = one_line(output(*bare, "--full"))
     assert "declared effects: base_frame, tool_frame, joint_offset, link_geometry (default; --declared changes" in text
     # What the effect does at the tool comes before its coefficients.
-    finding = text.index("1) backlash on j2 moves the tool by up to ")
-    assert finding < text.index("backlash.j2 = ")
+    assert text.index("1) backlash on j2 moves the tool by up to ") < text.index("backlash.j2 = ")
     found = commands.document(*bare)
     names = ["base_frame", "tool_frame", "joint_offset", "link_geometry"]
     assert found["declared"] == {"effects": names, "by_default": True, "left_out": []}

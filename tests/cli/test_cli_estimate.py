@@ -117,16 +117,6 @@ def test_table_is_as_it_was() -> None:
 ALIGNED = (*SAMPLE, "--align", "base_frame,tool_frame")
 
 
-@pytest.mark.parametrize("arguments", [ALIGNED, SAMPLE])
-def test_the_first_screen_answers_how_good_why_and_what_now(arguments: tuple[str, ...]) -> None:
-    screen, found = run(*arguments).stdout, document(*arguments)
-    assert len(screen.splitlines()) <= 25
-    assert "\nnext: find the causes of the error: robacc trace " in screen
-    sizes = [f"{found['position'][name] * 1e3:.3g}" for name in ("rms_m", "mean_error_m", "p95_m", "max_m")]
-    assert missing(one_line(screen), f"Grade {found['grade']['grade']}, ", *sizes, "largest errors: line ") == []
-    assert "--full adds covariances" in screen.splitlines()[-2]
-
-
 @pytest.mark.parametrize("arguments", [SAMPLE, ALIGNED, (*ALIGNED, "--full"), (*SAMPLE, "--frame", "base", "--full")])
 def test_table_fits_a_page_and_has_no_loose_ends(arguments: tuple[str, ...]) -> None:
     for line in run(*arguments).stdout.splitlines():

@@ -183,8 +183,7 @@ def test_every_effect_on_every_arm(kind: str, name: str) -> None:
     if REGISTRY[name].traits.is_of_measurement:
         np.testing.assert_array_equal(targets.q, data.q)
         return
-    at_commands = dataclasses.replace(data, q=targets.q)
-    real, wanted = predict(model, at_commands), predict(robot, data)
+    real, wanted = predict(model, dataclasses.replace(data, q=targets.q)), predict(robot, data)
     position = np.linalg.norm(real.translation - wanted.translation, axis=0)[chosen]
     turn = np.linalg.norm(log_between(real.rotation, wanted.rotation), axis=0)[chosen]
     before = np.linalg.norm(predict(model, data).translation - wanted.translation, axis=0)[chosen]
@@ -330,8 +329,7 @@ def test_bound_agrees_with_the_exact_quantile(seed: int) -> None:
 
 
 def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
-    nominal = robacc.read_robot(ROBOT)
-    q = middle_joints(nominal, 8, seed=3)
+    q = middle_joints(robacc.read_robot(ROBOT), 8, seed=3)
     result = robacc.correct(joint_targets(q), model=TRUTH, nominal=ROBOT)
     result.write(tmp_path / "corrected.csv")
     data = robacc.simulate(TRUTH, at=tmp_path / "corrected.csv").data

@@ -65,8 +65,7 @@ def test_joints_read_before_settling_leave_the_commanded_ones_in_force() -> None
     assert found(data) == ()
     (text,) = read_back_warning(fitted(data), data)
     assert "read before the arm had settled" in text
-    share = float(text.split("share of ")[1].split(" ")[0])
-    assert abs(share) < 0.05
+    assert abs(float(text.split("share of ")[1].split(" ")[0])) < 0.05
 
 
 def test_a_fit_without_the_effect_says_where_the_arm_stood() -> None:
@@ -84,8 +83,7 @@ def test_joints_of_another_unit_are_an_error(tmp_path: Path) -> None:
 
 def test_commanded_joints_may_say_so(tmp_path: Path) -> None:
     path = saved(tmp_path / "poses.csv", "cmd_q1_deg,cmd_q2_deg,x,y,z\n10,20,1,0,0\n11,21,1,0,0\n")
-    data = read_poses(path)
-    np.testing.assert_allclose(np.degrees(data.q), [[10, 11], [20, 21]])
+    np.testing.assert_allclose(np.degrees(read_poses(path).q), [[10, 11], [20, 21]])
 
 
 def test_an_export_with_both_has_both(tmp_path: Path) -> None:
@@ -152,8 +150,7 @@ def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
     assert evident_rounding(fitted(data, (), arm), data) is None
     for step, is_evident in ((1e-4, False), (1e-3, False), (0.1, True)):
         rounded = dataclasses.replace(data, q=np.radians(step * np.round(np.degrees(data.q) / step)))
-        rounding = evident_rounding(fitted(rounded, (), arm), rounded)
-        assert (rounding is not None) is is_evident, step
+        assert (evident_rounding(fitted(rounded, (), arm), rounded) is not None) is is_evident, step
 
 
 @pytest.mark.parametrize("is_command", [False, True])
@@ -328,8 +325,7 @@ def test_every_effect_of_a_joint_has_a_driver() -> None:
             data = circumstances(robot_arm.robot, 40)
             default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
             effect = next(iter(cls.candidates(robot_arm, data)), default)
-            driver = effect.driver(robot_arm, data, effect.joints[0])
-            assert driver.values.shape == (40,)
+            assert effect.driver(robot_arm, data, effect.joints[0]).values.shape == (40,)
 
 
 ROOT = Path(__file__).resolve().parents[2]

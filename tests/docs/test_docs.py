@@ -101,8 +101,7 @@ def test_the_architecture_names_files_that_exist() -> None:
 
 
 def test_a_difference_from_the_page_is_noticed(tmp_path: Path) -> None:
-    session = Session(tmp_path, {})
-    output = session.run("robacc show effects gear_ratio")
+    output = Session(tmp_path, {}).run("robacc show effects gear_ratio")
     first, *rest = output.splitlines()
     assert agrees((first, *rest), output)
     assert agrees((first, "…"), output)

@@ -150,8 +150,7 @@ def test_zero_is_nominal_bit_for_bit(name: str, one: Arm) -> None:
     data = circumstances(one.robot, N)
     nominal = Model(one).bind(data).poses(np.zeros(0))
     if not one.robot.targets:
-        plain = one.chain.forward(data.q)
-        np.testing.assert_array_equal(nominal.translation, plain.translation)
+        np.testing.assert_array_equal(nominal.translation, one.chain.forward(data.q).translation)
     for effect in forms(name, one, data):
         bound = Model(one, free=(effect,)).bind(data)
         poses = bound.poses(np.zeros(len(bound.terms)))
@@ -234,8 +233,7 @@ def test_order_and_number_of_poses_do_not_matter(name: str, one: Arm) -> None:
     _, jacobian = bound.linearise(theta)
     order = np.random.default_rng(5).permutation(40)
     for rows in (order, order[:1], order[:0]):
-        some = Model(one, free=(effect,)).bind(data.subset(rows))
-        poses, part = some.linearise(theta)
+        poses, part = Model(one, free=(effect,)).bind(data.subset(rows)).linearise(theta)
         assert poses.translation.shape == (3, rows.size)
         # The equilibrium is swept until the slowest pose is there: 1e-14 rad more or less on some metres.
         np.testing.assert_allclose(poses.translation, whole.translation[:, rows], rtol=0, atol=1e-12)
@@ -550,8 +548,7 @@ def test_it_is_listed_read_simulated_fitted_traced_and_drawn(toy: type[Effect]) 
     truth = dataclasses.replace(robot, effects=({"effect": "payload_zero", "joints": ["j1"], "values": {"j1": 3e-4}},))
     data = circumstances(robot, 80)
     rng = np.random.default_rng(3)
-    payload = rng.choice([0.0, 2.0, 5.0], 80)
-    data = dataclasses.replace(data, payload=payload, rotation=None)
+    data = dataclasses.replace(data, payload=rng.choice([0.0, 2.0, 5.0], 80), rotation=None)
     measured = predict(truth, data).translation + rng.normal(scale=2e-5, size=(3, 80))
     data = dataclasses.replace(data, position=measured)
     model = Model(arm("puma560"))

@@ -200,8 +200,7 @@ def test_few_poses_of_an_arm_with_errors_of_geometry_are_clean(name: str, n: int
     rng, noise = np.random.default_rng(5), 2e-5
     joints = arm(name)
     data, other = (simulate(joints.robot, Plan(count, seed=seed)).data for count, seed in ((n, 4), (200, 5)))
-    effects = build(parse_requests(",".join(ALL)), joints, data)
-    model = Model.of(joints.robot, effects)
+    model = Model.of(joints.robot, build(parse_requests(",".join(ALL)), joints, data))
     real = 3e-4 * rng.normal(size=len(model.bind(data).terms))
     position = model.bind(data).poses(real).translation + noise * rng.normal(size=(3, n))
     measured = Measurements(position, q=data.q)

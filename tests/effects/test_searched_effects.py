@@ -267,8 +267,7 @@ def test_a_counterbalance_is_found_and_predicts_other_poses() -> None:
     assert error < 1e-5
     (effect,) = [effect for effect in effects if effect.name == "counterbalance"]
     # The spring is longest where the moving point is opposite the fixed one.
-    opposite = np.degrees(0.3 + np.pi)
-    turn = (effect.settings()["centre_deg"] - opposite + 180.0) % 360.0 - 180.0
+    turn = (effect.settings()["centre_deg"] - np.degrees(0.3 + np.pi) + 180.0) % 360.0 - 180.0
     assert abs(turn) < 10.0
     assert "spring or cylinder across j2" in effect.statement(ARM, values)
 

@@ -48,8 +48,7 @@ def linearised(orientation: bool = False, n: int = 24) -> Linearised:
     model = model.with_free(*build(parse_requests("base_frame,joint_offset"), model.arm, data))
     bound = model.bind(data)
     theta = np.zeros(len(bound.terms))
-    rows = Rows.of(model.arm, data)
-    return Linearised.at(bound, theta, np.full(theta.size, 1e-3), rows, data)
+    return Linearised.at(bound, theta, np.full(theta.size, 1e-3), Rows.of(model.arm, data), data)
 
 
 def noise_with(linear: Linearised, *names: str) -> CovarianceParameters:
@@ -70,8 +69,7 @@ def dense(noise: CovarianceParameters, linear: Linearised) -> Array:
     count, components = linear.y.shape
     matrix = np.zeros((count, components, count, components))
     for name, parameters in noise.terms.items():
-        kernels = TERMS[name].kernels(parameters, linear.rows)
-        for carrier, kernel in enumerate(kernels):
+        for carrier, kernel in enumerate(TERMS[name].kernels(parameters, linear.rows)):
             for i in range(count):
                 for k in range(count):
                     if TERMS[name].of_joints:

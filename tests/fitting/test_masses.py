@@ -95,8 +95,7 @@ def test_a_rigid_arm_shows_no_direction(seed: int) -> None:
 
 
 def test_trace_names_the_springs_and_a_model_holds_in_other_frames() -> None:
-    tilt = np.array([np.radians(15.0), np.radians(-7.0), 0.4])
-    data = campaign(tilt, DOWN)
+    data = campaign(np.array([np.radians(15.0), np.radians(-7.0), 0.4]), DOWN)
     result = trace(model(data), data)
     assert {(finding.effect, finding.joints) for finding in result.findings} == {
         ("joint_compliance", ("j2",)),
@@ -162,14 +161,12 @@ def test_the_form_of_a_soft_arm_is_the_one_its_poses_have(form: str, known: bool
 def test_log_likelihood_is_that_of_independent_normal_errors_and_of_the_priors() -> None:
     def gain(options: Options) -> tuple[float, Fit, Fit]:
         data = measured_of_deflection_model("rigid", known=True)
-        effects = calibrated("equilibrium").effects
-        model = Model.of(arm("puma560").robot, effects)
+        model = Model.of(arm("puma560").robot, calibrated("equilibrium").effects)
         found = fit(model, data, options)
         other, chosen = choose_form(found, model, data, options)
         return chosen.gain, found, other
 
-    count = len(calibrated("equilibrium").fit.names)
-    prior = np.full(count, np.inf)
+    prior = np.full(len(calibrated("equilibrium").fit.names), np.inf)
     prior[-1] = 1e-4
     value, found, other = gain(Options(priors=prior, robust=False))
 

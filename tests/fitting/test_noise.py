@@ -217,8 +217,7 @@ def test_noise_beside_scatter_has_the_source_that_tells_it(sigma: float | None, 
     result = robacc.calibrate(data, robot=robot, fit="joint_offset[j2,j3,j4,j5]", folds=2)
     assert result.repeatability is not None
     assert result.noise.noise.source == source
-    noise = robacc.schema("calibrate")["$defs"]["noise"]
-    assert source in noise["properties"]["source"]["enum"]
+    assert source in robacc.schema("calibrate")["$defs"]["noise"]["properties"]["source"]["enum"]
 
 
 def test_a_joint_that_hardly_moves_the_target_gets_no_scatter() -> None:
@@ -347,8 +346,7 @@ def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:
     """Return poses of a UR10 whose rows ``rows`` are displaced, and the fit of its geometry."""
     robot = dataclasses.replace(arm("ur10").robot, effects=())
     rng = np.random.default_rng(3)
-    q = rng.uniform(-1.5, 1.5, size=(6, 120))
-    data = Measurements(position=np.zeros((3, 120)), q=q)
+    data = Measurements(position=np.zeros((3, 120)), q=rng.uniform(-1.5, 1.5, size=(6, 120)))
     position = predict(robot, data).translation + rng.normal(scale=1e-5, size=(3, 120))
     position[2, rows] += size
     data = dataclasses.replace(data, position=position)
@@ -363,8 +361,7 @@ def outlier_warnings(fitted: Fit, data: Measurements) -> list[str]:
 
 def test_rows_that_a_lacking_effect_displaces_stay_in_the_fit() -> None:
     q = np.random.default_rng(3).uniform(-1.5, 1.5, size=(6, 120))
-    extreme = np.flatnonzero(q[1] > 1.2)
-    data, fitted = displaced(1.5e-4, extreme)
+    data, fitted = displaced(1.5e-4, np.flatnonzero(q[1] > 1.2))
     assert fitted.inliers.all()
     accidents = np.array([3, 40, 77])
     data, fitted = displaced(1.5e-4, accidents)

@@ -52,8 +52,7 @@ def test_a_profile_with_a_gap_stays_of_its_usual_size_there() -> None:
     columns = np.arange(72)
     for _ in range(5):
         priors.update(normal, columns, float(angle.size), noise_known=True, settled=0.01)
-    group_std = priors.group_stds["profile"]
-    assert group_std <= LARGEST * TYPICAL
+    assert priors.group_stds["profile"] <= LARGEST * TYPICAL
     theta = posterior(gram, priors.precision[columns]) @ rhs
     in_gap = waves(np.linspace(0.5, 1.9, 200)) @ theta
     # Without the bound the coefficients are 5e10 rad, and 2e7 rad is predicted in the gap.
@@ -384,8 +383,7 @@ def fitted(base_rpy: tuple[float, float, float]) -> Fit:
     data = dataclasses.replace(
         data, position=exact.translation + rng.normal(0, NOISE_OF_PARAMETER_COVARIANCE, (3, n)), rotation=rotation
     )
-    model = Model.of(robot)
-    return fit(Model.of(robot, build(parse_requests(EFFECTS), model.arm, data)), data)
+    return fit(Model.of(robot, build(parse_requests(EFFECTS), Model.of(robot).arm, data)), data)
 
 
 def written(result: Fit, theta: np.ndarray) -> dict[str, float]:
@@ -420,8 +418,7 @@ def test_matrix_is_that_of_the_reported_numbers(base_rpy: tuple[float, float, fl
 
 
 def test_document_gives_the_covariance_by_its_triangle() -> None:
-    result = fitted((0.4, -0.8, 1.9))
-    covariance = parameter_covariance(result)
+    covariance = parameter_covariance(fitted((0.4, -0.8, 1.9)))
     document = json.loads(json_text(COVARIANCE.write(covariance)))
     assert tuple(document["names"]) == covariance.names
     size = len(covariance.names)

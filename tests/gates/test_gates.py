@@ -38,7 +38,6 @@ from robacc.gates import (
     figure_at,
     is_known,
     load_gate,
-    poses_to_decide,
 )
 from robacc.geometry import Array
 from robacc.io.json_text import json_text
@@ -715,20 +714,6 @@ def test_the_largest_error_by_wilks(value: float, n: int, rule: Rule, share: flo
             "58 poses within the limit show that 95 % of all poses are within the limit "
             "with a confidence of only 94.9 %"
         )
-
-
-def test_poses_to_decide_by_simulation_of_the_figure_alone() -> None:
-    """Known standard error: draw a truth from what the interval says, measure on, and see whether it decides."""
-    rng, z, draws, n = np.random.default_rng(3), 1.645, 200_000, 50
-    for distance in (0.0, 0.7, 1.5):
-        n_needed = poses_to_decide(distance, z, n)
-        added = rng.normal(rng.normal(size=draws), math.sqrt(n / (n_needed - n)))
-        pooled = (added * (n_needed - n)) / n_needed
-        decided = np.mean(np.abs(pooled - distance) > z / math.sqrt(n_needed / n))
-        assert decided == pytest.approx(ASSURANCE, abs=0.005)
-        fewer = rng.normal(size=draws) * math.sqrt(1 - n / (0.5 * n_needed))
-        assert np.mean(np.abs(fewer - distance) > z / math.sqrt(0.5 * n_needed / n)) < ASSURANCE - 0.02
-    assert poses_to_decide(0.0, z, 10_000_000) is None
 
 
 def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluation]:

@@ -19,7 +19,6 @@ from robacc.geometry import Poses
 from robacc.gravity import (
     Load,
     Weighted,
-    bears_weight,
     force_derivatives,
     forces,
     gravity_torques,
@@ -148,23 +147,6 @@ def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
         # A central difference of a hundred joules leaves some 1e-9; a torque of the wrong sign or lever is far from it.
         np.testing.assert_allclose(result[i], -slope, rtol=0, atol=1e-7)
     assert np.abs(result).max() > 1.0
-
-
-@pytest.mark.parametrize("name", [*ARMS, "scara"])
-@pytest.mark.parametrize("leaning", [0.0, 0.5, 2.0])
-def test_a_joint_bears_weight_if_a_mass_on_its_link_can_load_it(name: str, leaning: float) -> None:
-    """Against the work of a first moment of 1 kg m, and of 1 kg on a slide; within a degree an axis counts as level."""
-    robot = arm(name).robot
-    lean = np.radians(leaning)
-    down = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
-    one = Arm.of(dataclasses.replace(robot, gravity=tuple(down)))
-    q = circumstances(robot, 40).q
-    loads = unit_loads(one, 0)
-    for number, owner in enumerate(one.owners):
-        labels = ("hx", "hy", "hz") if one.is_revolute(one.names[number]) else ("m",)
-        torque = np.array([gravity_torques(one, q, loads[f"{label}{owner + 1}"])[number] for label in labels])
-        largest = np.linalg.norm(torque, axis=0).max() / 9.81
-        assert bears_weight(one, q)[number] is bool(largest > np.sin(np.radians(1.0))), one.names[number]
 
 
 # name, parent, origin, axis, mass of the link, its centre of mass

@@ -91,8 +91,7 @@ def test_wear_is_a_ramp_and_its_interval_holds_the_rise():
 
 
 def test_a_dependence_on_temperature_is_no_ramp():
-    series = life(np.random.default_rng(4), heat=2.0)
-    found = find_changes(series, LEVEL)[0]
+    found = find_changes(life(np.random.default_rng(4), heat=2.0), LEVEL)[0]
     heated = {*(f"joint_offset.j{k}" for k in (0, 4, 8, 12)), "base_frame.16"}
     assert {c["key"] for c in found if c["kind"] == "temperature"} == heated
     assert all(c["unit"] == "rad/K" for c in found if c["kind"] == "temperature")

@@ -30,8 +30,7 @@ def arm_with(folder, *, j3=0.0, x=0.0):
         {"effect": "base_frame", "values": {"x": 1.0 + x, "y": 2.0, "z": -1.0, "roll": 0.05, "yaw": 0.02}},
         {"effect": "joint_offset", "joints": ["j2", "j3", "j5"], "values": {"j2": 0.06, "j3": 0.1 + j3, "j5": -0.1}},
     ]
-    path = saved(folder / "arm.yaml", yaml.safe_dump(content))
-    return path
+    return saved(folder / "arm.yaml", yaml.safe_dump(content))
 
 
 def measured(folder, name, seed, poses=30, **arm):
@@ -274,8 +273,7 @@ def test_a_fleet_has_tolerances_and_names_the_stranger(fleet_results, tmp_path):
     assert third["std_low"] < 1e-3 < third["std_high"]
     assert third["mean_low"] < np.radians(0.1) < third["mean_high"]
     assert by_key["joint_offset.j2"]["std"] < 1e-5
-    matrix = np.array(found["covariance"]["matrix"])
-    assert np.linalg.eigvalsh(matrix).min() > -1e-18
+    assert np.linalg.eigvalsh(np.array(found["covariance"]["matrix"])).min() > -1e-18
     # The tolerances are those of predict, the typical arm is a robot whose tolerances are priors of calibrate.
     budget = document("predict", NOMINAL, "--tolerances", paths[0], "--samples", 50)["budget"]
     assert max(budget, key=lambda entry: entry["share_position"])["joint"] == "j3"

@@ -349,8 +349,7 @@ def test_a_row_without_any_value_is_a_gap_wherever_it_stands(tmp_path: Path, gap
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     assert {problem.line for problem in caught.value.problems} == {gap + 2}
-    data = robacc.read_poses(path, skip_gaps=True)
-    assert data.n == 29
+    assert robacc.read_poses(path, skip_gaps=True).n == 29
 
 
 @pytest.fixture(scope="module")
@@ -433,8 +432,7 @@ def measured(data: robacc.Measurements) -> Poses:
 def commands(data: robacc.Measurements, tmp_path: Path) -> Path:
     lines = ["Pose," + ",".join(f"A{i} [deg]" for i in range(1, 7))]
     lines += [f"P{k}," + ",".join(f"{v:.9f}" for v in q) for k, q in enumerate(np.degrees(data.q.T), 1)]
-    path = saved(tmp_path / "joints.csv", "\n".join(lines) + "\n")
-    return path
+    return saved(tmp_path / "joints.csv", "\n".join(lines) + "\n")
 
 
 def moving_xyz(rotation: Array) -> Array:

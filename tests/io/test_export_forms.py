@@ -754,8 +754,7 @@ def test_init_proposes_a_matrix(campaign: Campaign, tmp_path: Path) -> None:
 
 
 def test_points_and_joints_as_two_positional_files_get_one_hint(campaign: Campaign, tmp_path: Path) -> None:
-    files = made("counted_quaternion", campaign)
-    arguments = written(files, tmp_path)
+    arguments = written(made("counted_quaternion", campaign), tmp_path)
     done = CliRunner().invoke(app, ["estimate", arguments[0], arguments[2], "--robot", ROBOT])
     assert done.exit_code == 3
     assert done.stderr.count(f"robacc estimate {arguments[0]} --commanded {arguments[2]}") == 1
@@ -809,8 +808,7 @@ def test_what_is_no_position_is_no_rival(name: str, campaign: Campaign, tmp_path
 
 def test_a_controllers_position_is_the_command_without_joints(campaign: Campaign, tmp_path: Path) -> None:
     text = table("Nr;x;y;z;Leica X;Leica Y;Leica Z", campaign.commanded * MM, campaign.position * MM, name="{}")
-    path = written({"both.csv": text}, tmp_path)[0]
-    data = robacc.read_poses(path)
+    data = robacc.read_poses(written({"both.csv": text}, tmp_path)[0])
     np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
     np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
 

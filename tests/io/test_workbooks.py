@@ -76,8 +76,7 @@ def _rows(rows: Sequence[Sequence[Cell]]) -> str:
 
 
 def written(folder: Path, sheets: Mapping[str, Sequence[Sequence[Cell]]]) -> Path:
-    path = saved(folder / "export.xlsx", workbook(sheets))
-    return path
+    return saved(folder / "export.xlsx", workbook(sheets))
 
 
 def test_a_sheet_with_a_title_is_read_like_text(tmp_path: Path) -> None:

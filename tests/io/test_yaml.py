@@ -74,24 +74,6 @@ def test_keys_are_added_behind_those_that_precede_them() -> None:
     )
 
 
-@pytest.mark.parametrize("empty", ["{}", "{ }", "{}   # nothing known"])
-def test_several_keys_are_added_to_an_empty_mapping(empty: str) -> None:
-    document = {"a": {"x": 1, "y": [2], "z": {"w": 3}}, "b": 4}
-    text = edited(f"a: {empty}\nb: 4\n", document, "m.yaml")
-    assert yaml.safe_load(text) == document
-    assert text.startswith("a: {x: 1, y: [2], z: {w: 3}")
-    assert ("# nothing known" in text) == ("#" in empty)
-
-
-def test_a_part_that_is_another_is_written_anew() -> None:
-    text = "a: 1\nfit:\n  old: 1\n  both: 2   # gone with the part\n# kept\nlast: {x: 1}\n"
-    document = {"a": 1, "fit": {"both": 2, "new": [1, {"x": 3}]}, "last": {"y": 2}}
-    kept = edited(text, document, "m.yaml", rewritten=("fit",))
-    assert "old" not in kept
-    assert "# kept\nlast: {y: 2, x: 1}\n" in kept
-    assert yaml.safe_load(kept) == {**document, "last": {"x": 1, "y": 2}}
-
-
 @pytest.mark.parametrize("ending", ["\n", "\r\n"])
 def test_text_without_a_last_line_end_or_with_those_of_windows(ending: str) -> None:
     text = ending.join(("\ufeffa: 1  # first", "b: {}", "c:", "d:"))

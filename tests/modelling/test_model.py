@@ -401,8 +401,7 @@ def test_a_held_effect_has_the_value_of_the_end_of_its_range() -> None:
 def test_harmonics_over_a_common_period_repeat_and_narrower_ones_are_held() -> None:
     one = arm("puma560")
     for orders, reach, is_held in (((1.0, 2.0), 6.2, True), ((1.0, 2.0), 6.3, False), ((17.0,), 0.4, False)):
-        effect = TransmissionError(("j1",), orders)
-        assert effect.beyond(one, "j1", (0.0, reach)).is_held == is_held
+        assert TransmissionError(("j1",), orders).beyond(one, "j1", (0.0, reach)).is_held == is_held
 
 
 def test_the_written_model_reproduces_the_fit_and_is_bounded_beyond_its_range() -> None:

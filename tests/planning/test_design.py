@@ -156,8 +156,7 @@ def test_predicted_standard_errors_are_realised(name: str) -> None:
         scatter = np.einsum("ijn,jn->in", motion, joints[:, None] * rng.normal(size=q.shape))
         error = scatter + NOISE * rng.normal(size=(3, q.shape[1]))
         estimates.append(solve @ np.einsum("nij,jn->in", factors, error).ravel())
-    realised = np.std(estimates, axis=0)
-    ratio = np.array(list(predicted.values())) / realised
+    ratio = np.array(list(predicted.values())) / np.std(estimates, axis=0)
     # 200 campaigns give a standard deviation to 5 %: four of them for each, and 0.9 to 1.1 for the mean.
     assert np.all((ratio > 0.8) & (ratio < 1.25)), dict(zip(names, ratio, strict=True))
     assert 0.9 < np.exp(np.mean(np.log(ratio))) < 1.1
@@ -206,8 +205,7 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
     low, high = np.array([joint.limits for joint in robot.variables]).T[..., None]
 
     def answer(n: int) -> CampaignPlan:
-        q = rng.uniform(low, high, (6, n))
-        already = Measurements(position=np.zeros((3, n)), q=q)
+        already = Measurements(position=np.zeros((3, n)), q=rng.uniform(low, high, (6, n)))
         return plan_campaign(robot, "calibrate", noise=NOISE, repeatability=SCATTER, n_candidates=800, already=already)
 
     few, many = answer(12), answer(150)
@@ -219,8 +217,7 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 
 
 def test_visible_poses_are_few_and_the_choice_among_them_matters() -> None:
-    sight = Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30))
-    plan = planned("irb1600", sight, 0.1)
+    plan = planned("irb1600", Sight((2.5, 0.0, 1.0), (0.0, 0.0, 1.0), np.radians(30)), 0.1)
     assert plan.accuracy["planned"]["rms_m"] < 0.9 * plan.accuracy["planned"]["random_rms_m"]
     assert {entry["reason"] for entry in plan.candidates.excluded} >= {"reflector turned away by more than 30°"}
 
@@ -430,8 +427,7 @@ def poses(n: int, seed: int = 0) -> np.ndarray:
 def test_routes_are_short_and_come_from_both_sides(n: int, seed: int) -> None:
     q = poses(n, seed)
     path = route(q, None, n // 10, 10, seed)
-    visited = q[:, path.visits]
-    shares = direction_shares(np.sign(np.diff(visited, axis=1)))
+    shares = direction_shares(np.sign(np.diff(q[:, path.visits], axis=1)))
     assert shares.min() >= LEAST_DIRECTION_SHARE
     np.testing.assert_allclose(path.figures["rarer_direction_share"], shares)
     assert path.figures["length"] < 0.95 * path.figures["random_length"]
@@ -452,8 +448,7 @@ def test_every_pose_is_visited_and_checks_recur() -> None:
 
 def test_drift_is_not_confused_with_place() -> None:
     for seed in range(4):
-        path = route(poses(40, seed), None, 4, 10, seed)
-        assert path.figures["drift_share"] < 0.5
+        assert route(poses(40, seed), None, 4, 10, seed).figures["drift_share"] < 0.5
 
 
 def test_small_sets() -> None:

@@ -72,8 +72,7 @@ def test_places_hold_for_every_moving_point() -> None:
     for text, wanted in (("z>=0.2", 0.2), ("y<=0.3", 0.3)):
         side = parse_half_space(text, "half_space")
         _, excluded = filtered(which, q, Constraints(margin=0.0, half_spaces=(side,)))
-        everything = np.concatenate((points, position[:, None]), axis=1)
-        row = everything["xyz".index(text[0])]
+        row = np.concatenate((points, position[:, None]), axis=1)["xyz".index(text[0])]
         inside = np.all(row >= wanted, axis=0) if ">" in text else np.all(row <= wanted, axis=0)
         np.testing.assert_array_equal(np.any(list(excluded.values()), axis=0), ~inside)
         assert 0 < np.count_nonzero(inside) < 300
@@ -189,8 +188,7 @@ def planned(purpose: str = "calibrate", payload: tuple[float, ...] = (0.0, 5.0),
 def with_effects(tmp_path: Path, *entries: dict[str, object]) -> Path:
     text = yaml.safe_load(ROBOT.read_text())
     text["effects"] = list(entries)
-    path = saved(tmp_path / "model.yaml", yaml.safe_dump(text))
-    return path
+    return saved(tmp_path / "model.yaml", yaml.safe_dump(text))
 
 
 @pytest.fixture(scope="module")

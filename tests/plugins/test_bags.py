@@ -40,8 +40,7 @@ class Bag:
     names: tuple[str, ...] = ("q1", "q2", "q3", "q4", "q5", "q6")
 
     def write(self) -> Path:
-        joint_times = np.arange(0, 2 * DATA.n, PERIOD)
-        messages = [(t, "joints", self._joint_state(t)) for t in joint_times]
+        messages = [(t, "joints", self._joint_state(t)) for t in np.arange(0, 2 * DATA.n, PERIOD)]
         for k in range(DATA.n):
             times = [2 * k + 1.2 + 0.1 * j for j in range(4)] + ([2 * k + 0.5] if self.in_motion and k else [])
             messages += [(t, "tracker", self._pose(t, k, j)) for j, t in enumerate(times)]

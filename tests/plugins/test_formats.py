@@ -472,8 +472,7 @@ def calibration(names: tuple[str, ...] = (*NAMES, "gripper")) -> dict[str, dict[
 
 def degrees(motor: dict[str, int], encoder: float, make: str) -> float:
     """What LeRobot reports for a position of the motor's encoder, counts."""
-    sign = {"Feetech": -1, "Dynamixel": 1}[make]
-    present = encoder + sign * motor["homing_offset"]
+    present = encoder + {"Feetech": -1, "Dynamixel": 1}[make] * motor["homing_offset"]
     return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
 
 

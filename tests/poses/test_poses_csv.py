@@ -511,8 +511,7 @@ def test_entries_of_a_matrix_are_a_pose(names: list[str], tmp_path: Path) -> Non
     matrix = np.zeros((TURNED, 4, 4))
     matrix[:, :3, :3], matrix[:, :3, 3], matrix[:, 3, 3] = TURNS.as_matrix(), rng.uniform(-900, 900, (TURNED, 3)), 1.0
     rows, columns = {16: (4, 4), 12: (3, 4), 9: (3, 3)}[len(names)]
-    entries = matrix[:, :rows, :columns].reshape(TURNED, -1).T
-    data = read_turned(written(tmp_path, names, entries))
+    data = read_turned(written(tmp_path, names, matrix[:, :rows, :columns].reshape(TURNED, -1).T))
     assert data.rotation is not None
     np.testing.assert_allclose(np.moveaxis(data.rotation, 2, 0), TURNS.as_matrix(), atol=1e-9)
     if columns == 4:

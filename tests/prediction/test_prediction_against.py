@@ -74,8 +74,7 @@ def test_normalised_squared_error_is_that_of_the_joint_covariance(full: bool) ->
     data = simulated(0, full=full)
     error, columns, noise = dense(data)
     expected = error @ np.linalg.solve(columns @ columns.T + np.diag(noise), error)
-    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
-    tests, _, _ = consistency(statistics)
+    tests, _, _ = consistency(reduce_residuals(ROBOT, data, PARAMETERS))
     assert (tests["total"]["statistic"], tests["total"]["dof"]) == (pytest.approx(expected, rel=1e-7), error.size)
     low, high = stats.chi2.ppf((0.025, 0.975), error.size)
     assert (tests["total"]["lower"], tests["total"]["upper"]) == (pytest.approx(low), pytest.approx(high))
@@ -241,8 +240,7 @@ def test_verdict_names_an_unexpected_pattern() -> None:
 def test_components_are_the_maximum_of_the_dense_likelihood() -> None:
     data = simulated(7, full=True)
     error, columns, noise = dense(data)
-    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
-    result = variance_components(statistics, PARAMETERS)
+    result = variance_components(reduce_residuals(ROBOT, data, PARAMETERS), PARAMETERS)
     names = [component["name"] for component in result["components"]]
     assert names == ["theta", "d", "a", "alpha"]
     parts = [columns[:, [p.component == name for p in PARAMETERS]] for name in names]
@@ -274,8 +272,7 @@ def direct(y: Array, unit: float = 1e-4) -> tuple[SufficientStatistics, list[Tol
 
 def test_directly_measured_kind_has_the_textbook_interval() -> None:
     y = np.array([0.3, -1.2, 0.8, 2.0, -0.4, 1.1])
-    result = variance_components(*direct(y))
-    (component,) = result["components"]
+    (component,) = variance_components(*direct(y))["components"]
     variance = float(np.mean(y**2))
     assert (component["factor"] ** 2, component["dof"]) == (
         pytest.approx(variance, rel=1e-3),

@@ -42,12 +42,10 @@ def test_inline_forms_give_tool_and_base_by_number() -> None:
 
 
 def test_abc_is_rz_ry_rx() -> None:
-    program = read_program(SAMPLES / "weld.dat")
-    target = program.targets[1]
+    target = read_program(SAMPLES / "weld.dat").targets[1]
     np.testing.assert_allclose(target.values[:3], (1.58776917, -0.890400757, 0.439605072))
     x, y, z, w = Rotation.from_euler("ZYX", (177.082932, 4.31955290, -0.298484027), degrees=True).as_quat()
-    expected = np.array((w, x, y, z))
-    np.testing.assert_allclose(target.values[3:], expected * np.sign(w), atol=1e-15)
+    np.testing.assert_allclose(target.values[3:], np.array((w, x, y, z)) * np.sign(w), atol=1e-15)
 
 
 def test_a_src_names_the_file_that_declares_its_targets() -> None:
@@ -104,8 +102,7 @@ def test_spline_motions_name_their_frames_themselves() -> None:
     first = by_name["XP1"]
     assert (first.tool.name, first.base.name) == ("1", "0")
     np.testing.assert_allclose(first.tool.frame.xyz, (0, 0, 0.15))
-    moving = by_name["XS[3]"]
-    assert moving.base.frame is None, "a base on a moving unit is not known from the text"
+    assert by_name["XS[3]"].base.frame is None, "a base on a moving unit is not known from the text"
 
 
 def test_a_huge_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -158,8 +155,7 @@ def test_status_follows_the_definition(name: str) -> None:
         (0, -20, -60, 0, -20, 50): 4,
     }
     arm = Arm.of(dataclasses.replace(kuka(name), base=Frame()))
-    q = np.radians(np.array(list(cases), dtype=float)).T
-    assert status(arm, q) == list(cases.values())
+    assert status(arm, np.radians(np.array(list(cases), dtype=float)).T) == list(cases.values())
 
 
 def test_arms_without_a_common_wrist_centre_have_the_sign_of_axis_5_alone() -> None:
@@ -228,8 +224,7 @@ def test_targets_have_tool_and_work_object() -> None:
 
 
 def test_quaternions_begin_with_the_scalar() -> None:
-    target = by_name(read_program(SAMPLES / "glue.mod"))["p10"]
-    w, x, y, z = target.values[3:]
+    w, x, y, z = by_name(read_program(SAMPLES / "glue.mod"))["p10"].values[3:]
     rotation = Rotation.from_quat((x, y, z, w)).as_matrix()
     expected = Rotation.from_quat((0.727571, 0.686033, -2.82384e-06, 1.13796e-06)).as_matrix()
     np.testing.assert_allclose(rotation, expected, atol=1e-12)
@@ -251,8 +246,7 @@ def test_elements_of_an_array_are_targets() -> None:
 def test_names_are_local_to_their_routine() -> None:
     program = read_program(SAMPLES / "literal.mod")
     assert [target.name for target in program.targets].count("pLocal") == 1
-    local = by_name(program)["pLocal"]
-    np.testing.assert_allclose(local.values[:3], (0.007, 0.008, 0.009))
+    np.testing.assert_allclose(by_name(program)["pLocal"].values[:3], (0.007, 0.008, 0.009))
     assert "the program assigns it at run time in line 12" in reasons(program)
 
 
@@ -271,8 +265,7 @@ def test_search_points_and_displacements_are_listed() -> None:
     assert "the program assigns it at run time in line 11" in reasons(program)
     assert "pBad lacks some of the numbers of a robtarget" in reasons(program)
     assert any(reason.startswith("PDispOn moves targets") for reason in reasons(program))
-    weld = targets["pW20"]
-    np.testing.assert_allclose(weld.tool.frame.xyz, (0, 0, 0.4005))
+    np.testing.assert_allclose(targets["pW20"].tool.frame.xyz, (0, 0, 0.4005))
     assert targets["pW10"].tool is None, "two tools go to it"
 
 
@@ -294,8 +287,7 @@ def test_positions_have_frames_configuration_and_motion() -> None:
     assert program.targets[3].configuration == "F U T, 0, -1, 1"
     tool, base = program.targets[0].tool, program.targets[0].base
     assert (tool.name, tool.frame, base.name, base.frame) == ("3", None, "1", None)
-    world = program.targets[2].base
-    assert world.frame is not None
+    assert program.targets[2].base.frame is not None
 
 
 def test_wpr_turns_about_fixed_axes() -> None:
@@ -398,7 +390,6 @@ def test_a_routine_that_sets_the_tcp_through_another_leaves_it_unknown(tmp_path:
         "outer()",
         "movel(p[0.2,0,0,0,0,0])",
     ]
-    path = saved(tmp_path / "calls.script", "\n".join(lines))
-    first, second = read_program(path).targets
+    first, second = read_program(saved(tmp_path / "calls.script", "\n".join(lines))).targets
     assert first.tool is not None
     assert second.tool is None

@@ -62,8 +62,7 @@ def test_every_number_shown_is_the_jsons(command: str) -> None:
         # Covariances have their unit in the head of the table, coefficients in the last column: any may apply.
         scales = [factors[unit]] if unit else [1.0, 1e3, 180 / math.pi, 1e6, (180 / math.pi) ** 2]
         decimals = len(digits.partition("e")[0].partition(".")[2])
-        exponent = int(digits.partition("e")[2] or 0)
-        step = 10.0 ** (exponent - decimals)
+        step = 10.0 ** (int(digits.partition("e")[2] or 0) - decimals)
         assert any(abs(float(digits) - value * scale) <= 0.51 * step for scale in scales), cell.text
 
 
@@ -180,8 +179,7 @@ def test_every_chart_has_a_caption_a_table_and_a_drawing(command: str) -> None:
 @pytest.mark.parametrize("command", COMMANDS)
 def test_every_svg_is_well_formed_and_drawn_with_units(command: str) -> None:
     for svg in re.findall(r"<svg .*?</svg>", page(command), re.DOTALL):
-        root = ElementTree.fromstring(svg)
-        tags = [element.tag.rpartition("}")[2] for element in root.iter()]
+        tags = [element.tag.rpartition("}")[2] for element in ElementTree.fromstring(svg).iter()]
         assert tags.count("path") + tags.count("use") > 10
         assert "text" in tags
         assert "metadata" not in tags
@@ -311,5 +309,4 @@ def test_switches_and_options_of_the_command_line() -> None:
 def test_parameter_names_in_notes_are_shown_as_options() -> None:
     document = results.document("iso9283")
     document["notes"] = ["give `robot` or `ordered=True`"]
-    text = parsed(render([document], ["iso9283"])).text
-    assert "give --robot or --ordered" in text
+    assert "give --robot or --ordered" in parsed(render([document], ["iso9283"])).text

@@ -400,8 +400,7 @@ def test_the_charts_show_what_the_document_has(calibration: dict[str, object]) -
 
 
 def test_limits_are_those_of_the_joints(calibration: dict[str, object]) -> None:
-    families = effect_families(calibration)
-    for family in families:
+    for family in effect_families(calibration):
         own = [e for e in calibration["detection_limits"] if e["effect"] == family.name]  # type: ignore[attr-defined]
         known = [e["limit"] for e in own if e["limit"] is not None]
         if known:

@@ -318,9 +318,7 @@ def test_units_of_a_mixed_coupling_are_the_files() -> None:
 def test_inverse_kinematics_and_reach_of_coupled_joints() -> None:
     arm = Arm.of(parse_robot(PALLETISER, "p.yaml"))
     q = np.array([[0.4, -0.3], [0.3, 0.6], [0.7, 0.2], [1.0, -1.0]])
-    desired = arm.chain.forward(q)
-    solutions = inverse_kinematics(arm, desired, starts=16)
-    assert solutions.converged.any(axis=1).all()
+    assert inverse_kinematics(arm, arm.chain.forward(q), starts=16).converged.any(axis=1).all()
     reach = find_reach(arm.robot, arm.robot.tool)
     slide = find_reach(parse_robot(SPINDLE, "s.yaml"), arm.robot.tool)
     for each in (reach, slide):

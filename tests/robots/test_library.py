@@ -259,8 +259,7 @@ def test_a_fanuc_forearm_stays_level_while_joint_2_turns() -> None:
 
 def test_every_file_is_in_the_list_with_its_source() -> None:
     assert len(KEYS) >= 50
-    folder = library()[0]["path"].parent
-    assert sorted(path.stem for path in folder.glob("*.yaml")) == sorted(KEYS)
+    assert sorted(path.stem for path in library()[0]["path"].parent.glob("*.yaml")) == sorted(KEYS)
     for arm in library():
         robot = read_robot(arm["path"])
         text = arm["path"].read_text(encoding="utf-8")
@@ -270,8 +269,7 @@ def test_every_file_is_in_the_list_with_its_source() -> None:
         # Base, targets and effects are left to the user.
         assert (robot.base, robot.targets, robot.effects) == (Frame(), {}, ())
         # The longest stretch to the flange is at least the published reach of the wrist, but for limits and heights.
-        stretch = robacc_reach(robot)
-        assert 0.95 * arm["reach_m"] < stretch < 2.1 * arm["reach_m"], arm["name"]
+        assert 0.95 * arm["reach_m"] < robacc_reach(robot) < 2.1 * arm["reach_m"], arm["name"]
 
 
 def robacc_reach(robot: robacc.Robot) -> float:

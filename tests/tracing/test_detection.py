@@ -221,8 +221,7 @@ def test_errors_of_amplitude_and_phase_are_those_of_draws() -> None:
 
 
 def test_what_is_not_identified_has_no_error() -> None:
-    values = np.array([3e-4, 4e-4])
-    assert line_of(values, np.full((2, 2), np.nan))[1::2] == (None, None)
+    assert line_of(np.array([3e-4, 4e-4]), np.full((2, 2), np.nan))[1::2] == (None, None)
     assert line_of(np.zeros(2), np.eye(2))[1::2] == (None, None)
 
 

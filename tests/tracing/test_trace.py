@@ -232,8 +232,7 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
 @pytest.mark.slow
 def test_several_effects_at_once() -> None:
     gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
-    data = measured("puma560", gear, lag, WAVE)
-    found = traced(arm("puma560").robot, data)
+    found = traced(arm("puma560").robot, measured("puma560", gear, lag, WAVE))
     assert sorted(named(found)) == [
         ("backlash", ("j3",)),
         ("gear_ratio", ("j2",)),
@@ -341,14 +340,6 @@ def test_noise_beyond_what_the_file_says_is_unexplained_and_not_an_effect() -> N
     assert any("times the measurement noise (known from the file)" in hint for hint in found.unexplained.hints)
 
 
-def test_noise_is_known_from_repeats() -> None:
-    found = traced(arm("puma560").robot, measured("puma560", n=40, cycles=3))
-    assert named(found) == []
-    assert found.noise.noise.source == "repeats"
-    assert found.noise.noise.position == pytest.approx(NOISE_OF_TRACE, rel=0.2)
-    assert found.verdict == "clean"
-
-
 def test_the_columns_that_would_show_a_cause_are_named() -> None:
     # A lag whose speeds differ at each visit, and were not recorded, looks like scatter of the joints.
     rng = np.random.default_rng(5)
@@ -368,8 +359,7 @@ def test_the_columns_that_would_show_a_cause_are_named() -> None:
 
 
 def test_too_few_poses_hold_none_out_and_say_so() -> None:
-    data = measured("scara", n=5, orientation=True)
-    found = traced(arm("scara").robot, data, "base_frame")
+    found = traced(arm("scara").robot, measured("scara", n=5, orientation=True), "base_frame")
     assert found.after.held_out is None
     assert found.n_folds == 0
     assert any("too few to hold any out" in warning for warning in found.warnings)
@@ -443,8 +433,7 @@ def test_the_causes_are_those_that_are_there_the_largest_first() -> None:
     }
     assert all(cause.declared for cause in found)
     effects = [effect for effect in fitted_to.model.free if effect.name == "gear_ratio"]
-    again = by_name(causes(fitted_to, data, 1e-3, effects))
-    assert not again["gear_ratio", ("j3",)].declared
+    assert not by_name(causes(fitted_to, data, 1e-3, effects))["gear_ratio", ("j3",)].declared
 
 
 def test_the_error_without_a_cause_is_that_of_a_fit_without_it() -> None:
@@ -458,15 +447,13 @@ def test_the_error_without_a_cause_is_that_of_a_fit_without_it() -> None:
 
 def test_intervals_hold_what_the_effects_really_do() -> None:
     inside = {("gear_ratio", "j3"): 0, ("joint_offset", "j2"): 0, ("link_geometry", "j2"): 0}
-    runs = 60
-    for seed in range(100, 100 + runs):
+    for seed in range(100, 100 + 60):
         whole, data = fitted(seed)
         truth = np.zeros(whole.theta.size)
         for entry in EFFECTS:
             for name, value in entry["values"].items():  # type: ignore[attr-defined]
                 truth[whole.names.index(f"{entry['effect']}.{name}")] = value
-        bound = whole.model.bind(data)
-        _, jacobian = bound.linearise(whole.theta, None, 3)
+        _, jacobian = whole.model.bind(data).linearise(whole.theta, None, 3)
         found = by_name(causes(whole, data, 1e-3))
         for effect, joint in inside:
             mask = np.array([name.startswith(f"{effect}.{joint}") for name in whole.names])
@@ -612,8 +599,7 @@ def test_a_screw_is_named_with_its_period(order: float) -> None:
     assert amplitude == pytest.approx(1e-4, rel=0.15)
     assert {parameter.unit for parameter in finding.parameters} == {"m"}
     assert finding.harmonics == ()
-    period = float(str(finding.statement).split()[1])
-    assert period == pytest.approx(2e3 * np.pi / order, rel=0.02)
+    assert float(str(finding.statement).split()[1]) == pytest.approx(2e3 * np.pi / order, rel=0.02)
 
 
 def test_a_slide_that_scatters_has_no_period() -> None:

@@ -353,7 +353,7 @@ def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
     rng = np.random.default_rng(9)
     groups = np.repeat(np.arange(8), np.array([1, 2, 3, 5, 8, 2, 2, 7]))
     draws = (rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)) for _ in range(600))
-    samples = [error_statistics(errors, "m", groups=groups).structure for errors in draws]
+    samples = [error_statistics(errors, "m", groups=groups, bootstrap=20).structure for errors in draws]
     # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
     assert np.mean([structure.between for structure in samples]) == pytest.approx(12.0, abs=0.8)
     assert np.mean([structure.within for structure in samples]) == pytest.approx(3.0, abs=0.1)

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from arms import arm
 from homogeneous import shift, turn
-from sample_files import saved
+from sample_files import ROOT, SAMPLES, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -25,7 +25,6 @@ from robacc.modelling.model import predict, residuals
 from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 N = 40
 FRAMES = ("base_frame", "tool_frame")
 ROBOT = independent_arm.robot()
@@ -395,7 +394,6 @@ def test_too_few_components_are_an_error(rows: list[int], turned: bool, frames: 
         estimate(commanded, align=BASE)
 
 
-ROOT = Path(__file__).parents[2]
 ROBOT_OF_IN_PARTS = str(ROOT / "sample_data" / "robot.yaml")
 BIN = 1 / 4096
 """Relative width of a bin of lengths, the most by which a quantile may differ."""
@@ -490,7 +488,7 @@ def test_a_wrong_number_is_named_with_its_line_in_the_file(tmp_path: Path, monke
     path.write_text("\n".join(lines), encoding="utf-8")
     in_parts(monkeypatch)
     with pytest.raises(InputError, match=r"poses\.csv:1501, q2: found 'x"):
-        robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS, jobs=2)
+        robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
 
 
 def test_a_reading_far_beyond_the_others_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

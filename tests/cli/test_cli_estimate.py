@@ -18,6 +18,7 @@ import pytest
 from commands import in_order, missing, one_line, output
 from sample_files import POSES, ROBOT, ROOT, saved
 from scipy.spatial.transform import Rotation
+from slow_parameters import some_fast
 
 from robacc.cli.many import distinct_names
 from robacc.workers import WorkerKilled, Workers
@@ -415,7 +416,7 @@ def test_what_is_wrong_for_all_is_said_once(
     assert told.count("error: ") == 1
 
 
-@pytest.mark.parametrize("command", ["calibrate", "trace"])
+@pytest.mark.parametrize("command", some_fast(["calibrate", "trace"], 2))
 def test_fits_of_several_files_are_one_table_with_models(tmp_path: Path, command: str) -> None:
     sample = ROOT / "sample_data" / "trace"
     for name in ("one", "two"):

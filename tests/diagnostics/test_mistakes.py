@@ -11,12 +11,11 @@ import independent_arm
 import numpy as np
 import pytest
 from arms import CONFIGURED, arm
+from commands import refused
 from results import run
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.diagnostics.data_mistakes import Mistake, check_data, find_mistake, registered_poses
 from robacc.effects.specification import build, parse_requests
 from robacc.errors import InputError
@@ -164,13 +163,9 @@ def test_the_command_line_exits_with_3(tmp_path: Path, command: tuple[str, ...])
     lines += [",".join(f"{value:.9f}" for value in (*data.q[:, i], *data.position[:, i])) for i in range(data.n)]
     (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     name, *rest = command
-    done = CliRunner().invoke(
-        app, [name, str(tmp_path / "poses.csv"), "--robot", str(tmp_path / "arm.yaml"), *rest, "--format", "json"]
-    )
-    assert done.exit_code == 3
-    assert done.stdout == ""
-    assert "poses.csv: the sign of joint j6 seems to be reversed" in done.stderr
-    assert "set sign: -1 for the joint in the robot file, or reverse the sign of its column" in done.stderr
+    told = refused(name, tmp_path / "poses.csv", "--robot", tmp_path / "arm.yaml", *rest, "--format", "json", status=3)
+    assert "poses.csv: the sign of joint j6 seems to be reversed" in told
+    assert "set sign: -1 for the joint in the robot file, or reverse the sign of its column" in told
 
 
 Matrix = np.ndarray

@@ -8,14 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import arm, circumstances, suited
+from arms import arm, circumstances
+from commands import missing, refused
 from independent_arm import DECLARED, LIMITS, Run, load_torques, measured, robot, run, targets, torques
-from sample_files import saved
+from sample_files import POSES as SAMPLE_POSES, ROBOT, saved
 from searched import ARM, fitted, found, model, values_of
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import RowLoads, evident_rounding, memory_of_play, read_back_warning, unlogged_loads
 from robacc.diagnostics.robot_poses import read_robot_poses
@@ -318,25 +317,12 @@ def test_an_effect_without_a_single_driver_is_held_against_itself() -> None:
     assert np.array_equal(one.grid, one.value)
 
 
-def test_every_effect_of_a_joint_has_a_driver() -> None:
-    for name, cls in REGISTRY.items():
-        if cls.traits.per_joint and name not in ("link_geometry", "lateral_compliance", "step"):
-            robot_arm = suited(name, arm("puma560"))
-            data = circumstances(robot_arm.robot, 40)
-            default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
-            effect = next(iter(cls.candidates(robot_arm, data)), default)
-            assert effect.driver(robot_arm, data, effect.joints[0]).values.shape == (40,)
-
-
-ROOT = Path(__file__).resolve().parents[2]
-POSES_OF_ROBOT_POSES = ROOT / "sample_data" / "poses.csv"
-ROBOT = ROOT / "sample_data" / "robot.yaml"
 AXES = ("x", "y", "z")
 
 
 def rewritten(folder: Path, unit: str, factor: float, repeat: int = 1) -> Path:
     """The sample's poses, positions times ``factor`` in columns that say ``unit``."""
-    with POSES_OF_ROBOT_POSES.open(newline="") as stream:
+    with SAMPLE_POSES.open(newline="") as stream:
         rows = list(csv.DictReader(line for line in stream if not line.startswith("#")))
     path = folder / "rewritten.csv"
     with path.open("w", newline="") as stream:
@@ -360,12 +346,8 @@ def test_a_unit_that_does_not_suit_the_robot_is_refused(
 ) -> None:
     path = rewritten(tmp_path, unit, factor)
     name, *options = command
-    found = CliRunner().invoke(app, [name, str(path), "--robot", str(ROBOT), *options], catch_exceptions=False)
-    assert found.exit_code == 3
-    assert found.stdout == ""
-    assert f"error: {path}, x, y, z: the positions spread over" in found.stderr
-    assert complaint in found.stderr
-    assert tip in found.stderr
+    told = refused(name, path, "--robot", ROBOT, *options, status=3)
+    assert missing(told, f"error: {path}, x, y, z: the positions spread over", complaint, tip) == []
 
 
 def test_metres_and_radians_read_as_millimetres_and_degrees_are_refused(tmp_path: Path) -> None:
@@ -401,13 +383,10 @@ def test_where_the_instrument_stands_does_not_matter(tmp_path: Path, offset: flo
 
 def test_several_targets_want_a_robot_that_tells_them_apart(tmp_path: Path) -> None:
     robot = read_robot(str(ROBOT))
-    header, first, second = POSES_OF_ROBOT_POSES.read_text(encoding="utf-8").splitlines()[1:4]
+    header, first, second = SAMPLE_POSES.read_text(encoding="utf-8").splitlines()[1:4]
     path = saved(tmp_path / "two.csv", f"{header},target\n{first},smr1\n{second},smr2\n")
-    found = CliRunner().invoke(app, ["estimate", str(path), "--robot", str(ROBOT)], catch_exceptions=False)
-    assert (found.exit_code, found.stdout) == (3, "")
-    assert (
-        f"error: {path}:3, target: found several targets ('smr1', 'smr2'), but the robot has one tool" in found.stderr
-    )
+    several = "found several targets ('smr1', 'smr2'), but the robot has one tool"
+    assert f"error: {path}:3, target: {several}" in refused("estimate", path, "--robot", ROBOT, status=3)
     with pytest.raises(InputError, match=r"found several targets \(smr1, smr2\), but the robot has one tool"):
         robacc.estimate(robacc.read_poses(path), robot=robot)
     several = dataclasses.replace(robot, targets={"smr1": robot.tool})

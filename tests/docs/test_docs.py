@@ -14,7 +14,7 @@ import pytest
 import test_effects_contract as contract
 from arms import arm
 from generated import with_made_parts
-from sample_files import saved
+from sample_files import ROOT, saved
 from transcripts import (
     Ran,
     Session,
@@ -30,7 +30,6 @@ from typer.testing import CliRunner
 from robacc.cli.main import COMMANDS, FORMS, app
 from robacc.effects import REGISTRY
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "pictures" not in path.parts)
 NAMES = [str(path.relative_to(DOCS)) for path in PAGES]
@@ -201,8 +200,8 @@ PAGE = ROOT / "docs" / "how-to" / "own-effect.md"
 NAME = "zero_drift"
 
 
-@pytest.fixture(autouse=True)
-def _registered(tmp_path: Path) -> Iterator[None]:
+@pytest.fixture
+def registered(tmp_path: Path) -> Iterator[None]:
     """The page's file, imported as its reader would."""
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
@@ -233,6 +232,7 @@ def checks() -> list[str]:
     return [name for name, check in vars(contract).items() if values_of(check, "name") == contract.EFFECTS]
 
 
+@pytest.mark.usefixtures("registered")
 @pytest.mark.parametrize("name", checks())
 def test_the_effect_of_the_page_keeps_the_contract(name: str) -> None:
     check = getattr(contract, name)

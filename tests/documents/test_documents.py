@@ -17,15 +17,15 @@ from typing import Any
 import numpy as np
 import pytest
 import results
+from commands import output, refused
 from hypothesis import HealthCheck, given, settings, strategies as st
 from jsonschema import Draft202012Validator, ValidationError
-from sample_files import saved
-from typer.testing import CliRunner
+from sample_files import SAMPLES, saved
 
 import robacc
 from robacc import __version__
 from robacc.api.result import schema_names
-from robacc.cli.main import COMMANDS, FORMS, RENAMED, app
+from robacc.cli.main import COMMANDS, FORMS, RENAMED
 from robacc.documents import envelope as module
 from robacc.documents.envelope import InputFile, csv_text, envelope, read_identity, read_result, schema_version
 from robacc.errors import InputError, UsageError
@@ -351,17 +351,13 @@ def test_results_may_gain_keys() -> None:
 
 
 def test_the_command_prints_the_schema(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["show", "schema", "trace"], catch_exceptions=False)
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert json.loads(done.stdout) == robacc.schema("trace")
-    listed = CliRunner().invoke(app, ["show", "schema"], catch_exceptions=False)
-    assert listed.stdout.split() == NAMES
+    assert json.loads(output("show", "schema", "trace")) == robacc.schema("trace")
+    assert output("show", "schema").split() == NAMES
     target = tmp_path / "check.json"
-    assert CliRunner().invoke(app, ["show", "schema", "check", "-o", str(target)]).exit_code == 0
+    output("show", "schema", "check", "-o", target)
     assert json.loads(target.read_text(encoding="utf-8")) == robacc.schema("check")
-    missing = CliRunner().invoke(app, ["show", "schema", "estimat"], catch_exceptions=False)
-    assert missing.exit_code == 2
-    assert f"no schema 'estimat'; choose one of {', '.join(NAMES)}" in " ".join(missing.stderr.split())
+    told = refused("show", "schema", "estimat")
+    assert f"no schema 'estimat'; choose one of {', '.join(NAMES)}" in told
 
 
 def good(**changes: Any) -> dict[str, Any]:
@@ -484,9 +480,6 @@ def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Non
         read_result("-")
 
 
-SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
-
-
 def test_later_sources_replace_keys_and_the_order_is_that_of_the_page(tmp_path: Path) -> None:
     path = saved(
         tmp_path / "identity.yaml", 'serial_number: "12345"\nplace: hall 4\ncustomer: A & B\ndate: 2026-11-22\n'
@@ -520,9 +513,9 @@ def test_mistakes(tmp_path: Path) -> None:
 
 
 def test_a_robot_file_states_the_identity_of_its_arm(tmp_path: Path) -> None:
-    text = (SAMPLE / "robot.yaml").read_text(encoding="utf-8")
+    text = (SAMPLES / "robot.yaml").read_text(encoding="utf-8")
     path = saved(tmp_path / "arm.yaml", text + "identity:\n  serial_number: 007\n  place: hall 4\n")
-    document = robacc.estimate(SAMPLE / "poses.csv", robot=path).document()
+    document = robacc.estimate(SAMPLES / "poses.csv", robot=path).document()
     (record,) = [record for record in document["inputs"] if record["kind"] == "robot"]
     assert record["identity"] == {"serial_number": "007", "place": "hall 4"}
     assert identity_rows([document], ["a"], {}) == [("Serial number", "007"), ("Place", "hall 4")]

@@ -182,7 +182,7 @@ def fits(data: Measurements) -> tuple[Fit, Fit]:
     return plain, with_error_structure(plain, data, Options(), functools.partial(fit, model, data)).fit
 
 
-@pytest.mark.parametrize("kind", ["white", "wander", "process"])
+@pytest.mark.parametrize("kind", ["white", "wander", pytest.param("process", marks=pytest.mark.slow)])
 def test_standard_errors_are_those_of_many_draws(kind: str) -> None:
     scores = []
     for seed in range(16):

@@ -19,7 +19,6 @@ from robacc.geometry import Poses
 from robacc.gravity import (
     Load,
     Weighted,
-    force_derivatives,
     forces,
     gravity_torques,
     own_weight,
@@ -106,24 +105,6 @@ def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -
         expected = np.imag(work(robot_arm, stepped(scalars, motion), loads)) / STEP
         # Hundreds of N m, by products of some twenty numbers.
         np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-10)
-
-
-@pytest.mark.parametrize("kind", ["own", "payload", "unit"])
-@pytest.mark.parametrize("name", ARMS)
-def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str) -> None:
-    robot_arm = arm(name)
-    loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
-    sweep, frames = swept(robot_arm, scalars, loads)
-    linear, angular = sweep.twists()
-    wanted = tuple(range(len(robot_arm.chain.motions)))
-    expected = np.empty((len(wanted), len(wanted), N))
-    for k in wanted:
-        expected[:, k] = np.imag(all_forces(robot_arm, stepped(scalars, k), loads)) / STEP
-    for motion in wanted:
-        result = force_derivatives(gravity(robot_arm), Weighted(motion, loads), frames, wanted, linear, angular)
-        np.testing.assert_allclose(result, expected[motion], rtol=1e-11, atol=1e-10)
-    # Second derivatives of one energy: the order of the two motions does not matter.
-    np.testing.assert_allclose(expected, np.swapaxes(expected, 0, 1), rtol=1e-11, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ARMS)

@@ -8,17 +8,15 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from commands import document, missing, one_line, output, refused, run
-from sample_files import saved
+from sample_files import ROOT, saved
 
 import robacc
 
-ROOT = Path(__file__).resolve().parents[2]
 NOMINAL = ROOT / "configs/robots/irb1600.yaml"
 STEP = float(np.degrees(4e-4))
 """ArmChange of the third joint's zero from the seventh test on, degrees."""

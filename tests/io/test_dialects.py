@@ -8,16 +8,13 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sample_files import saved
-from typer.testing import CliRunner
+from commands import missing, output, refused, run
+from sample_files import ROBOT, SAMPLES, saved
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import Array, Poses, log_so3, quaternion_from_rotation, rpy_from_rotation
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-ROBOT = SAMPLES / "robot.yaml"
 COUNT = 24
 Columns = dict[str, list[list[str]]]
 """Numbers of the sample poses as texts, by pose, so that every dialect writes the same."""
@@ -238,7 +235,7 @@ EXPORTS = {
 def graded(path: Path, *options: str, robot: bool) -> tuple[dict[str, Any], str]:
     """The document of ``robacc estimate`` and its messages."""
     arm = ["--robot", str(ROBOT)] if robot else []
-    done = CliRunner().invoke(app, ["estimate", str(path), *arm, "--format", "json", *options], catch_exceptions=False)
+    done = run("estimate", path, *arm, "--format", "json", *options)
     assert done.exit_code == 0, done.stderr
     return json.loads(done.stdout), done.stderr
 
@@ -288,16 +285,13 @@ def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, m
     export = EXPORTS["kuka"]
     Path("export.csv").write_bytes(export.content(numbers))
     Path("plain.csv").write_text(export.plain(numbers), encoding="utf-8")
-    done = CliRunner().invoke(app, ["init", "export.csv"], catch_exceptions=False)
-    assert done.exit_code == 0
-    assert "fill in angles and units in columns.yaml" in done.stdout
+    assert "fill in angles and units in columns.yaml" in output("init", "export.csv")
     text = Path("columns.yaml").read_text(encoding="utf-8")
     assert '"A1": q1' in text
     assert '"E1":    # not read' in text
-    refused = CliRunner().invoke(app, ["estimate", "export.csv", "--columns", "columns.yaml", "--robot", str(ROBOT)])
-    assert refused.exit_code == 3
-    assert "columns.yaml:6, angles: expected rotvec or" in refused.stderr
-    assert "columns.yaml:7, units: is not filled in" in refused.stderr
+    told = refused("estimate", "export.csv", "--columns", "columns.yaml", "--robot", ROBOT, status=3)
+    asked = ("columns.yaml:6, angles: expected rotvec or", "columns.yaml:7, units: is not filled in")
+    assert missing(told, *asked) == []
     text = text.replace("angles: unknown", "angles: kuka-abc").replace("units: unknown", "units: mm,deg")
     Path("columns.yaml").write_text(text, encoding="utf-8")
     result, messages = graded(Path("export.csv"), "--columns", "columns.yaml", robot=True)
@@ -305,7 +299,7 @@ def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, m
     assert result["grade"] == expected["grade"]
     assert "columns:" not in messages
     assert result["inputs"][0]["reading"]["units"] == "mm,deg"
-    assert CliRunner().invoke(app, ["init", "export.csv"]).exit_code == 2
+    refused("init", "export.csv")
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -315,7 +309,7 @@ def test_the_map_of_every_export_reads_it_alike(
     monkeypatch.chdir(tmp_path)
     export = EXPORTS[name]
     Path("export.txt").write_bytes(export.content(numbers))
-    assert CliRunner().invoke(app, ["init", "export.txt"], catch_exceptions=False).exit_code == 0
+    output("init", "export.txt")
     text = Path("columns.yaml").read_text(encoding="utf-8")
     convention = "kuka-abc" if name == "kuka" else "fixed-xyz"
     for key, value in (("units", "mm,deg"), ("coverage", "2"), ("angles", convention)):
@@ -406,19 +400,18 @@ def test_points_alone_name_the_option_without_a_robot_too(tmp_path: Path) -> Non
         robacc.estimate(tmp_path / "points.csv")
 
 
-SAMPLE = Path(__file__).resolve().parents[2] / "sample_data"
 CENTRE = Poses.from_xyz_rpy(np.array([[2.0], [-1.5], [0.8]]), np.radians([[10.0], [-20.0], [130.0]]))
 """Pose of the robot's base in the instrument's frame."""
 
 
 @pytest.fixture(scope="module")
 def robot_of_motion_capture_exports() -> robacc.Robot:
-    return robacc.read_robot(SAMPLE / "robot.yaml")
+    return robacc.read_robot(SAMPLES / "robot.yaml")
 
 
 @pytest.fixture(scope="module")
 def data(robot_of_motion_capture_exports: robacc.Robot) -> robacc.Measurements:
-    return robacc.read_poses(SAMPLE / "poses.csv", robot=robot_of_motion_capture_exports)
+    return robacc.read_poses(SAMPLES / "poses.csv", robot=robot_of_motion_capture_exports)
 
 
 @pytest.fixture(scope="module")
@@ -535,7 +528,7 @@ def test_points_and_joints_are_joined_by_name(data_of_commanded: robacc.Measurem
     (tmp_path / "points.txt").write_text(tracker(data_of_commanded, measured), encoding="utf-8")
     (tmp_path / "joints.csv").write_text(joints(data_of_commanded, order), encoding="utf-8")
     arguments = ["estimate", f"{tmp_path}/points.txt", "--commanded", f"{tmp_path}/joints.csv", "--robot", str(ROBOT)]
-    done = CliRunner().invoke(app, [*arguments, "--format", "json"], catch_exceptions=False)
+    done = run(*arguments, "--format", "json")
     assert done.exit_code == 0, done.stderr
     result = json.loads(done.stdout)
     called = robacc.estimate(tmp_path / "points.txt", commanded=tmp_path / "joints.csv", robot=ROBOT, units="mm,deg")

@@ -3,7 +3,6 @@
 import decimal
 import hashlib
 import io
-import json
 import os
 import sys
 import threading
@@ -13,10 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from sample_files import saved
-from typer.testing import CliRunner
+from commands import document, output, run
+from sample_files import POSES, ROBOT, saved
 
-from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
 from robacc.io import table
 from robacc.poses.csv_file import read_poses
@@ -24,9 +22,6 @@ from robacc_plugins import parquet
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
-ROOT = Path(__file__).resolve().parents[2]
-POSES = ROOT / "sample_data" / "poses.csv"
-ROBOT = ROOT / "sample_data" / "robot.yaml"
 PLAIN: Mapping[str, list[Any]] = {
     "x_mm": [1.0, 2.0, 3.0],
     "y_mm": [4.0, 5.0, 6.0],
@@ -70,16 +65,12 @@ def test_the_same_measurements_as_from_csv(tmp_path: Path) -> None:
 
 def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
     path = sample(tmp_path / "poses.parquet")
-    documents = []
-    for poses in (path, str(POSES)):
-        done = CliRunner().invoke(app, ["estimate", poses, "--robot", str(ROBOT), "--format", "json"])
-        assert done.exit_code == 0, done.stderr
-        documents.append(json.loads(done.stdout))
-    assert documents[0]["position"] == documents[1]["position"]
-    assert documents[0]["grade"] == documents[1]["grade"]
-    assert documents[0]["inputs"][0]["name"] == "poses.parquet"
+    found, expected = (document("estimate", poses, "--robot", ROBOT) for poses in (path, POSES))
+    assert found["position"] == expected["position"]
+    assert found["grade"] == expected["grade"]
+    assert found["inputs"][0]["name"] == "poses.parquet"
     for more in ([], ["--full"]):
-        table = CliRunner().invoke(app, ["estimate", path, "--robot", str(ROBOT), *more]).stdout
+        table = output("estimate", path, "--robot", ROBOT, *more)
         assert "row 3 " in table
     assert "line" not in table
 
@@ -158,10 +149,7 @@ def test_pandas_index_is_no_column(tmp_path: Path) -> None:
 def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
     path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
     text = saved(tmp_path / "p.csv", ",".join(PLAIN) + "\n")
-    ends = [
-        CliRunner().invoke(app, ["estimate", str(table), "--robot", str(ROBOT)]).exit_code for table in (path, text)
-    ]
-    assert ends == [3, 3]
+    assert [run("estimate", file, "--robot", ROBOT).exit_code for file in (path, text)] == [3, 3]
 
 
 def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:

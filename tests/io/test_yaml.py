@@ -1,12 +1,12 @@
 """YAML that is edited, and the two readers of it."""
 
 from collections.abc import Iterator
-from pathlib import Path
 from random import Random
 from typing import Any
 
 import pytest
 import yaml
+from sample_files import ROOT
 
 from robacc.errors import InputError
 from robacc.io.yaml_nodes import compose, edited
@@ -124,7 +124,6 @@ def changed(random: Random, value: Any) -> Any:
     return random.choice((value, 2.5)) if isinstance(value, float) else value
 
 
-ROOT = Path(__file__).resolve().parents[2]
 SAMPLES = sorted((*ROOT.glob("sample_data/**/*.yaml"), *ROOT.glob("configs/**/*.yaml")))
 
 

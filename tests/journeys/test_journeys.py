@@ -13,7 +13,7 @@ from commands import missing, run
 from homogeneous import shift, turn
 from independent_arm import DECLARED, LIMITS, link_frames, robot, target
 from refusals import problems_of
-from sample_files import saved
+from sample_files import SAMPLES, saved
 from typer.testing import CliRunner, Result
 
 import robacc
@@ -25,9 +25,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
-
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-
 
 ROBOT = str(SAMPLES / "robot.yaml")
 

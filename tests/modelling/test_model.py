@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import CONFIGURED, arm, circumstances, suited
 from robot_files import URDF_LIKE
+from sample_files import ROOT
 from scipy.optimize import brentq
 
 import robacc
@@ -173,7 +174,6 @@ def test_number_of_identifiable_geometric_parameters(name: str) -> None:
 
 # A fitted model keeps the units, comments, order and unchanged numbers of the robot file, and reads as the fit.
 
-ROOT = Path(__file__).resolve().parents[2]
 
 ROBOTS = [ROOT / "configs" / "robots" / f"{name}.yaml" for name in ("panda", "scara")]
 

@@ -11,10 +11,11 @@ import pytest
 from arms import arm
 from homogeneous import frame, shift, turn
 from scipy import stats
+from slow_parameters import some_fast
 
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, Purpose, needed, plan_campaign, poses_for, spread_poses
+from robacc.planning.campaign import CampaignPlan, Purpose, needed, plan_campaign, poses_for
 from robacc.planning.candidates import Constraints, Sight, conditions_of
 from robacc.planning.design import (
     LEAST_DIRECTION_SHARE,
@@ -67,21 +68,6 @@ def energy_distance(sample: np.ndarray, everything: np.ndarray) -> float:
         return float(np.mean(np.linalg.norm(a[:, :, None] - b[:, None], axis=0)))
 
     return 2 * mean(sample, everything) - mean(sample, sample) - mean(everything, everything)
-
-
-def test_spread_poses_represent_the_region() -> None:
-    rng = np.random.default_rng(1)
-    position, q = rng.normal(size=(3, 300)), rng.uniform(-1, 1, (6, 300))
-    chosen = spread_poses(position, q, 60, 0)
-    assert np.unique(chosen).size == 60
-    random = [rng.choice(300, 60, replace=False) for _ in range(20)]
-    for values in (position, q):
-        distances = [energy_distance(values[:, at], values) for at in random]
-        assert energy_distance(values[:, chosen], values) < min(distances)
-    # Mean and scale stay those of the region: the statistic of the errors is not biased towards its border.
-    np.testing.assert_allclose(position[:, chosen].mean(axis=1), 0.0, atol=0.15)
-    np.testing.assert_allclose(position[:, chosen].std(axis=1), 1.0, atol=0.15)
-    assert spread_poses(position[:, :5], q[:, :5], 9, 0).tolist() == [0, 1, 2, 3, 4]
 
 
 CAMPAIGNS = 200
@@ -137,7 +123,7 @@ def planned(name: str, sight: Sight | None = None, min_height: float | None = No
     return plan_campaign(arm(name).robot, "calibrate", 30, constraints=constraints, **settings)  # type: ignore[arg-type]
 
 
-@pytest.mark.parametrize("name", ["irb1600", "puma560"])
+@pytest.mark.parametrize("name", some_fast(["irb1600", "puma560"], 2))
 def test_predicted_standard_errors_are_realised(name: str) -> None:
     plan = planned(name)
     robot = arm(name).robot
@@ -173,7 +159,7 @@ def held_out(plan: CampaignPlan, q: np.ndarray, names: list[str], test: np.ndarr
     return float(np.sqrt(np.mean(np.sum(np.square(moved), axis=(0, 2)))))
 
 
-@pytest.mark.parametrize("name", ["irb1600", "puma560"])
+@pytest.mark.parametrize("name", some_fast(["irb1600", "puma560"], 2))
 def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     plan = planned(name)
     names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]

@@ -9,7 +9,7 @@ import pytest
 import yaml
 from arms import arm
 from commands import refused
-from sample_files import saved
+from sample_files import ROBOT, saved
 from test_design import target_poses
 
 import robacc
@@ -175,7 +175,6 @@ def test_texts_of_places() -> None:
     assert box.offsets.tolist() == [0.2, np.inf, np.inf, 0.1, np.inf, -0.1]
 
 
-ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
 FIT = "base_frame,tool_frame,joint_offset,payload_compliance[j2,j3]"
 NOISE = 2e-5
 

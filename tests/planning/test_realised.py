@@ -5,6 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from arms import arm
+from sample_files import ROOT
 from test_design import positions
 
 import robacc
@@ -15,7 +16,6 @@ from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, plan_campaign
 from robacc.planning.expected import free_effects
 
-ROOT = Path(__file__).resolve().parents[2]
 SCATTER = 3e-5
 
 

@@ -14,7 +14,7 @@ import pytest
 import yaml
 from commands import output
 from homogeneous import dh, frame, shift, turn
-from sample_files import saved
+from sample_files import ROOT, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -30,9 +30,6 @@ from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import parse_robot
 from robacc_plugins.denavit_hartenberg import dh_table, joint_frames
 from robacc_plugins.ros import write_transforms
-
-ROOT = Path(__file__).resolve().parents[2]
-
 
 ROBOTS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
 

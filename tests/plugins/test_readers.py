@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_files import ROOT
 
 import robacc
 from robacc.errors import InputError, UsageError
@@ -88,9 +89,6 @@ def test_a_reader_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: py
     (tmp_path / "a.count").write_text("8")
     with pytest.raises(UsageError, match=r"the plug-in counter \(site:reader\) cannot be loaded: No module named"):
         robacc.read_poses(tmp_path / "a.count")
-
-
-ROOT = Path(__file__).resolve().parents[2]
 
 
 DIALECT = """

@@ -163,31 +163,6 @@ def test_covariances_agree_with_exact_nonlinear_kinematics(name: str, draws: int
             assert np.trace(sampled) == pytest.approx(np.trace(predicted), rel=10 / np.sqrt(draws))
 
 
-@pytest.mark.parametrize("name", ["puma560", "stanford", "panda"])
-def test_matrices_are_equation_6(name: str) -> None:
-    """Each column against central differences of the textbook's matrices, prismatic joints and modified rows too."""
-    robot = robot_of(name)
-    q = sampled_configurations(robot, 3, seed=1).q
-    matrices = error_matrices(robot, q)
-    zero = np.zeros_like(matrices.m1)
-    expected = {
-        "theta": (matrices.m1, matrices.m2),
-        "d": (matrices.m2, zero),
-        "a": (matrices.m3, zero),
-        "alpha": (matrices.m4, matrices.m3),
-    }
-    step = 1e-6
-    for k in range(q.shape[1]):
-        nominal = np.linalg.inv(forward(robot, q[:, k], {}))[0]
-        for j, joint in enumerate(robot.joints):
-            for kind, (linear, angular) in expected.items():
-                ends = forward(robot, q[:, k], {joint.name: {kind: np.array([step, -step])}})
-                slope = nominal @ (ends[0] - ends[1]) / (2 * step)
-                np.testing.assert_allclose(slope[:3, 3], linear[:, j, k], atol=1e-9)
-                vector = (slope[2, 1], slope[0, 2], slope[1, 0])
-                np.testing.assert_allclose(vector, angular[:, j, k], atol=1e-9)
-
-
 def test_equations_7_and_8_from_the_matrices() -> None:
     """V from M1 … M4 as the paper writes it, with a different variance for every parameter, over more than a block."""
     rng = np.random.default_rng(0)

@@ -134,17 +134,6 @@ def test_noise_is_the_given_one_before_the_files() -> None:
     assert given.noise_squares == pytest.approx(in_file.noise_squares / 4, rel=1e-9)
 
 
-def test_several_blocks_of_poses_are_one_set() -> None:
-    data = simulated(4, n=40)
-    statistics = reduce_residuals(ROBOT, data, PARAMETERS)
-    order = np.random.default_rng(0).permutation(40)
-    shuffled = reduce_residuals(ROBOT, data.subset(order), PARAMETERS)
-    many = data.subset(np.tile(np.arange(40), 128))
-    np.testing.assert_allclose(shuffled.strength, statistics.strength, rtol=1e-9)
-    blocks = reduce_residuals(ROBOT, many, PARAMETERS)
-    np.testing.assert_allclose(blocks.strength, statistics.strength * math.sqrt(128), rtol=1e-9)
-
-
 def test_likelihood_ratio_and_its_factor_against_a_direct_maximisation() -> None:
     rng = np.random.default_rng(0)
     variances = np.exp(rng.uniform(-1, 6, 20))

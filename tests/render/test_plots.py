@@ -13,6 +13,7 @@ import numpy as np
 import pytest
 import results
 from matplotlib.figure import Figure
+from sample_files import ROBOT
 from typer.testing import CliRunner
 
 import robacc
@@ -67,11 +68,11 @@ def many(n: int) -> dict[str, Any]:
 
 
 def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
-    document = many(20_000)
+    document = many(6_000)
     for chart in charts_of(document):
         assert as_part(chart, "x").count("<use") < 2500
         if chart.kind == "time":
-            assert "of 20,000 poses, including the extremes" in chart.caption
+            assert "of 6,000 poses, including the extremes" in chart.caption
         if chart.kind == "distribution":
             sizes = np.sqrt(np.sum(np.square(document["position"]["errors_m"]), axis=1)) * 1e3
             quantiles = [float(row[1].split()[0]) for row in chart.table.rows]
@@ -370,9 +371,6 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     assert all(dropped.name in text for dropped in result.identifiability.dropped)
 
 
-ROBOT = Path(__file__).resolve().parents[2] / "sample_data" / "robot.yaml"
-
-
 def document(**options: object) -> dict[str, object]:
     result = robacc.plan(ROBOT, **{"candidates": 120, "check_every": 6, **options})  # type: ignore[arg-type]
     return json.loads(result.to_json())  # type: ignore[no-any-return]
@@ -441,7 +439,7 @@ def test_the_command_line_makes_the_plan_again(calibration: dict[str, object]) -
 
 
 def test_a_plan_that_says_enough() -> None:
-    enough = document(already=ROBOT.parent / "poses.csv", fit="base_frame,joint_offset")
+    enough = document(already=ROBOT.parent / "poses.csv", fit="base_frame,joint_offset", candidates=40)
     page = render([enough], ["plan"])
     assert "enough poses" in page
     assert "poses.csv" in page

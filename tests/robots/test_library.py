@@ -6,13 +6,12 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import output
 from homogeneous import frame, shift, turn
 from library_facts import URDF_FACTS, Facts, UrdfJoint
 from robot_files import example_robots
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import find_arm, library, read_robot, robot_path, similar_arms
@@ -314,8 +313,7 @@ def test_calls_take_a_name() -> None:
 
 
 def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["init", "KR 6 R900 sixx", "--folder", str(tmp_path)])
-    assert done.exit_code == 0, done.output
+    output("init", "KR 6 R900 sixx", "--folder", tmp_path)
     arm = find_arm("kr6_r900_sixx")
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == arm["path"].read_text(encoding="utf-8")
     robot = read_robot(tmp_path / "robot.yaml")

@@ -12,6 +12,7 @@ import pytest
 import yaml
 from hypothesis import given, settings, strategies as st
 from robot_files import MINIMAL, URDF_LIKE, edit
+from sample_files import ROOT
 
 from robacc.errors import MAX_PROBLEMS, InputError
 from robacc.modelling.robot_file import read_robot
@@ -20,8 +21,7 @@ from robacc.robots.description import MAX_JOINTS, Frame, Joint, Mimic, Robot
 from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
-PROJECT = Path(__file__).resolve().parents[2]
-CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
+CONFIGS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
 
 
 def test_a_file_says_what_it_says() -> None:
@@ -413,7 +413,7 @@ def test_files_that_are_no_robots() -> None:
 
 
 def test_degrees_declared_of_radians_and_millimetres_of_metres() -> None:
-    text = (PROJECT / "configs" / "robots" / "ur10.yaml").read_text()
+    text = (ROOT / "configs" / "robots" / "ur10.yaml").read_text()
     message = problem(text.replace("angle: rad", "angle: deg"))
     assert "units.angle: the joints' angles (1.5708 and so on) are multiples of a quarter turn in rad" in message
     assert "they look like radians: write angle: rad" in message

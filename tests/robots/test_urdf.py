@@ -12,6 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from robot_files import example_robots
+from sample_files import ROOT
 from slow_parameters import some_fast
 
 import robacc
@@ -23,7 +24,6 @@ from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Ro
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
-PROJECT = Path(__file__).resolve().parents[2]
 TREE = """<robot name="tree">
   <link name="world"/>
   <link name="base"/>
@@ -219,7 +219,7 @@ assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
 """
     (tmp_path / "tree.urdf").write_text(TREE)
     run = subprocess.run(
-        [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(PROJECT)}, capture_output=True, text=True
+        [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stderr
 
@@ -363,7 +363,7 @@ def test_our_panda_is_the_urdfs_panda() -> None:
     # Two descriptions of one arm by different hands, modified DH and URDF.
     text = (example_robots() / ARMS[0]).read_text()
     theirs = parse_urdf(text, "panda.urdf", "panda_link0", "panda_link8")
-    ours = read_robot(PROJECT / "configs" / "robots" / "panda.yaml")
+    ours = read_robot(ROOT / "configs" / "robots" / "panda.yaml")
     q = np.random.default_rng(1).uniform(-1, 1, (7, 20))
     np.testing.assert_allclose(
         build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices(), atol=1e-12
@@ -380,7 +380,7 @@ def test_our_ur10_is_the_urdfs_ur10() -> None:
     # The URDF is in metres to four digits and puts its tool frame's axes elsewhere, so points are compared.
     text = (example_robots() / "ur_description/urdf/ur10_robot.urdf").read_text()
     theirs = build_chain(parse_urdf(text, "ur10.urdf", None, "tool0"))
-    ours = build_chain(read_robot(PROJECT / "configs" / "robots" / "ur10.yaml"))
+    ours = build_chain(read_robot(ROOT / "configs" / "robots" / "ur10.yaml"))
     q = np.random.default_rng(1).uniform(-2, 2, (6, 20))
     our, their = ours.forward(q).translation, theirs.forward(q).translation
     turned = rotation_from_rpy(np.array([0, 0, np.pi])) @ our  # base_link looks the other way than base
@@ -463,7 +463,7 @@ def test_a_panda_ends_at_its_flange(tmp_path: Path) -> None:
         np.testing.assert_allclose(found.position.rms, np.sqrt(3) * 5e-5, rtol=0.35)
 
 
-CONFIGS = sorted((PROJECT / "configs" / "robots").glob("*.yaml"))
+CONFIGS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
 
 
 def random_joint(rng: np.random.Generator, i: int, convention: str) -> Joint:
@@ -555,7 +555,7 @@ def test_targets_become_links() -> None:
 
 def test_what_a_urdf_cannot_carry_is_listed() -> None:
     robot = replace(
-        read_robot(PROJECT / "configs" / "robots" / "puma560.yaml"),
+        read_robot(ROOT / "configs" / "robots" / "puma560.yaml"),
         effects=({"effect": "backlash"}, {"other": 1}),
         base_tolerance={"x": 1e-3},
         tool_tolerance={"x": 1e-3},
@@ -578,7 +578,7 @@ def test_what_a_urdf_cannot_carry_is_listed() -> None:
 
 def test_revolute_joints_stay_revolute_and_continuous_joints_continuous() -> None:
     # Pinocchio gives a continuous joint two numbers (cosine and sine): an arm of six had nq = 12.
-    robot = read_robot(PROJECT / "configs" / "robots" / "puma560.yaml")
+    robot = read_robot(ROOT / "configs" / "robots" / "puma560.yaml")
     joints = [replace(joint, limits=None) for joint in robot.joints]
     joints[5] = replace(joints[5], is_continuous=True)
     text, losses = robot_to_urdf(replace(robot, joints=tuple(joints)))

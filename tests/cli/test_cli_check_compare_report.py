@@ -313,6 +313,8 @@ def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) 
     assert (difference["paired"], difference["n_poses"]) == (True, 60)
     assert 0.0 < difference["lower"] < difference["value"] < difference["upper"]
     assert difference["p_value"] < 1e-6
+    largest = next(row for row in found["statistics"] if row["key"] == "position.max")["differences"][0]
+    assert (largest["p_value"], largest["why"]) == (None, "no test exists for the largest of all errors")
     keys = [row["key"].removeprefix("position.") for row in found["statistics"]]
     assert missing(keys, "p95", "max", "mean_x", "sd_z", "longest_sd") == []
     ranking = found["ranking"]
@@ -435,6 +437,7 @@ def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
     fit = ("calibrate", poses, "--robot", UR10, "--folds", "2", "--fit")
     calls = {
         "estimate": ("estimate", poses, "--robot", UR10),
+        "framed": ("estimate", poses, "--robot", UR10, "--frame", "base"),
         "frames": (*fit, "base_frame"),
         "offsets": (*fit, "base_frame,joint_offset[all]"),
         "apart": (*fit, "base_frame", "--holdout", apart),
@@ -452,6 +455,8 @@ def test_an_estimate_beside_a_calibration(fits: dict[str, str]) -> None:
         "alignment: estimate: none; offsets: fitted with the model",
     )
     assert missing(result.stderr, *(f"made differently, {text}" for text in told)) == []
+    framed = run_compare(fits["estimate"], fits["framed"]).stderr
+    assert "made differently, frame: estimate: tool; framed: base" in framed
     found = compared(fits["estimate"], fits["offsets"])
     assert found["pairing"][0]["paired"]
     assert "position.rms" in [row["key"] for row in found["statistics"]]
@@ -491,7 +496,7 @@ def test_files_of_poses_are_estimated_first(fits: dict[str, str], tmp_path: Path
     assert "--robot is for files of poses" in refused_compare(fits["estimate"], other, "--robot", UR10)
 
 
-def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
+def test_iso9283_results_by_their_intervals(estimates: Callable[..., str], tmp_path: Path) -> None:
     poses, paths = tmp_path / "poses.csv", (tmp_path / "arm1.json", tmp_path / "arm2.json")
     for seed, path in enumerate(paths, start=1):
         output("simulate", UR10, "--poses", 5, "--cycles", 6, "--noise", "0.05mm", "--seed", seed, "-o", poses)
@@ -502,6 +507,8 @@ def test_iso9283_results_by_their_intervals(tmp_path: Path) -> None:
     assert "Zou and Donner" in difference["method"]
     assert difference["p_value"] is not None
     assert re.search(r"\nRP +\d", run_compare(*paths).stdout)
+    told = "results of estimate and iso9283 have no figure in common to compare"
+    assert told in refused_compare(estimates("good", 1, 5e-5), paths[0])
 
 
 def test_standard_input_is_one_of_the_results(good: str, poor: str) -> None:

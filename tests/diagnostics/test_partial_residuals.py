@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from arms import arm, circumstances
+from arms import arm, circumstances, suited
 from commands import missing, refused
 from independent_arm import DECLARED, LIMITS, Run, load_torques, measured, robot, run, targets, torques
 from sample_files import POSES as SAMPLE_POSES, ROBOT, saved
@@ -307,6 +307,17 @@ def test_a_cause_of_no_joint_is_told_along_the_way_it_moves_the_target() -> None
     scale = curve("instrument_scale")
     assert scale.driver == "distance"
     assert scale.effect == pytest.approx(-3e-4 * scale.x, rel=0.05)
+
+
+def test_every_effect_of_a_joint_has_a_driver() -> None:
+    for name, cls in REGISTRY.items():
+        if cls.traits.per_joint and name not in ("link_geometry", "lateral_compliance", "step"):
+            robot_arm = suited(name, arm("puma560"))
+            data = circumstances(robot_arm.robot, 40)
+            default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
+            effect = next(iter(cls.candidates(robot_arm, data)), default)
+            driver = effect.driver(robot_arm, data, effect.joints[0])
+            assert driver.values.shape == (40,)
 
 
 def test_an_effect_without_a_single_driver_is_held_against_itself() -> None:

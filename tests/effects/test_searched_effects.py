@@ -723,6 +723,13 @@ def test_a_tool_that_is_not_declared_is_named_with_its_mass() -> None:
     assert "kg more on the link of j6 (95 %:" in load.statement
 
 
+def test_a_link_that_can_hardly_be_lighter_is_tried_with_more_alone() -> None:
+    light = arm_that_states(5, -2.9, np.array(DH[5][5]))
+    load = judged(with_undeclared_load(80, 1, NOISE, 5, 15.0, np.array([0.1, 0.05, 0.2])), light)
+    assert load.is_named
+    assert load.places[0].link == "j6"
+
+
 @pytest.mark.parametrize("error", [None, 0.02], ids=["10 percent", "2 percent"])
 def test_a_load_within_the_errors_of_the_masses_is_named_only_if_these_are_known(error: float | None) -> None:
     arm = Arm.of(dataclasses.replace(robot(), mass_uncertainty=error))

@@ -18,6 +18,7 @@ from robacc.effects.specification import Baseline, build, parse_requests
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.masses import BETTER, choose_form, with_mass_uncertainty
+from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.parameters import parameters
 from robacc.fitting.registration import align, gravity_warning, with_gravity_direction
 from robacc.fitting.solver import fit
@@ -304,3 +305,11 @@ def test_the_default_is_stated_and_the_file_can_state_another() -> None:
     assert stds[1] > 1.2 * stds[2], "10 % of a mass is as large as the noise of 40 poses"
     with pytest.raises(InputError, match=r"mass_uncertainty.*share from 0 to 1"):
         parse_robot(robot_to_yaml(robot) + "mass_uncertainty: 20\n", "wrong.yaml")
+
+
+def test_singular_systems_have_a_solution_without_the_missing_direction() -> None:
+    matrix = np.array([[1.0, 1.0, 0.0], [1.0, 1.0, 0.0], [0.0, 0.0, 0.0]])
+    with pytest.raises(np.linalg.LinAlgError):
+        np.linalg.solve(matrix, np.ones(3))
+    np.testing.assert_allclose(solved(matrix, np.array([1.0, 1.0, 0.0])), [0.5, 0.5, 0.0], atol=1e-9)
+    assert np.isfinite(posterior(matrix, np.zeros(3))).all()

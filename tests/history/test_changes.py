@@ -9,7 +9,7 @@ from scipy.stats import chi2
 from slow_parameters import some_fast
 
 from robacc.documents.history import date_text
-from robacc.history.changes import ArmFit, ArmSeries, find_changes, fleet_of, level_of
+from robacc.history.changes import ArmFit, ArmSeries, find_changes, fleet_of, level_of, slope_of
 
 WEEK = 7 * 86400.0
 LEVEL = WEEK / (365.25 * 86400.0)
@@ -133,6 +133,17 @@ def test_few_tests_of_few_coefficients_give_no_change_and_no_error():
         assert not changes
         assert [limit["key"] for limit in limits] == [f"k{k}" for k in range(p)]
         assert all(limit["limit"] > 0.0 for limit in limits)
+
+
+def test_slope_agrees_with_numpy():
+    rng, n = np.random.default_rng(9), 12
+    values = rng.normal(size=n)
+    slope, low, high = slope_of(np.arange(n) * WEEK, values, np.full(n, 0.1))
+    line, covariance = np.polyfit(np.arange(n) * LEVEL, values, 1, cov=True)
+    assert slope == pytest.approx(line[0], rel=1e-9)
+    from scipy.stats import t
+
+    assert (high - low) / 2 == pytest.approx(t.ppf(0.975, n - 2) * covariance[0, 0] ** 0.5, rel=1e-6)
 
 
 def test_level_is_one_alarm_a_year_at_most_five_percent():

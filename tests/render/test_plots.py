@@ -21,7 +21,7 @@ from robacc.cli.main import app
 from robacc.errors import UsageError
 from robacc.modelling.robot_file import find_arm, read_robot
 from robacc.render.page import command_line, render
-from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short
+from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.poses import SHARES, error_axis, stages_of
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
 from robacc.render.text import (
@@ -77,6 +77,21 @@ def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
             sizes = np.sqrt(np.sum(np.square(document["position"]["errors_m"]), axis=1)) * 1e3
             quantiles = [float(row[1].split()[0]) for row in chart.table.rows]
             assert quantiles == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)
+
+
+def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
+    rng = np.random.default_rng(1)
+    first, second = rng.normal(size=100_000), rng.normal(size=100_000)
+    rows = thinned(500, first, second)
+    assert rows.size == 500
+    assert np.all(np.diff(rows) > 0)
+    for column in (first, second):
+        assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
+    assert np.array_equal(rows, thinned(500, first.copy(), second.copy()))
+    # The rest is spread over all rows, not taken from their beginning.
+    assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
+    assert np.array_equal(thinned(500, first[:500]), np.arange(500))
+    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, first[:1000])).size == 60
 
 
 def test_units_follow_the_size() -> None:

@@ -136,6 +136,20 @@ def test_motion_is_that_of_the_order() -> None:
     assert without.speed is None
 
 
+def test_time_temperature_and_payload() -> None:
+    data = simulate(PUMA, EVERYTHING).data
+    np.testing.assert_array_equal(data.time, 10.0 * np.arange(150))
+    rise = (data.temperature - 18.0) / 10.0
+    assert rise[0] == 0.0
+    assert rise[-1] == pytest.approx(1 - np.exp(-3))
+    assert np.all(np.diff(rise) > 0)
+    assert set(data.payload) == {0.0, 2.0}
+    still = simulate(PUMA, Plan(4, temperature=(24.0, 24.0))).data
+    assert list(still.temperature) == [24.0] * 4
+    assert still.time is None
+    assert still.payload is None
+
+
 def test_commanded_poses_are_those_of_the_robot_without_effects() -> None:
     data = simulate(WITH_EFFECTS, dataclasses.replace(EVERYTHING, commanded=True)).data
     nominal = arm("puma560").chain.forward(data.q)

@@ -440,7 +440,6 @@ def fits(tmp_path_factory: pytest.TempPathFactory) -> dict[str, str]:
         "framed": ("estimate", poses, "--robot", UR10, "--frame", "base"),
         "frames": (*fit, "base_frame"),
         "offsets": (*fit, "base_frame,joint_offset[all]"),
-        "apart": (*fit, "base_frame", "--holdout", apart),
         "predict": ("predict", UR10, "--samples", "50"),
     }
     for name, call in calls.items():

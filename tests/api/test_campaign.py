@@ -50,7 +50,6 @@ DRIFT = {
     "values": {"x": 1e-3, "z": -5e-4},
 }
 
-
 BASE = Frame((0.3, -0.2, 0.1), (0.0, 0.0, 0.02))
 
 
@@ -195,11 +194,7 @@ def test_poses_of_a_campaign_with_a_step_follow_their_times(shifted: Path) -> No
 
 # A model remembers the poses that it was fitted to, and says so where it meets them again.
 POSES, ROBOT = str(CLEAN), str(NOMINAL)
-
-
 WARNING = "poses.csv: the robot file was fitted to these same poses, so the errors show how well the model fits them"
-
-
 NOTE = "the robot file was fitted to these same poses"
 
 
@@ -276,11 +271,7 @@ def test_a_digest_that_is_none_is_named() -> None:
 
 # Targets that the poses name and the robot file does not have: a fit of the tool finds their places.
 NOISE = 2e-5
-
-
 PLACES = {"N1": TOOL, "N2": TOOL + np.array([0.2, 0.1, 0.0]), "N3": TOOL + np.array([-0.1, 0.2, 0.05])}
-
-
 FRAMES = "base_frame,tool_frame"
 
 

@@ -482,11 +482,9 @@ SCREENS = {
 }
 
 UNKNOWN_WORDS = ("evidence", "prior odds", "folds", "equilibrium", "campaign")
-
 """Words that a field engineer does not know."""
 
 NUMBER = re.compile(r" *(?<![\w.])[-+]?(\d+(?:\.\d+)?)(?!\w)")
-
 """A number with the spaces before it, whose count changes with its digits; no digits of names."""
 
 

@@ -224,7 +224,6 @@ FILES = {
     "calibration.conf": ROOT / "tests" / "plugins" / "samples" / "calibration.conf",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
-
 """What the examples name, by the sample that stands in for it."""
 
 IDENTITY = "serial_number: '12345'\ncustomer: works\n"
@@ -247,7 +246,6 @@ RESULTS = {
     "fit1.json": (*FIT, "--folds", "2"),
     "fit2.json": (*FIT, "--folds", "3"),
 }
-
 """Results that examples name, by the command that makes them."""
 
 

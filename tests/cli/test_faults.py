@@ -512,7 +512,6 @@ def by_threads(*words: object) -> list[str]:
 
 
 N = 20_000
-
 """So many that OpenBLAS does divide the sums over the errors among its threads."""
 
 

@@ -31,8 +31,6 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.statistics.lengths import length_quantile
 
 ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
-
-
 MICROMETRE = 1e-6
 
 

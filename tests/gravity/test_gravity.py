@@ -36,13 +36,8 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
-
-
 STEP = 1e-30
-
 """Of the complex step: no difference is taken, so it may be as small as the derivative is exact."""
-
-
 N = 5
 
 
@@ -143,23 +138,11 @@ def _arm(side: str, y: float) -> list[tuple[str, str, tuple, tuple, float, tuple
 
 
 JOINTS = [TORSO, *_arm("left", 0.25), *_arm("right", -0.25)]
-
-
 CHAIN = ("waist", "right_pan", "right_lift", "right_elbow")
-
-
 BESIDE = ("left_pan", "left_lift", "left_elbow")
-
-
 HAND = np.array([0.3, 0.0, 0.05])
-
-
 COMPLIANCE = np.array([2e-5, 0.0, 4e-6, 0.0])
-
-
 NOISE = 3e-5
-
-
 GRAVITY = 9.81
 
 

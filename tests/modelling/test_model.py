@@ -326,7 +326,6 @@ HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", 
     "compliance_variation",
     "counterbalance",
 }
-
 """Effects that stop at the end of a narrow range; the others follow a physical law, or have no driver."""
 
 

@@ -112,7 +112,6 @@ def parse(source, others=()):
     return draft.program()
 """
 
-
 IMPORTER = """
 from robacc import read_robot
 
@@ -120,7 +119,6 @@ from robacc import read_robot
 def read(text, file):
     return read_robot("so101") if text.startswith("# zeros, deg") else None
 """
-
 
 BROKEN = "import a_module_that_is_not_there\n"
 

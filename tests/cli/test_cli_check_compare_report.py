@@ -466,6 +466,9 @@ def test_a_prediction_demonstrates_nothing_and_is_not_ranked_with_an_arm(fits: d
     predicted = alone["grade"]["results"][1]
     assert predicted["verdict"] in ("met_not_demonstrated", "not_met")
     assert (predicted["probability"], predicted["why"]) == (None, "predicted from tolerances, not measured")
+    untested = alone["statistics"][0]["differences"][0]
+    assert untested["p_value"] is None
+    assert untested["why"].startswith("a prediction describes robots yet to be built")
     assert alone["statistics"][0]["differences"][0]["p_value"] is None
     assert [one["name"] for one in alone["ranking"]["order"]] == ["estimate"]
     assert (alone["ranking"]["pairs"], len(alone["ranking"]["text"])) == ([], 1)

@@ -1,12 +1,14 @@
 """What all tests share.
 
-Linear algebra is on one thread, as the command line runs it (see ``robacc.cli.main.main``). Random examples are the
-same in every run; ``pytest --hypothesis-profile=default`` draws new ones.
+Modules of ``tests/effects``, ``tests/fuzz`` and ``docs/tools`` are there for tests of every room. Linear algebra is on
+one thread, as the command line runs it (see ``robacc.cli.main.main``). Random examples are the same in every run;
+``pytest --hypothesis-profile=default`` draws new ones.
 """
 
 from __future__ import annotations
 
 import os
+import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -18,6 +20,8 @@ if TYPE_CHECKING:
 
     from robacc.measurements import Measurements
 
+ROOT = Path(__file__).resolve().parents[1]
+sys.path += [str(ROOT / folder) for folder in ("tests/effects", "tests/fuzz", "docs/tools")]
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 settings.register_profile("repeatable", derandomize=True)
 settings.load_profile("repeatable")

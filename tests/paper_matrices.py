@@ -39,8 +39,7 @@ class ErrorMatrices:
 
 def error_matrices(robot: Robot, q: Array) -> ErrorMatrices:
     """Return M1 … M4 of equation (6) at joint variables ``q`` ``(J, N)`` in rad or m."""
-    arm = Arm.of(robot)
-    chain, n_joints = arm.chain, len(robot.joints)
+    chain, n_joints = Arm.of(robot).chain, len(robot.joints)
     motions = [chain.index(owner, label) for label in ("theta", "alpha") for owner in range(n_joints)]
     sweep = chain.sweep(chain.scalars(q), q.shape[1], motions)
     rotation = sweep.poses.rotation

@@ -9,8 +9,6 @@ from robacc.errors import InputError
 from robacc.measurements import Measurements
 
 PLAIN = "q1,q2,x,y,z\n0.1,0.2,1,2,3\n-0.1,0.3,1.5,2.5,3.5\n"
-
-
 Reader = Callable[..., Measurements]
 """Reads text or bytes as a file called poses.csv: the fixture ``read``."""
 

@@ -1,9 +1,9 @@
-"""Work in several processes or on a cluster: outcomes, order, deaths."""
-
-from __future__ import annotations
+"""Work in several processes, on a cluster, or in one thread: outcomes, order, deaths."""
 
 import os
 import signal
+import subprocess
+import sys
 import time
 from pathlib import Path
 
@@ -82,3 +82,30 @@ def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setattr("robacc.workers._TIMEOUT", 0.5)
     with pytest.raises(UsageError, match=r"no scheduler of Dask answers at tcp://127\.0\.0\.1:9"):
         list(Workers(cluster="tcp://127.0.0.1:9").each(doubled_or_dead, [5]))
+
+
+SCRIPT = """
+import numpy
+from threadpoolctl import threadpool_info
+
+from robacc.threads import single_threaded
+
+
+def threads():
+    return [pool["num_threads"] for pool in threadpool_info() if pool["user_api"] == "blas"]
+
+
+before = threads()
+inside = single_threaded(threads)()
+assert all(count == 1 for count in inside), inside
+assert threads() == before, (before, threads())
+print(*before)
+"""
+
+
+def test_a_call_uses_one_thread_and_gives_the_others_back() -> None:
+    environment = {"OPENBLAS_NUM_THREADS": "2", "PATH": ""}
+    done = subprocess.run([sys.executable, "-c", SCRIPT], env=environment, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    if "2" not in done.stdout:
+        pytest.skip("the linear algebra of this machine has one thread only")

@@ -31,17 +31,9 @@ from robacc.errors import InputError, UsageError
 from robacc.io.json_text import json_text
 
 POSES, ROBOT = "sample_data/poses.csv", "sample_data/robot.yaml"
-
-
 PLAN = "sample_data/iso9283/plan.csv"
-
-
 MODULES = [f"robacc.api.{one.name}" for one in pkgutil.iter_modules(robacc.api.__path__)]
-
-
 FRAMES = ("base_frame", "tool_frame")
-
-
 COMMANDS = ["calibrate", "check", "compare", "correct", "estimate", "export", "import_", "iso9283", "plan", "predict"]
 
 
@@ -186,17 +178,10 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: printed("fleet", f"{FOLDER}/c.json", f"{FOLDER}/d.json"),
     ),
 }
-
 """A call and the command that does the same."""
-
-
 TOLD: list[tuple[str, int, int]] = []
-
 """How far the trace was."""
-
-
 FOLDER = ""
-
 """Of the files that some of them read; set before they run."""
 
 
@@ -360,7 +345,6 @@ def test_results_are_compared_and_checked_without_files() -> None:
 
 
 FLAT = np.zeros((3, 4))
-
 
 WRONG_ARRAYS = {
     "position: expected an array of shape (3, 4), found (4, 3); components come first and poses last, so give "
@@ -715,8 +699,7 @@ def test_a_data_frame_has_a_row_for_each_pose(result: robacc.Estimate) -> None:
 
 def test_chart_and_report_of_a_result(result: robacc.Estimate, tmp_path: Path) -> None:
     pytest.importorskip("matplotlib")
-    figure = result.plot()
-    assert figure.axes
+    assert result.plot().axes
     path = tmp_path / "chart.svg"
     result.plot("time", path=path)
     assert path.read_text(encoding="utf-8").startswith("<?xml")

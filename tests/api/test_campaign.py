@@ -50,7 +50,6 @@ DRIFT = {
     "values": {"x": 1e-3, "z": -5e-4},
 }
 
-
 BASE = Frame((0.3, -0.2, 0.1), (0.0, 0.0, 0.02))
 
 
@@ -195,11 +194,7 @@ def test_poses_of_a_campaign_with_a_step_follow_their_times(shifted: Path) -> No
 
 # A model remembers the poses that it was fitted to, and says so where it meets them again.
 POSES, ROBOT = str(CLEAN), str(NOMINAL)
-
-
 WARNING = "poses.csv: the robot file was fitted to these same poses, so the errors show how well the model fits them"
-
-
 NOTE = "the robot file was fitted to these same poses"
 
 
@@ -253,14 +248,6 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     assert any(text.startswith(told) for text in compared["warnings"])
 
 
-def test_arrays_have_a_digest_too(model: Path) -> None:
-    data = robacc.read_poses(POSES)
-    arrays = robacc.Measurements(position=data.position, rotation=data.rotation, q=data.q)
-    found = robacc.calibrate(arrays, robot=ROBOT, fit="base_frame,tool_frame")
-    assert NOTE in robacc.estimate(arrays, robot=found.robot).notes
-    assert NOTE not in robacc.estimate(data, robot=found.robot).notes
-
-
 @pytest.mark.slow
 def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
     pages = []
@@ -284,11 +271,7 @@ def test_a_digest_that_is_none_is_named() -> None:
 
 # Targets that the poses name and the robot file does not have: a fit of the tool finds their places.
 NOISE = 2e-5
-
-
 PLACES = {"N1": TOOL, "N2": TOOL + np.array([0.2, 0.1, 0.0]), "N3": TOOL + np.array([-0.1, 0.2, 0.05])}
-
-
 FRAMES = "base_frame,tool_frame"
 
 
@@ -509,8 +492,7 @@ def test_the_configuration_of_the_program_decides() -> None:
         ("fanuc", "F D B, 0, 0, -1"): [False, False],
     }
     for (dialect, text), expected in cases.items():
-        window = joint_window(dialect, text, 6)
-        assert allowed_by_window(window, q).tolist() == expected
+        assert allowed_by_window(joint_window(dialect, text, 6), q).tolist() == expected
     assert joint_window("val3", "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert (joint_window("krl", "T 5", 7), joint_window("krl", "", 6)) == (None, None)

@@ -18,6 +18,7 @@ import pytest
 from commands import in_order, missing, one_line, output
 from sample_files import POSES, ROBOT, ROOT, saved
 from scipy.spatial.transform import Rotation
+from slow_parameters import some_fast
 
 from robacc.cli.many import distinct_names
 from robacc.workers import WorkerKilled, Workers
@@ -115,16 +116,6 @@ def test_table_is_as_it_was() -> None:
 
 
 ALIGNED = (*SAMPLE, "--align", "base_frame,tool_frame")
-
-
-@pytest.mark.parametrize("arguments", [ALIGNED, SAMPLE])
-def test_the_first_screen_answers_how_good_why_and_what_now(arguments: tuple[str, ...]) -> None:
-    screen, found = run(*arguments).stdout, document(*arguments)
-    assert len(screen.splitlines()) <= 25
-    assert "\nnext: find the causes of the error: robacc trace " in screen
-    sizes = [f"{found['position'][name] * 1e3:.3g}" for name in ("rms_m", "mean_error_m", "p95_m", "max_m")]
-    assert missing(one_line(screen), f"Grade {found['grade']['grade']}, ", *sizes, "largest errors: line ") == []
-    assert "--full adds covariances" in screen.splitlines()[-2]
 
 
 @pytest.mark.parametrize("arguments", [SAMPLE, ALIGNED, (*ALIGNED, "--full"), (*SAMPLE, "--frame", "base", "--full")])
@@ -425,7 +416,7 @@ def test_what_is_wrong_for_all_is_said_once(
     assert told.count("error: ") == 1
 
 
-@pytest.mark.parametrize("command", ["calibrate", "trace"])
+@pytest.mark.parametrize("command", some_fast(["calibrate", "trace"], 2))
 def test_fits_of_several_files_are_one_table_with_models(tmp_path: Path, command: str) -> None:
     sample = ROOT / "sample_data" / "trace"
     for name in ("one", "two"):

@@ -59,8 +59,7 @@ def test_version_and_help() -> None:
 
 @pytest.mark.parametrize("name", COMMANDS)
 def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
-    function = getattr(declarations, name)
-    assert (inspect.getdoc(function) or "").splitlines()[0] == COMMANDS[name]
+    assert (inspect.getdoc(getattr(declarations, name)) or "").splitlines()[0] == COMMANDS[name]
 
 
 @pytest.mark.parametrize(
@@ -196,8 +195,7 @@ def test_colour_on_a_terminal_only_and_not_against_the_readers_wish() -> None:
         terminal("estimate", "nowhere.csv", NO_COLOR="1"),
         terminal("estimate", *ESTIMATED, TERM="dumb", NO_COLOR=""),
     )
-    piped = process("estimate", *ESTIMATED, NO_COLOR="").stdout
-    assert "\033" not in "".join((*plain, piped))
+    assert "\033" not in "".join((*plain, process("estimate", *ESTIMATED, NO_COLOR="").stdout))
 
 
 def test_a_terminal_without_the_signs_is_no_reason_to_crash() -> None:
@@ -226,7 +224,6 @@ FILES = {
     "calibration.conf": ROOT / "tests" / "plugins" / "samples" / "calibration.conf",
     "gate.yaml": ROOT / "configs" / "gates" / "machine_tending.yaml",
 }
-
 """What the examples name, by the sample that stands in for it."""
 
 IDENTITY = "serial_number: '12345'\ncustomer: works\n"
@@ -249,7 +246,6 @@ RESULTS = {
     "fit1.json": (*FIT, "--folds", "2"),
     "fit2.json": (*FIT, "--folds", "3"),
 }
-
 """Results that examples name, by the command that makes them."""
 
 
@@ -452,8 +448,7 @@ def test_the_scripts_of_the_action_measure_and_check(tmp_path: Path) -> None:
     assert failed.returncode == 4
     assert failed.stdout.startswith("::error title=cell%3A accurate::fail")
     assert 'failures="1"' in (tmp_path / values["junit"]).read_text(encoding="utf-8")
-    summary = (tmp_path / "s.md").read_text(encoding="utf-8")
-    assert "FAIL (1 fail)" in summary
+    assert "FAIL (1 fail)" in (tmp_path / "s.md").read_text(encoding="utf-8")
 
 
 def test_the_container_has_extras_and_the_command_that_exist() -> None:
@@ -473,5 +468,4 @@ def test_the_hook_stops_at_a_wrong_robot_file(tmp_path: Path) -> None:
     robots = sorted(map(str, CONFIGS.glob("*.yaml")))
     assert all(re.search(hook["files"], path) for path in robots)
     assert main(robots) == 0
-    wrong = saved(tmp_path / "wrong.yaml", "robacc: 1\nname: x\n")
-    assert main([robots[0], str(wrong)]) == 3
+    assert main([robots[0], str(saved(tmp_path / "wrong.yaml", "robacc: 1\nname: x\n"))]) == 3

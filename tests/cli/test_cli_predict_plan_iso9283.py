@@ -4,10 +4,7 @@ import csv
 import hashlib
 import io
 import json
-import os
 import re
-import subprocess
-import sys
 from pathlib import Path
 from typing import Any
 
@@ -39,15 +36,6 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
     told = "no parameter of sample arm has a tolerance, so no error can be predicted"
     shown = refused_predict("sample_data/robot.yaml", status=3)
     assert missing(shown, told, "tip: give a tolerance file with --tolerances") == []
-
-
-def test_as_a_process() -> None:
-    environment = os.environ | {"PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
-    command = [sys.executable, "-m", "robacc", "predict", PUMA, "--samples", "20", "--format", "json"]
-    result = subprocess.run(command, cwd=ROOT, env=environment, capture_output=True, text=True)
-    # The same call gives the same bytes, in another process too.
-    same = run_predict(PUMA, "--samples", "20", "--format", "json").stdout
-    assert (result.returncode, result.stderr, result.stdout) == (0, "", same)
 
 
 def test_json_has_the_contracts_keys() -> None:
@@ -323,26 +311,6 @@ def test_robot_and_alignment() -> None:
     shown = output("iso9283", *call, "--align", "base_frame")
     told = ("registered: base_frame fitted, 6 parameters", "largest AP before registration: 0.137 mm")
     assert missing(shown, *told) == []
-
-
-@pytest.mark.slow
-def test_several_files_are_robots(tmp_path: Path) -> None:
-    other = tmp_path / "other.csv"
-    options = ("--seed", "3", "--noise", "0.01mm", "--commanded", "-o", other)
-    output("simulate", ROBOT, "--at", SAMPLE / "plan.csv", *options)
-    found = judged(str(POSES), str(other))
-    assert found["files"] == ["poses.csv", "other.csv"]
-    barycentres = [
-        {one["pose"]: one["barycentre_m"] for one in found["visits"] if one["file"] == name} for name in found["files"]
-    ]
-    apart = {name: float(np.linalg.norm(np.subtract(*(b[name] for b in barycentres)))) for name in barycentres[0]}
-    exchangeability = found["iso9283"]["exchangeability"]
-    assert {one["pose"]: one["position_m"] for one in exchangeability["poses"]} == pytest.approx(apart, rel=1e-9)
-    assert exchangeability["max_m"] == pytest.approx(max(apart.values()), rel=1e-9)
-    shown = run("iso9283", str(POSES), str(other), "--full").stdout
-    assert missing(shown, "Exchangeability E by pose, mm", "poses.csv and other.csv") == []
-    aligned = judged(str(POSES), str(other), "--robot", str(ROBOT), "--align", "base_frame")
-    assert aligned["iso9283"]["exchangeability"]["max_m"] < exchangeability["max_m"]
 
 
 @pytest.mark.parametrize(

@@ -36,7 +36,7 @@ from robacc.poses.csv_file import read_poses
 from robacc.poses.reading import KnownRobot
 from robacc.render.text import lines_of
 from robacc.render.views.robot import robot_view
-from robacc.robots.arm import build_chain, find_reach, low_discrepancy, summarise
+from robacc.robots.arm import build_chain, find_reach, summarise
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
@@ -122,15 +122,6 @@ def test_a_slide_without_limits_has_no_reach() -> None:
     robot = replace(robot, joints=tuple(replace(joint, limits=None) for joint in robot.joints))
     assert find_reach(robot, Frame())["sampled_m"] is None
     assert "reach    unknown: a prismatic joint has no limits" in drawn(robot)
-
-
-@pytest.mark.parametrize("dimensions", [1, 2, 6, 12])
-def test_samples_fill_the_cube_more_evenly_than_chance(dimensions: int) -> None:
-    points = low_discrepancy(dimensions, 1000)
-    assert points.shape == (dimensions, 1000)
-    assert np.all((points >= 0) & (points < 1))
-    # Twenty a bin; chance alone would scatter by 4.4.
-    assert max(np.histogram(line, bins=50, range=(0, 1))[0].std() for line in points) < 2
 
 
 def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
@@ -465,14 +456,6 @@ def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
     assert result["remaining_error"]["position"]["max_m"] < 1e-6
     assert [file["kind"] for file in result["inputs"]] == ["robot", "template"]
     assert conf.read_text(encoding="ascii").splitlines()[5:] == CONF.read_text(encoding="ascii").splitlines()[5:]
-
-
-def test_standard_output_is_the_file_and_nothing_else(tmp_path: Path) -> None:
-    result = run("export", UR10, "--format", "xarm", "--output", "-")
-    assert result.stdout.startswith("# written by robacc")
-    assert result.stderr.startswith("Export as xarm")
-    again = saved(tmp_path / "links.yaml", result.stdout)
-    assert output("init", "--from", again, "--output", "-").startswith("# Written by robacc")
 
 
 def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> None:

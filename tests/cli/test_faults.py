@@ -1,6 +1,5 @@
 """Every exit status, what ends a run from outside, robots at the edges, and files made to mislead."""
 
-import itertools
 import json
 import math
 import os
@@ -25,7 +24,7 @@ from sample_files import ROOT, SAMPLES, saved
 import robacc
 from robacc.errors import InputError
 from robacc.io.dialect import find_dialect
-from robacc.io.files import sha256_of, write_text
+from robacc.io.files import sha256_of
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import is_documented
@@ -512,36 +511,7 @@ def by_threads(*words: object) -> list[str]:
     ]
 
 
-FITS = {
-    "calibrate": ("--fit", "base_frame,tool_frame,joint_offset,joint_compliance[j2],backlash[j3]", "--folds", "2"),
-    "trace": ("--declared", "base_frame,tool_frame,joint_offset,link_geometry"),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("command", FITS)
-def test_one_thread_or_two(command: str) -> None:
-    """The linear algebra may divide its sums: what is found is the same, and the figures to 1e-9 of their size."""
-    samples = ROOT / "sample_data" / "trace"
-    made = by_threads(command, samples / "poses.csv", "--robot", samples / "robot.yaml", *FITS[command])
-    one, two = (json.loads(text) for text in made)
-    for stage, of in itertools.product(("nominal", "before", "after"), ("fitted", "held_out")):
-        first, second = (found[stage][of]["position"] for found in (one, two))
-        figures, others = (
-            {key: value for key, value in each.items() if isinstance(value, float)} for each in (first, second)
-        )
-        assert others == pytest.approx(figures, rel=1e-9), (stage, of)
-    for first, second in zip(one["parameters"], two["parameters"], strict=True):
-        assert first["name"] == second["name"]
-        # A coefficient is as good as its standard deviation; of that, a billionth.
-        assert second["value"] == pytest.approx(first["value"], rel=1e-9, abs=1e-9 * (first["std"] or 1e-3))
-    if command == "trace":
-        first, second = ((found["verdict"], [f["effect"] for f in found["findings"]]) for found in (one, two))
-        assert first == second
-
-
 N = 20_000
-
 """So many that OpenBLAS does divide the sums over the errors among its threads."""
 
 
@@ -567,28 +537,6 @@ URDF = (
 )
 
 TRACED_ROBOT, TRACED_POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
-
-
-def test_a_number_of_400_digits_in_a_result(tmp_path: Path) -> None:
-    result = json.loads(robacc.estimate(TRACED_POSES, robot=TRACED_ROBOT).to_json())
-    result["position"]["rms_m"] = int("9" * 400)
-    path, gate = tmp_path / "r.json", tmp_path / "g.yaml"
-    path.write_text(json.dumps(result))
-    gate.write_text("robacc_gate: 1\nname: g\ncriteria:\n  - {key: position.rms, limit: 1 mm, reason: r}\n")
-    for call in (["check", str(path), "--gate", str(gate)], ["compare", str(path), str(path)]):
-        assert "is not a result: the number 9999" in refused(*call, status=3)
-
-
-def test_a_loop_of_links_is_no_output(tmp_path: Path) -> None:
-    first, second = tmp_path / "first", tmp_path / "second"
-    first.symlink_to(second)
-    second.symlink_to(first)
-    with pytest.raises(InputError, match="first: cannot be written: it is a link to itself"):
-        write_text(first, "x")
-    assert first.is_symlink()
-    (tmp_path / "new").symlink_to(tmp_path / "target")
-    write_text(tmp_path / "new", "x")
-    assert (tmp_path / "target").read_text() == "x"
 
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that opens and cannot be read")

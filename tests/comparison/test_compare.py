@@ -1,6 +1,4 @@
-"""Differences between results: their size against hand computation, pairing, corrections, ranking, warnings."""
-
-from __future__ import annotations
+"""Comparisons of results, and what is said of a grade."""
 
 import dataclasses
 import itertools
@@ -11,10 +9,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_files import saved
 from scipy import stats
 
 import robacc
-from robacc.comparison.comparing import compare, group_letters, holm, indistinguishable_groups
+from robacc.accuracy.grade import GradeStep, Scale
+from robacc.comparison.comparing import common_scale, grade_statuses, group_letters, holm, indistinguishable_groups
 from robacc.comparison.stored_results import RESAMPLED, ComparedResult, ErrorSet, difference, from_intervals, pair_poses
 from robacc.errors import InputError, UsageError
 from robacc.statistics.intervals import EstimatedValue, Interval
@@ -96,12 +96,6 @@ def width(delta: Any) -> float:
     return float(delta.interval.upper - delta.interval.lower)
 
 
-@pytest.mark.parametrize("statistic", sorted(RESAMPLED))
-def test_equal_errors_do_not_differ(statistic: str) -> None:
-    delta = difference(statistic, sample(errors()), sample(errors()), paired=True)
-    assert (delta.value, delta.interval.lower, delta.interval.upper, delta.p_value) == (0.0, 0.0, 0.0, 1.0)
-
-
 @pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95", "sd_z"])
 def test_repeated_poses_are_no_new_evidence(statistic: str) -> None:
     """Every pose five times over: the same interval as once, not one of five times as many poses."""
@@ -119,13 +113,6 @@ def test_p_value_and_interval_say_the_same(statistic: str, n: int, shift: float)
         a, b = errors(n, seed), errors(n, seed + 100, shift * 1e-4)
         delta = difference(statistic, sample(a), sample(b), paired=False)
         assert (delta.p_value < 0.05) == (not delta.interval.lower <= 0.0 <= delta.interval.upper)
-
-
-def test_order_turns_the_sign() -> None:
-    a, b = sample(errors(1200, 1)), sample(errors(1200, 2))
-    forward, reverse = difference("rms", a, b, paired=False), difference("rms", b, a, paired=False)
-    turned = (-reverse.value, -reverse.interval.upper, reverse.p_value)
-    assert (forward.value, forward.interval.lower, forward.p_value) == pytest.approx(turned)
 
 
 @pytest.mark.parametrize(
@@ -250,14 +237,6 @@ def test_the_same_poses_are_found() -> None:
         assert matched(base, second) == (is_same, n)
 
 
-def test_pairs_belong_together_whatever_the_order() -> None:
-    base, order = poses(30), RNG(1).permutation(30)
-    gained = difference(
-        "rms", *pair_poses(base, poses(30, base.q[:, order], vectors=errors(30)[:, order])), paired=True
-    )
-    assert (gained.value, gained.p_value) == (pytest.approx(0.0, abs=1e-18), 1.0)
-
-
 def test_ids_name_poses_where_joints_are_not_known() -> None:
     names, place = np.array([f"p{i}" for i in range(10)]), poses(10).commanded
     first = poses(10, None, place, names)
@@ -277,137 +256,10 @@ def test_targets_must_be_the_same() -> None:
     assert pair_poses(dataclasses.replace(first, q=None), dataclasses.replace(second, q=None)) is None
 
 
-def test_rows_of_the_same_file_are_the_same_poses() -> None:
-    """Registration moves the commanded positions, not the rows."""
-    first = poses(20, None, np.zeros((3, 20)), files=("a",))
-    moved = dataclasses.replace(first, commanded=np.ones((3, 20)))
-    assert matched(first, moved) == (True, 20)
-    assert matched(first, dataclasses.replace(moved, files=("b",))) == (False, 20)
-
-
-def made(
-    name: str, seed: int, n: int = 50, scale: float = 1e-4, command: str = "estimate", **changes: Any
-) -> ComparedResult:
-    vectors = errors(n, seed, scale)
-    figures = {
-        f"position.{statistic}": EstimatedValue(by_hand(statistic, vectors), None)
-        for statistic in ("rms", "mean_error", "p95", "mean_x")
-    }
-    figures["position.max"] = EstimatedValue(float(np.max(np.linalg.norm(vectors, axis=0))), None)
-    fields: dict[str, Any] = {
-        "name": name,
-        "command": command,
-        "version": "1",
-        "n_poses": n,
-        "robot": None,
-        "figures": figures,
-        "errors": {} if command == "predict" else {"position": poses(n, vectors=vectors)},
-        "provenance": {"frame": "tool"},
-        "grade": None,
-        "scale": None,
-        "scale_name": None,
-        "frame": "tool",
-        "digest": f"{name}{seed}{scale}{n}",
-    }
-    return ComparedResult(**(fields | changes))
-
-
-def test_ranking_says_which_differences_are_real() -> None:
-    comparison = compare([made("worst", 1, scale=2e-4), made("good", 2), made("better", 3)])
-    ranking = comparison["ranking"]
-    first, second, worst = (entry["name"] for entry in ranking["order"])
-    assert ({first, second}, worst) == ({"good", "better"}, "worst")
-    assert [entry["letters"] for entry in ranking["order"]] == ["a", "a", "b"]
-    assert ranking["text"] == [
-        f"{second} is better than {worst}",
-        f"{first} and {second} do not differ significantly",
-    ]
-    plain = [pair["difference"]["p_value"] for pair in ranking["pairs"]]
-    assert [pair["p_corrected"] for pair in ranking["pairs"]] == pytest.approx(holm(plain))
-    assert comparison["warnings"] == ()
-
-
-def test_differences_are_to_the_baseline() -> None:
-    a, b = made("a", 1), made("b", 2)
-    (first,), (second,) = (compare([a, b], baseline=name)["statistics"][0]["differences"] for name in ("a", "b"))
-    assert (first["name"], second["name"]) == ("b", "a")
-    assert first["value"] == pytest.approx(-second["value"])
-
-
-def test_equal_results_are_one_result_twice() -> None:
-    comparison = compare([made("a", 1, digest="same"), made("b", 1, digest="same")])
-    for delta in (row["differences"][0] for row in comparison["statistics"]):
-        assert [delta[key] for key in ("value", "lower", "upper", "p_value")] == [0.0, 0.0, 0.0, 1.0]
-    told = comparison["warnings"], comparison["ranking"]["text"]
-    assert told == ((), ["a and b do not differ significantly"])
-
-
-def test_largest_errors_and_predictions_are_not_tested() -> None:
-    comparison = compare([made("a", 1), made("b", 2)])
-    largest = next(row for row in comparison["statistics"] if row["key"] == "position.max")["differences"][0]
-    assert (largest["p_value"], largest["why"]) == (None, "no test exists for the largest of all errors")
-    comparison = compare([made("a", 1), made("p", 2, command="predict")])
-    delta = comparison["statistics"][0]["differences"][0]
-    assert delta["p_value"] is None
-    assert delta["why"].startswith("a prediction describes robots yet to be built")
-    assert comparison["ranking"]["indistinguishable"] == []
-    assert comparison["ranking"]["text"] == ["p is a prediction, which is not ranked with measured arms"]
-
-
-def test_what_was_made_differently_is_warned_of() -> None:
-    a, q = made("a", 1), poses(50).q[:, :40]
-    framed = made("b", 2, provenance={"frame": "base"}, frame="base")
-    for other, told in (
-        (
-            framed,
-            "frame: a: tool; b: base (lengths are compared; components are not, because their axes differ)",
-        ),
-        (
-            made("b", 2, errors={"position": poses(50, None, None)}),
-            "poses: a and b have different poses, so their difference cannot be paired",
-        ),
-        (
-            made("b", 2, errors={"position": poses(40, q, q[:3])}),
-            "poses: a and b share 40 of 50 poses; only these are compared",
-        ),
-    ):
-        assert compare([a, other])["warnings"] == (f"made differently, {told}",)
-    keys = [[row["key"] for row in compare([a, other])["statistics"]] for other in (framed, made("b", 2))]
-    assert ["position.mean_x" in found for found in keys] == [False, True]
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ({"baseline": "z"}, r"`baseline`: no result is named 'z'; choose from a, b"),
-        (
-            {"by": "position.mean_x"},
-            r"`by`: the results have no common figure 'position.mean_x'; choose from position.rms, ",
-        ),
-        ({"confidence": 2.0}, r"`confidence`: expected a probability of at least 0.5 and below 1, found 2"),
-        (
-            {"required_grade": "Z"},
-            r"`grade`: the scale CAD/CAM 0.1 mm, 0.1 degree has no grade 'Z'; it has A, B, C, D, E",
-        ),
-    ],
-)
-def test_calls_that_do_not_fit(options: dict[str, Any], message: str) -> None:
-    with pytest.raises(UsageError, match=message):
-        compare([made("a", 1), made("b", 2)], **options)
-
-
-def test_there_must_be_something_to_compare() -> None:
-    with pytest.raises(UsageError, match="needs at least two results"):
-        compare([made("a", 1)])
-    with pytest.raises(UsageError, match="results of estimate and iso9283 have no figure in common to compare"):
-        compare([made("a", 1), made("b", 2, command="iso9283", figures={"iso9283.AP.max": EstimatedValue(1.0, None)})])
-
-
 def stored(folder: Path, **changes: Any) -> str:
     """Path of a result with these keys."""
     keys = {"schema": "robacc.estimate/1", "robacc": "1", "command": "estimate", "n_poses": 2}
-    path = folder / "r.json"
-    path.write_text(json.dumps(keys | {"options": {}, "inputs": []} | changes))
+    path = saved(folder / "r.json", json.dumps(keys | {"options": {}, "inputs": []} | changes))
     return str(path)
 
 
@@ -453,3 +305,84 @@ def test_other_results_have_nothing_to_compare(tmp_path: Path) -> None:
     path = stored(tmp_path, schema="robacc.show/1", command="show")
     with pytest.raises(UsageError, match=r"r.json is a result of show; only results of estimate, calibrate"):
         robacc.compare(path, path)
+
+
+SCALE = Scale("two", "rms", 0.95, (GradeStep("fine", 1.0, 0.1), GradeStep("coarse", 4.0, 0.4)), "none")
+
+
+def result(**changes: Any) -> ComparedResult:
+    fields: dict[str, Any] = {
+        **{"name": "r", "command": "predict", "version": "1", "n_poses": 40, "robot": None, "figures": {}},
+        **{"errors": {}, "provenance": {}, "grade": None, "scale": None, "scale_name": None, "frame": None},
+        "digest": "",
+    }
+    return ComparedResult(**(fields | changes))
+
+
+def predicted(position: float, orientation: float | None = None) -> ComparedResult:
+    figures = {"position.rms": EstimatedValue(position, None)}
+    if orientation is not None:
+        figures["orientation.rms"] = EstimatedValue(orientation, None)
+    return result(figures=figures)
+
+
+def measured(vectors: np.ndarray) -> ComparedResult:
+    return result(command="estimate", errors={"position": ErrorSet(vectors, np.arange(vectors.shape[1]))})
+
+
+def status(compared: ComparedResult, grade: str) -> dict[str, Any]:
+    (answer,) = grade_statuses([compared], SCALE, grade)
+    return answer
+
+
+@pytest.mark.parametrize(
+    ("position", "orientation", "grade", "verdict", "own"),
+    [
+        (1.0, None, "fine", "met_not_demonstrated", "fine"),
+        (np.nextafter(1.0, 2.0), None, "fine", "not_met", "coarse"),
+        (1.0, None, "coarse", "met_not_demonstrated", "fine"),
+        (4.0, None, "coarse", "met_not_demonstrated", "coarse"),
+        (np.nextafter(4.0, 5.0), None, "coarse", "not_met", "none"),
+        (1.0, 0.1, "fine", "met_not_demonstrated", "fine"),
+        (1.0, np.nextafter(0.1, 1.0), "fine", "not_met", "coarse"),
+        (1.0, 0.5, "coarse", "not_met", "none"),
+    ],
+)
+def test_a_figure_equal_to_the_limit_meets_it(
+    position: float, orientation: float | None, grade: str, verdict: str, own: str
+) -> None:
+    answer = status(predicted(position, orientation), grade)
+    assert (answer["verdict"], answer["grade"]) == (verdict, own)
+
+
+def errors_of_grade_status(rms: float, n: int) -> np.ndarray:
+    vectors = np.random.default_rng(1).normal(size=(3, n))
+    scaled: np.ndarray = vectors * rms / math.sqrt(np.mean(np.sum(vectors**2, axis=0)))
+    return scaled
+
+
+@pytest.mark.parametrize(
+    ("rms", "grade", "own"), [(0.5, "fine", "fine"), (0.5, "coarse", "fine"), (2.0, "coarse", "coarse")]
+)
+def test_the_required_grade_itself_and_better_ones_are_confirmed(rms: float, grade: str, own: str) -> None:
+    answer = status(measured(errors_of_grade_status(rms, 400)), grade)
+    assert (answer["verdict"], answer["grade"], answer["why"]) == ("demonstrated", own, None)
+    assert answer["position_m"] < answer["position_upper_bound_m"]
+
+
+def test_a_grade_met_by_the_value_alone_is_not_confirmed() -> None:
+    answer = status(measured(errors_of_grade_status(0.99, 30)), "fine")
+    assert (answer["verdict"], answer["grade"]) == ("met_not_demonstrated", "fine")
+    assert answer["why"] == "the upper 95 % bound is beyond the limit"
+    assert answer["poses_to_demonstrate"] is not None
+    assert status(measured(errors_of_grade_status(0.99, 30)), "coarse")["verdict"] == "demonstrated"
+    assert status(measured(errors_of_grade_status(1.01, 30)), "fine")["verdict"] == "not_met"
+
+
+def test_scales_that_differ_or_are_incomplete_need_a_choice() -> None:
+    other = Scale("two", "p95", 0.95, SCALE.steps, "none")
+    assert common_scale([result(scale=SCALE, scale_name="two")]) is SCALE
+    with pytest.raises(UsageError, match=r"graded on different scales with the name two; choose the scale with"):
+        common_scale([result(scale=scale, scale_name="two") for scale in (SCALE, other)])
+    with pytest.raises(UsageError, match=r"no result stores the complete scale two; give its file with"):
+        common_scale([result(scale_name="two")])

@@ -1,24 +1,21 @@
 """Corrected commands reach their poses on any arm; the record of a fit predicts how well, and measurements check it."""
 
 import dataclasses
-import itertools
 import json
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pytest
 from arms import CONFIGS, arm, circumstances
 from homogeneous import dh
-from numpy.typing import NDArray
 from slow_parameters import some_fast
 
 import robacc
-from robacc.comparison.comparing import promise_test, rows_of_targets
-from robacc.correction import Evaluate, JointSolution, length_bound, solve
+from robacc.comparison.comparing import promise_test
+from robacc.correction import length_bound
 from robacc.effects import REGISTRY
 from robacc.effects.specification import absorbed, entry_of, with_effect_units
 from robacc.fitting.parameters import absorb_constants
@@ -34,8 +31,6 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.statistics.lengths import length_quantile
 
 ROBOT, TRUTH = "sample_data/trace/robot.yaml", "sample_data/trace/truth.yaml"
-
-
 MICROMETRE = 1e-6
 
 
@@ -186,8 +181,7 @@ def test_every_effect_on_every_arm(kind: str, name: str) -> None:
     if REGISTRY[name].traits.is_of_measurement:
         np.testing.assert_array_equal(targets.q, data.q)
         return
-    at_commands = dataclasses.replace(data, q=targets.q)
-    real, wanted = predict(model, at_commands), predict(robot, data)
+    real, wanted = predict(model, dataclasses.replace(data, q=targets.q)), predict(robot, data)
     position = np.linalg.norm(real.translation - wanted.translation, axis=0)[chosen]
     turn = np.linalg.norm(log_between(real.rotation, wanted.rotation), axis=0)[chosen]
     before = np.linalg.norm(predict(model, data).translation - wanted.translation, axis=0)[chosen]
@@ -333,8 +327,7 @@ def test_bound_agrees_with_the_exact_quantile(seed: int) -> None:
 
 
 def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
-    nominal = robacc.read_robot(ROBOT)
-    q = middle_joints(nominal, 8, seed=3)
+    q = middle_joints(robacc.read_robot(ROBOT), 8, seed=3)
     result = robacc.correct(joint_targets(q), model=TRUTH, nominal=ROBOT)
     result.write(tmp_path / "corrected.csv")
     data = robacc.simulate(TRUTH, at=tmp_path / "corrected.csv").data
@@ -343,30 +336,6 @@ def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
     rows = result.per_target_csv().splitlines()
     assert len(rows) == 9
     assert rows[0].startswith("line,corrected,command_x_m")
-
-
-def test_work_grows_in_proportion_to_the_targets() -> None:
-    """Evaluations of the model, not seconds: every target takes a few, however many there are."""
-    nominal, model = robacc.read_robot(ROBOT), robacc.read_robot(TRUTH)
-    counts: dict[int, int] = {}
-
-    def counted(n: int):  # type: ignore[no-untyped-def]
-        def solved(evaluate: Evaluate, *rest: Any) -> JointSolution:
-            def count(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
-                counts[n] = counts.get(n, 0) + index.size
-                return evaluate(q, index)
-
-            return solve(count, *rest)
-
-        return solved
-
-    for n in (100, 800):
-        with pytest.MonkeyPatch.context() as patch:
-            patch.setattr("robacc.correction.solve", counted(n))
-            robacc.correct(joint_targets(middle_joints(nominal, n, seed=n)), model=model, nominal=nominal)
-    per_target = [counts[n] / n for n in counts]
-    assert max(per_target) < 15
-    assert all(a < 1.6 * b for a, b in itertools.permutations(per_target, 2))
 
 
 def test_joints_that_count_against_the_table_are_corrected() -> None:
@@ -436,24 +405,6 @@ def test_nominal_robot_comes_back_from_the_model() -> None:
     np.testing.assert_allclose(own.q, given.q, atol=1e-9)
     limit, largest = own.document()["limit"], model_fit(result.robot).largest_correction[0]
     assert (own.doubts, limit["source"], limit["position_m"]) == ((), "model", pytest.approx(2 * largest))
-
-
-@pytest.mark.slow
-def test_covariance_of_the_prediction_is_that_of_repeated_fits() -> None:
-    """Fits of other noise scatter about their mean at new poses as one fit's covariance says."""
-    poses = robacc.simulate(ROBOT, poses=15, seed=99).data
-    truth = predict(robacc.read_robot(TRUTH), poses).translation
-    normalised = []
-    for seed in range(6):
-        robot = calibrated(seed).robot
-        fit = model_fit(robot)
-        bare = dataclasses.replace(fit, unexplained=0 * fit.unexplained, repeatability={}, bound_factor=(1.0, 1.0))
-        position = model_uncertainty(robot, bare, poses, measured=True)[0][0]
-        error = predict(robot, poses).translation - truth
-        inverse = np.linalg.inv(np.moveaxis(position, 2, 0))
-        normalised.append(np.einsum("in,nij,jn->n", error, inverse, error).mean() / 3.0)
-    # A mean over 6 fits with some 20 coefficients each: standard deviation about 0.17.
-    assert 0.5 < np.mean(normalised) < 1.6
 
 
 @pytest.mark.parametrize("orientation", [pytest.param(True, marks=pytest.mark.slow), False])
@@ -683,15 +634,6 @@ def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() 
     alone = data.subset(np.flatnonzero(data.target == "A")[:10])
     result = robacc.compare_paired(alone, alone, model=model, nominal=robot)
     assert result.promise["degrees_of_freedom"] == 30
-
-
-def test_rows_belong_to_the_pair_of_pose_and_target() -> None:
-    """Pose "P" with target "A A" is another point than pose "P A" with target "A"."""
-
-    data = robacc.Measurements(
-        position=np.zeros((3, 4)), pose=np.array(["P", "P A", "P A", "P"]), target=np.array(["A A", "A", "A", "A A"])
-    )
-    assert rows_of_targets(data) == {("P", "A A"): [0, 3], ("P A", "A"): [1, 2]}
 
 
 def test_promise_is_kept_as_often_as_it_claims() -> None:

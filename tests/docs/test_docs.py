@@ -1,25 +1,36 @@
-"""Commands of the documentation print the outputs of its pages, and generated parts agree with the program."""
+"""Pages and README say what the commands do; the effect of a page keeps the contract."""
 
 import importlib.util
 import os
 import re
 import subprocess
 import sys
+import tomllib
+from collections.abc import Iterator
 from html.parser import HTMLParser
 from pathlib import Path
 
 import pytest
+import test_effects_contract as contract
+from arms import arm
+from generated import with_made_parts
+from sample_files import ROOT, saved
+from transcripts import (
+    Ran,
+    Session,
+    agrees,
+    blocks,
+    brought_up_to_date,
+    commands,
+    lost_ends,
+    same_line,
+)
 from typer.testing import CliRunner
 
 from robacc.cli.main import COMMANDS, FORMS, app
+from robacc.effects import REGISTRY
 
-ROOT = Path(__file__).resolve().parents[2]
 DOCS = ROOT / "docs"
-sys.path.insert(0, str(DOCS / "tools"))
-
-from generated import with_made_parts  # noqa: E402
-from transcripts import Ran, Session, agrees, blocks, brought_up_to_date, commands, lost_ends, same_line  # noqa: E402
-
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "pictures" not in path.parts)
 NAMES = [str(path.relative_to(DOCS)) for path in PAGES]
 CACHE: dict[str, Ran] = {}
@@ -89,8 +100,7 @@ def test_the_architecture_names_files_that_exist() -> None:
 
 
 def test_a_difference_from_the_page_is_noticed(tmp_path: Path) -> None:
-    session = Session(tmp_path, {})
-    output = session.run("robacc show effects gear_ratio")
+    output = Session(tmp_path, {}).run("robacc show effects gear_ratio")
     first, *rest = output.splitlines()
     assert agrees((first, *rest), output)
     assert agrees((first, "…"), output)
@@ -184,3 +194,109 @@ def test_the_site_builds_without_warnings_and_needs_no_network(tmp_path: Path) -
         assert 'class="arithmatex"' not in text
     for style in site.rglob("*.css"):
         assert not re.findall(r"url\(\s*[\"']?https?:|@import", style.read_text(encoding="utf-8"))
+
+
+PAGE = ROOT / "docs" / "how-to" / "own-effect.md"
+NAME = "zero_drift"
+
+
+@pytest.fixture
+def registered(tmp_path: Path) -> Iterator[None]:
+    """The page's file, imported as its reader would."""
+    known = dict(REGISTRY)
+    (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
+    spec = importlib.util.spec_from_file_location(NAME, saved(tmp_path / f"{NAME}.py", source))
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[NAME] = module
+    try:
+        spec.loader.exec_module(module)
+        yield
+    finally:
+        REGISTRY.clear()
+        REGISTRY.update(known)
+        del sys.modules[NAME]
+
+
+def values_of(check: object, argument: str) -> tuple[object, ...] | None:
+    """Values that a check is parametrised by."""
+    for mark in getattr(check, "pytestmark", ()):
+        if mark.name == "parametrize" and mark.args[0] == argument:
+            return tuple(mark.args[1])
+    return None
+
+
+def checks() -> list[str]:
+    """Checks of the contract that run over the whole registry."""
+    return [name for name, check in vars(contract).items() if values_of(check, "name") == contract.EFFECTS]
+
+
+@pytest.mark.usefixtures("registered")
+@pytest.mark.parametrize("name", checks())
+def test_the_effect_of_the_page_keeps_the_contract(name: str) -> None:
+    check = getattr(contract, name)
+    arms: tuple[object, ...] = values_of(check, "arm_name") or tuple(arm(known) for known in contract.ARMS)
+    if check.__code__.co_argcount == 1:
+        check(NAME)
+    else:
+        for second in arms:
+            check(NAME, second)
+
+
+def test_the_contract_has_checks() -> None:
+    assert len(checks()) >= 8
+
+
+README = (ROOT / "README.md").read_text(encoding="utf-8")
+EXAMPLE = [shown for block in blocks(README) for shown in commands(block.text)]
+
+
+def test_it_is_short() -> None:
+    assert len(README.splitlines()) <= 150
+    assert sum(len(shown.output) for shown in EXAMPLE) <= 45
+    assert README.count("](docs/pictures/") == 1
+
+
+def test_the_example_asks_for_the_accuracy_then_for_the_cause_and_closes_the_loop() -> None:
+    loop = ["estimate", "trace", "simulate", "simulate", "estimate", "correct", "simulate", "estimate"]
+    assert [shown.command.split()[:2] for shown in EXAMPLE] == [["robacc", name] for name in loop]
+
+
+@pytest.fixture(scope="module")
+def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
+    """Outputs of all commands of the example, in one session."""
+    session = Session(tmp_path_factory.mktemp("example"))
+    return [session.run(shown.command) for shown in EXAMPLE]
+
+
+@pytest.mark.parametrize("number", range(len(EXAMPLE)), ids=[shown.command.split()[1] for shown in EXAMPLE])
+def test_the_example_is_real_output(number: int, outputs: list[str]) -> None:
+    shown, output = EXAMPLE[number], outputs[number]
+    assert agrees(shown.output, output), f"{shown.command}\nprints\n{output}"
+
+
+def test_one_command_runs_the_main_job_and_one_the_tests() -> None:
+    setup = [block for block in re.findall(r"```sh\n(.*?)```", README, re.DOTALL) if "venv" in block]
+    main_job, tests = setup
+    assert main_job.count("\n") == tests.count("\n") == 1
+    assert f".venv/bin/{EXAMPLE[1].command}\n" in main_job
+    assert "pytest" in tests
+
+
+def test_every_extra_for_users_is_named() -> None:
+    extras = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]["optional-dependencies"]
+    (line,) = [line for line in README.splitlines() if line.startswith("Extras: ")]
+    assert set(re.findall(r"`(\w+)`", line)) == extras.keys() - {"docs", "dev"}
+
+
+@pytest.mark.parametrize("name", [*COMMANDS, "show robots", "show effects", "show schema"])
+def test_every_command_is_named(name: str) -> None:
+    assert f"robacc {name}" in README
+
+
+def test_every_link_leads_to_a_file() -> None:
+    links = re.findall(r"\]\(([^)#]+)[^)]*\)", README)
+    assert {"CONTRIBUTING.md", "docs/tutorial.md", "docs/architecture.md", "docs/glossary.md"} <= set(links)
+    for link in links:
+        assert (ROOT / link).exists(), link

@@ -1,22 +1,18 @@
 """What is put into simulated poses comes out of the fit, within the uncertainty that the fit states."""
 
-from __future__ import annotations
-
 import dataclasses
 from functools import cache
 
 import numpy as np
 import pytest
-from arms import CONFIGURED, arm, circumstances
+from arms import CONFIGURED, arm
 from scipy import stats
 from slow_parameters import some_fast
 
-from robacc import calibrate
-from robacc.effects import REGISTRY, effect_class
+from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.effects.elastic import Elastic
 from robacc.effects.specification import CONSTANTS, FRAMES, build, default_baseline, entry_of, parse_requests
-from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places
 from robacc.geometry import rms_length
@@ -30,9 +26,7 @@ from robacc.tracing.trace import trace
 # What is put into simulated poses comes out of the fit, within the uncertainty that the fit states.
 
 NOISE = 2e-5
-
 GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
-
 PLAN = Plan(
     120,
     seed=3,
@@ -129,7 +123,6 @@ HAS_IT_NOT = (
     }
     | {("rail_errors", name) for name in ("irb1600", "panda", "puma560", "ur10")}
 )  # no joint slides; the simulation reads no joints back
-
 SIX = ("joint_compliance", "backlash", "transmission_error", "thermal_expansion", "frame_drift", "gear_ratio")
 
 
@@ -155,59 +148,7 @@ def test_coverage_of_95_percent_intervals(name: str) -> None:
     assert 0.93 <= share <= 0.97
 
 
-def test_a_fit_that_lacks_the_effect_misses_the_truth() -> None:
-    # The recovery above can fail: without the effect what is left is many times the noise.
-    one = arm("puma560")
-    effect = one_joint("backlash", one, blank("puma560"))
-    robot = with_truth(one, effect, truth_of(effect, one, blank("puma560")))
-    data = simulate(robot, PLAN).data
-    free = [REGISTRY[part].default(one, data) for part in GEOMETRY]
-    without = fit(Model.of(one.robot, free), data, Options())
-    assert without.misfit[0] > 3 * NOISE
-    assert worst_of_prediction(without, robot) > 5.0
-    assert not np.allclose(predict(robot, data).translation, without.poses.translation, rtol=0, atol=NOISE)
-
-
 # Every effect on thousands of poses: several blocks, targets, folds, both deflection forms; slow.
-
-ELASTIC = tuple(name for name, cls in REGISTRY.items() if issubclass(cls, Elastic))
-
-
-def arm_for(name: str) -> Arm:
-    """The arm with two targets, or one with a slide where the effect needs it."""
-    stem = "puma560" if REGISTRY[name].possible_joints(arm("targets:puma560")) else "stanford"
-    return arm(f"targets:{stem}")
-
-
-def effect_of(name: str, one: Arm, data: Measurements, deflection: str) -> Effect:
-    cls = REGISTRY[name]
-    joints = tuple(joint for joint in ("j2", "j3") if joint in cls.possible_joints(one))
-    effect = cls.default(one, data, joints if cls.traits.per_joint else None)
-    return dataclasses.replace(effect, deflection=deflection) if isinstance(effect, Elastic) else effect
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "n", "deflection"),
-    [
-        *((name, n, "equilibrium") for name in REGISTRY for n in (5000, 20000)),
-        *((name, 5000, "rigid") for name in ELASTIC),
-    ],
-)
-def test_every_effect_on_many_poses(name: str, n: int, deflection: str) -> None:
-    """Fit the effect alone, with base and tool, to poses of an arm that has it; nothing fails and errors decrease."""
-    one = arm_for(name)
-    robot, data = one.robot, circumstances(one.robot, n, 3)
-    effect = effect_of(name, one, data, deflection)
-    terms = effect.terms(one, data)
-    true = dataclasses.replace(robot, effects=(entry_of(effect, {term.name: term.typical for term in terms}),))
-    exact = predict(true, data)
-    noise = np.random.default_rng(n).normal(0, 2e-5, (3, n))
-    data = dataclasses.replace(data, position=exact.translation + noise, rotation=exact.rotation)
-    joints = f"[{','.join(effect.joints)}]" if REGISTRY[name].traits.per_joint else ""
-    result = calibrate(data, robot=robot, fit=f"{name}{joints}", folds=2)
-    assert result.after.fitted.position.rms < 2e-4
-    assert result.document()["parameters"]
 
 
 # Effects of a baseline that nobody declared: those of every arm that the poses support.
@@ -253,30 +194,13 @@ def test_repetitions_support_no_more_coefficients() -> None:
     assert default_baseline(arm("puma560"), data, np.unique(places(data)).size).names == FRAMES
 
 
-@pytest.mark.parametrize("name", ["puma560", "scara", "stanford"])
-@pytest.mark.parametrize("orientation", [True, False])
-def test_the_count_of_coefficients_is_what_a_fit_identifies(name: str, orientation: bool) -> None:
-    """The rule of Everett against the rank of the Jacobian: prismatic joints and a target without orientation."""
-    joints = arm(name)
-    data = simulate(joints.robot, Plan(60, seed=3, noise_position=1e-5, noise_orientation=1e-5)).data
-    if not orientation:
-        data = Measurements(data.position, q=data.q)
-    effects = build(parse_requests(",".join(ALL)), joints, data)
-    identified = int(fit(Model.of(joints.robot, effects), data, Options()).identifiability.columns.size)
-    revolute = sum(joints.is_revolute(axis) for axis in joints.names)
-    prismatic = len(joints.names) - revolute
-    assert identified <= 4 * revolute + 2 * prismatic + (6 if orientation else 3)
-    assert all(effect_class(effect).missing(joints, data) is None for effect in ALL)
-
-
 @pytest.mark.parametrize(("name", "n"), [("puma560", 18), ("stanford", 20)])
 def test_few_poses_of_an_arm_with_errors_of_geometry_are_clean(name: str, n: int) -> None:
     """Without geometry in the baseline its errors would be findings or noise, and other poses would miss them."""
     rng, noise = np.random.default_rng(5), 2e-5
     joints = arm(name)
     data, other = (simulate(joints.robot, Plan(count, seed=seed)).data for count, seed in ((n, 4), (200, 5)))
-    effects = build(parse_requests(",".join(ALL)), joints, data)
-    model = Model.of(joints.robot, effects)
+    model = Model.of(joints.robot, build(parse_requests(",".join(ALL)), joints, data))
     real = 3e-4 * rng.normal(size=len(model.bind(data).terms))
     position = model.bind(data).poses(real).translation + noise * rng.normal(size=(3, n))
     measured = Measurements(position, q=data.q)

@@ -2,7 +2,6 @@
 
 READER is one of ``targets.READERS``, or ``all`` of them in turn. A file that makes robacc crash, hang or end without a
 message is saved in ``--keep FOLDER``, once for each place in the code; the exit status is 1 where there is such a file.
-With atheris installed (``pip install atheris``), ``--guided`` chooses files by the code that they reach.
 """
 
 import argparse
@@ -20,7 +19,7 @@ from pathlib import Path
 from types import FrameType
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
-sys.path.insert(0, os.fspath(Path(__file__).parent))
+sys.path[:0] = map(os.fspath, Path(__file__).resolve().parents[:2])
 
 TIME_LIMIT = 60
 """s for one file."""
@@ -98,33 +97,6 @@ def blind(attack: Attack, seconds: float, seed: int) -> None:
     print(f"{attack.reader}: {attack.cases} files, {len(attack.findings)} findings", flush=True)
 
 
-def guided(attack: Attack, seconds: float, seed: int) -> None:
-    """Try mutations guided by coverage; end the process."""
-    import atheris
-
-    with atheris.instrument_imports(include=["robacc", "yaml"]):
-        import yaml  # noqa: F401
-        from mutations import mutate_json, mutate_text
-        from targets import seeds
-
-        attack.call = _targets().READERS[attack.reader]
-    corpus = attack.folder / "corpus" / attack.reader
-    corpus.mkdir(parents=True, exist_ok=True)
-    for i, data in enumerate(seeds(attack.reader)):
-        (corpus / f"seed{i}").write_bytes(data)
-        mutate = mutate_json if _is_json(data) else mutate_text
-        attack(data)
-
-    def mutated(data: bytes, max_size: int, number: int) -> bytes:
-        rng = random.Random(number)
-        return (mutate(data, rng) if rng.random() < 0.8 else atheris.Mutate(data, max_size))[:max_size]
-
-    options = [f"-max_total_time={seconds:.0f}", f"-seed={seed + 1}", "-max_len=2000000", "-len_control=0"]
-    options += ["-rss_limit_mb=6000", f"-timeout={3 * TIME_LIMIT}", "-verbosity=0", "-print_final_stats=1"]
-    atheris.Setup([sys.argv[0], *options, os.fspath(corpus)], attack, custom_mutator=mutated)
-    atheris.Fuzz()
-
-
 def _is_json(data: bytes) -> bool:
     try:
         return isinstance(json.loads(data), dict)
@@ -141,13 +113,12 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=60.0, help="for each reader")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--keep", type=Path, required=True, help="folder for files that make a reader fail")
-    parser.add_argument("--guided", action="store_true")
     options = parser.parse_args()
     _limits()
     findings = 0
     for reader in READERS if options.reader == "all" else (options.reader,):
         attack = Attack(reader, options.keep)
-        (guided if options.guided else blind)(attack, options.seconds, options.seed)
+        blind(attack, options.seconds, options.seed)
         findings += len(attack.findings)
     return 1 if findings else 0
 

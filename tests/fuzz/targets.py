@@ -15,6 +15,7 @@ from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import typer
+from sample_files import saved
 
 PROJECT = Path(__file__).resolve().parents[2]
 SAMPLES = PROJECT / "sample_data"
@@ -64,8 +65,7 @@ def _refused(constant: str) -> float:
 
 
 def _written(data: bytes, name: str) -> str:
-    path = folder() / name
-    path.write_bytes(data)
+    path = saved(folder() / name, data)
     return os.fspath(path)
 
 
@@ -160,7 +160,6 @@ READERS: Mapping[str, Callable[[bytes], None]] = {
     reader.__name__: reader
     for reader in (poses, robot_poses, cycles, robot, robot_used, urdf, gate, scale, tolerances, result, page)
 }
-
 CALLS = {
     "estimate": ("poses.csv", "--robot", "robot.yaml", "--align", "base_frame,tool_frame"),
     "predict": ("../configs/robots/puma560.yaml", "--samples", "20", "--allocate", "C"),

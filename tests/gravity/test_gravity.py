@@ -19,9 +19,6 @@ from robacc.geometry import Poses
 from robacc.gravity import (
     Load,
     Weighted,
-    bears_weight,
-    combined,
-    force_derivatives,
     forces,
     gravity_torques,
     own_weight,
@@ -39,13 +36,8 @@ from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
-
-
 STEP = 1e-30
-
 """Of the complex step: no difference is taken, so it may be as small as the derivative is exact."""
-
-
 N = 5
 
 
@@ -110,24 +102,6 @@ def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -
         np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-10)
 
 
-@pytest.mark.parametrize("kind", ["own", "payload", "unit"])
-@pytest.mark.parametrize("name", ARMS)
-def test_derivatives_of_the_force_agree_with_a_complex_step(name: str, kind: str) -> None:
-    robot_arm = arm(name)
-    loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
-    sweep, frames = swept(robot_arm, scalars, loads)
-    linear, angular = sweep.twists()
-    wanted = tuple(range(len(robot_arm.chain.motions)))
-    expected = np.empty((len(wanted), len(wanted), N))
-    for k in wanted:
-        expected[:, k] = np.imag(all_forces(robot_arm, stepped(scalars, k), loads)) / STEP
-    for motion in wanted:
-        result = force_derivatives(gravity(robot_arm), Weighted(motion, loads), frames, wanted, linear, angular)
-        np.testing.assert_allclose(result, expected[motion], rtol=1e-11, atol=1e-10)
-    # Second derivatives of one energy: the order of the two motions does not matter.
-    np.testing.assert_allclose(expected, np.swapaxes(expected, 0, 1), rtol=1e-11, atol=1e-10)
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
     robot_arm = arm(name)
@@ -151,49 +125,6 @@ def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
     assert np.abs(result).max() > 1.0
 
 
-def test_an_upright_axis_carries_no_torque_and_an_arm_without_masses_none_at_all() -> None:
-    puma = arm("puma560")
-    q = circumstances(puma.robot, N).q
-    np.testing.assert_allclose(gravity_torques(puma, q)[0], 0.0, rtol=0, atol=1e-12)
-    bare = arm("irb1600")
-    q = circumstances(bare.robot, N).q
-    assert not np.any(gravity_torques(bare, q))
-
-
-def test_a_load_in_front_of_the_motion_is_not_moved_by_it() -> None:
-    robot_arm = arm("puma560")
-    load = own_weight(robot_arm)[0]
-    result = all_forces(robot_arm, start(robot_arm), (load,))
-    assert np.any(result[: load.after])
-    assert not np.any(result[load.after :])
-
-
-def test_loads_with_factors_act_as_their_sum() -> None:
-    panda = arm("panda")
-    scalars, own, carried = start(panda), own_weight(panda), payload(panda, np.linspace(0.0, 4.0, N))
-    expected = 0.5 * all_forces(panda, scalars, own) - 2.0 * all_forces(panda, scalars, carried)
-    together = combined([(0.5, own), (-2.0, carried)])
-    assert len(together) == len({load.after for load in (*own, *carried)})
-    np.testing.assert_allclose(all_forces(panda, scalars, together), expected, rtol=1e-12, atol=1e-10)
-
-
-@pytest.mark.parametrize("name", [*ARMS, "scara"])
-@pytest.mark.parametrize("leaning", [0.0, 0.5, 2.0])
-def test_a_joint_bears_weight_if_a_mass_on_its_link_can_load_it(name: str, leaning: float) -> None:
-    """Against the work of a first moment of 1 kg m, and of 1 kg on a slide; within a degree an axis counts as level."""
-    robot = arm(name).robot
-    lean = np.radians(leaning)
-    down = 9.81 * np.array([np.sin(lean), 0.0, -np.cos(lean)])
-    one = Arm.of(dataclasses.replace(robot, gravity=tuple(down)))
-    q = circumstances(robot, 40).q
-    loads = unit_loads(one, 0)
-    for number, owner in enumerate(one.owners):
-        labels = ("hx", "hy", "hz") if one.is_revolute(one.names[number]) else ("m",)
-        torque = np.array([gravity_torques(one, q, loads[f"{label}{owner + 1}"])[number] for label in labels])
-        largest = np.linalg.norm(torque, axis=0).max() / 9.81
-        assert bears_weight(one, q)[number] is bool(largest > np.sin(np.radians(1.0))), one.names[number]
-
-
 # name, parent, origin, axis, mass of the link, its centre of mass
 TORSO = ("waist", "pelvis", (0.0, 0.0, 0.6), (0.0, 1.0, 0.0), 14.0, (0.02, 0.0, 0.25))
 
@@ -207,23 +138,11 @@ def _arm(side: str, y: float) -> list[tuple[str, str, tuple, tuple, float, tuple
 
 
 JOINTS = [TORSO, *_arm("left", 0.25), *_arm("right", -0.25)]
-
-
 CHAIN = ("waist", "right_pan", "right_lift", "right_elbow")
-
-
 BESIDE = ("left_pan", "left_lift", "left_elbow")
-
-
 HAND = np.array([0.3, 0.0, 0.05])
-
-
 COMPLIANCE = np.array([2e-5, 0.0, 4e-6, 0.0])
-
-
 NOISE = 3e-5
-
-
 GRAVITY = 9.81
 
 

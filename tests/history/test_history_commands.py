@@ -8,16 +8,15 @@ import subprocess
 import sys
 import time
 from concurrent.futures import ThreadPoolExecutor
-from pathlib import Path
 
 import numpy as np
 import pytest
 import yaml
 from commands import document, missing, one_line, output, refused, run
+from sample_files import ROOT, saved
 
 import robacc
 
-ROOT = Path(__file__).resolve().parents[2]
 NOMINAL = ROOT / "configs/robots/irb1600.yaml"
 STEP = float(np.degrees(4e-4))
 """ArmChange of the third joint's zero from the seventh test on, degrees."""
@@ -29,9 +28,7 @@ def arm_with(folder, *, j3=0.0, x=0.0):
         {"effect": "base_frame", "values": {"x": 1.0 + x, "y": 2.0, "z": -1.0, "roll": 0.05, "yaw": 0.02}},
         {"effect": "joint_offset", "joints": ["j2", "j3", "j5"], "values": {"j2": 0.06, "j3": 0.1 + j3, "j5": -0.1}},
     ]
-    path = folder / "arm.yaml"
-    path.write_text(yaml.safe_dump(content))
-    return path
+    return saved(folder / "arm.yaml", yaml.safe_dump(content))
 
 
 def measured(folder, name, seed, poses=30, **arm):
@@ -137,8 +134,7 @@ def test_other_programs_read_the_database(database):
 
 
 def test_what_is_no_database_and_no_result_is_refused(database, tests, tmp_path):
-    text = tmp_path / "text.db"
-    text.write_text("not a database, but a text that is long enough to be one")
+    text = saved(tmp_path / "text.db", "not a database, but a text that is long enough to be one")
     assert "is not a database of robacc history" in refused("history", "show", "--db", text, status=3)
     with sqlite3.connect(tmp_path / "other.db") as other:
         other.execute("CREATE TABLE things (name TEXT)")
@@ -148,8 +144,7 @@ def test_what_is_no_database_and_no_result_is_refused(database, tests, tmp_path)
     with sqlite3.connect(later) as base:
         base.execute("PRAGMA user_version = 99")
     assert "version 99" in refused("history", "changes", "--db", later, status=3)
-    broken = tmp_path / "broken.json"
-    broken.write_text(tests[0].read_text()[:3000])
+    broken = saved(tmp_path / "broken.json", tests[0].read_text()[:3000])
     fresh = tmp_path / "fresh.db"
     assert "truncated" in refused("history", "add", tests[0], broken, "--db", fresh, status=3)
     assert "no such database" in refused("history", "show", "--db", fresh, status=3)
@@ -178,8 +173,10 @@ def test_a_kill_at_any_moment_loses_nothing(tests, tmp_path):
     for round_ in range(20):
         files = []
         for i in range(10):
-            copy = tmp_path / f"r{round_}_{i}.json"
-            copy.write_text(tests[i].read_text().replace('"seed": 0', f'"seed": {100 * round_ + i}'))
+            copy = saved(
+                tmp_path / f"r{round_}_{i}.json",
+                tests[i].read_text().replace('"seed": 0', f'"seed": {100 * round_ + i}'),
+            )
             files.append(str(copy))
         with subprocess.Popen([sys.executable, "-c", script, path, *files], stdout=subprocess.PIPE, text=True) as child:
             assert child.stdout.readline()
@@ -253,8 +250,7 @@ def fleet_results(tmp_path_factory):
     for arm in range(8):
         j3 = float(np.degrees(rng.normal(0, 1e-3))) if arm != 5 else 1.5
         poses = measured(folder, f"a{arm}.csv", arm, 20, j3=j3)
-        own = folder / f"n{arm}.yaml"
-        own.write_text(f"{NOMINAL.read_text()}\nidentity: {{serial_number: SN{arm:02d}}}\n")
+        own = saved(folder / f"n{arm}.yaml", f"{NOMINAL.read_text()}\nidentity: {{serial_number: SN{arm:02d}}}\n")
         fitted = robacc.calibrate(poses, robot=own, fit="base_frame,tool_frame,joint_offset", shrink=False)
         fitted.save(folder / f"a{arm}.json")
         found.append(folder / f"a{arm}.json")
@@ -275,8 +271,7 @@ def test_a_fleet_has_tolerances_and_names_the_stranger(fleet_results, tmp_path):
     assert third["std_low"] < 1e-3 < third["std_high"]
     assert third["mean_low"] < np.radians(0.1) < third["mean_high"]
     assert by_key["joint_offset.j2"]["std"] < 1e-5
-    matrix = np.array(found["covariance"]["matrix"])
-    assert np.linalg.eigvalsh(matrix).min() > -1e-18
+    assert np.linalg.eigvalsh(np.array(found["covariance"]["matrix"])).min() > -1e-18
     # The tolerances are those of predict, the typical arm is a robot whose tolerances are priors of calibrate.
     budget = document("predict", NOMINAL, "--tolerances", paths[0], "--samples", 50)["budget"]
     assert max(budget, key=lambda entry: entry["share_position"])["joint"] == "j3"

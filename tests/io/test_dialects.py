@@ -1,29 +1,21 @@
-"""Exports of instruments and robots, in their own dialects: one command each gives the grade of the documented CSV.
-
-The texts are made by hand after data sheets and manuals; the numbers are those of the sample poses.
-"""
-
-from __future__ import annotations
+"""Dialects of tables, exports of instruments and motion capture, commanded columns, and mutated exports."""
 
 import json
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import missing, output, refused, run
+from sample_files import ROBOT, SAMPLES, saved
 
 import robacc
-from robacc.cli.main import app
-from robacc.geometry import log_so3, quaternion_from_rotation, rpy_from_rotation
+from robacc.errors import InputError
+from robacc.geometry import Array, Poses, log_so3, quaternion_from_rotation, rpy_from_rotation
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-ROBOT = SAMPLES / "robot.yaml"
 COUNT = 24
-
-
 Columns = dict[str, list[list[str]]]
 """Numbers of the sample poses as texts, by pose, so that every dialect writes the same."""
 
@@ -243,7 +235,7 @@ EXPORTS = {
 def graded(path: Path, *options: str, robot: bool) -> tuple[dict[str, Any], str]:
     """The document of ``robacc estimate`` and its messages."""
     arm = ["--robot", str(ROBOT)] if robot else []
-    done = CliRunner().invoke(app, ["estimate", str(path), *arm, "--format", "json", *options], catch_exceptions=False)
+    done = run("estimate", path, *arm, "--format", "json", *options)
     assert done.exit_code == 0, done.stderr
     return json.loads(done.stdout), done.stderr
 
@@ -275,8 +267,7 @@ def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Colum
 def test_a_tum_trajectory_is_known_by_its_numbers(numbers: Columns, tmp_path: Path) -> None:
     xyzw = [[*quaternion[1:], quaternion[0]] for quaternion in numbers["wxyz"]]
     lines = table(" ", ["# timestamp tx ty tz qx qy qz qw"], rows({**numbers, "xyzw": xyzw}, ("{i}.5", "m", "xyzw")))
-    path = tmp_path / "tracker.tum"
-    path.write_text(lines.partition("\n")[2], encoding="utf-8")
+    path = saved(tmp_path / "tracker.tum", lines.partition("\n")[2])
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     # A trajectory has no commands: that is the only problem.
@@ -294,16 +285,13 @@ def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, m
     export = EXPORTS["kuka"]
     Path("export.csv").write_bytes(export.content(numbers))
     Path("plain.csv").write_text(export.plain(numbers), encoding="utf-8")
-    done = CliRunner().invoke(app, ["init", "export.csv"], catch_exceptions=False)
-    assert done.exit_code == 0
-    assert "fill in angles and units in columns.yaml" in done.stdout
+    assert "fill in angles and units in columns.yaml" in output("init", "export.csv")
     text = Path("columns.yaml").read_text(encoding="utf-8")
     assert '"A1": q1' in text
     assert '"E1":    # not read' in text
-    refused = CliRunner().invoke(app, ["estimate", "export.csv", "--columns", "columns.yaml", "--robot", str(ROBOT)])
-    assert refused.exit_code == 3
-    assert "columns.yaml:6, angles: expected rotvec or" in refused.stderr
-    assert "columns.yaml:7, units: is not filled in" in refused.stderr
+    told = refused("estimate", "export.csv", "--columns", "columns.yaml", "--robot", ROBOT, status=3)
+    asked = ("columns.yaml:6, angles: expected rotvec or", "columns.yaml:7, units: is not filled in")
+    assert missing(told, *asked) == []
     text = text.replace("angles: unknown", "angles: kuka-abc").replace("units: unknown", "units: mm,deg")
     Path("columns.yaml").write_text(text, encoding="utf-8")
     result, messages = graded(Path("export.csv"), "--columns", "columns.yaml", robot=True)
@@ -311,7 +299,7 @@ def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, m
     assert result["grade"] == expected["grade"]
     assert "columns:" not in messages
     assert result["inputs"][0]["reading"]["units"] == "mm,deg"
-    assert CliRunner().invoke(app, ["init", "export.csv"]).exit_code == 2
+    refused("init", "export.csv")
 
 
 @pytest.mark.parametrize("name", EXPORTS)
@@ -321,7 +309,7 @@ def test_the_map_of_every_export_reads_it_alike(
     monkeypatch.chdir(tmp_path)
     export = EXPORTS[name]
     Path("export.txt").write_bytes(export.content(numbers))
-    assert CliRunner().invoke(app, ["init", "export.txt"], catch_exceptions=False).exit_code == 0
+    output("init", "export.txt")
     text = Path("columns.yaml").read_text(encoding="utf-8")
     convention = "kuka-abc" if name == "kuka" else "fixed-xyz"
     for key, value in (("units", "mm,deg"), ("coverage", "2"), ("angles", convention)):
@@ -340,8 +328,7 @@ def test_a_row_of_another_width_is_reported_wherever_it_stands(tmp_path: Path, b
     """A separator in a remark, near the names or far below, must not make a later row the first of the table."""
     lines = [f"{i};{i},5;{10 * i},25;{400 + i},1;sauber" for i in range(30)]
     lines[bad] = lines[bad].replace("sauber", "SMR; neu")
-    path = tmp_path / "export.csv"
-    path.write_text("\n".join(["Nr.;X [mm];Y [mm];Z [mm];Bemerkung", *lines]) + "\n")
+    path = saved(tmp_path / "export.csv", "\n".join(["Nr.;X [mm];Y [mm];Z [mm];Bemerkung", *lines]) + "\n")
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     assert [problem.line for problem in caught.value.problems if "found 6 fields" in problem.message] == [bad + 2]
@@ -351,11 +338,262 @@ def test_a_row_of_another_width_is_reported_wherever_it_stands(tmp_path: Path, b
 def test_a_row_without_any_value_is_a_gap_wherever_it_stands(tmp_path: Path, gap: int) -> None:
     lines = [f"P{i};{i},5;{10 * i},25;{400 + i},1;{i},4;{10 * i},2;{400 + i},3" for i in range(30)]
     lines[gap] = f"P{gap};---;---;---;---;---;---"
-    path = tmp_path / "export.csv"
     names = "Punkt;Soll X [mm];Soll Y [mm];Soll Z [mm];Ist X [mm];Ist Y [mm];Ist Z [mm]"
-    path.write_text("\n".join([names, *lines]) + "\n")
+    path = saved(tmp_path / "export.csv", "\n".join([names, *lines]) + "\n")
     with pytest.raises(robacc.InputError) as caught:
         robacc.read_poses(path)
     assert {problem.line for problem in caught.value.problems} == {gap + 2}
-    data = robacc.read_poses(path, skip_gaps=True)
-    assert data.n == 29
+    assert robacc.read_poses(path, skip_gaps=True).n == 29
+
+
+@pytest.fixture(scope="module")
+def robot() -> robacc.Robot:
+    return robacc.read_robot(SAMPLES / "robot.yaml")
+
+
+REFUSED = {
+    "job.JBI": (
+        "/JOB\n//NAME CALIB\n//POS\n///PULSE\nC00000=0,0,0,0,0,0\nC00001=12034,-3323,9921,0,-22001,11\nEND\n",
+        "is a job of Yaskawa, whose positions count pulses of the motors; give the file of measured poses",
+    ),
+    "calib.ls": (
+        "/PROG  CALIB\n/MN\n   1:J P[1] 10% FINE ;\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT : 1,\n"
+        "\tJ1= 1.0 deg, J2= 2.0 deg, J3= 3.0 deg,\n\tJ4= 4.0 deg, J5= 5.0 deg, J6= 6.0 deg\n};\n/END\n",
+        "is a robot program, which has commands but no measured poses; "
+        "give the file of measured poses, and the program with `commanded`",
+    ),
+    "posreg.va": (
+        "[*POSREG*]$POSREG\n    [1,1] =   'P1'   Group: 1\n  X:  100.0   Y:  200.0   Z:  300.0\n",
+        "is a listing of FANUC variables; give the file of measured poses",
+    ),
+    "points.csv": (
+        "Point Name,X (mm),Y (mm),Z (mm)\nP1,1023.4512,-233.1207,812.0031\nP2,998.2210,-120.8841,790.5502\n",
+        "measured poses only: neither joint variables nor commanded poses; give the commands with `commanded`",
+    ),
+}
+
+
+def test_rows_of_cam2_for_each_axis_are_joined(tmp_path: Path) -> None:
+    text = (
+        "Part:\tKR10\nUnits:\tMillimeters\n\nFeature\tAxis\tActual\tNominal\tDeviation\n"
+        "P1\tX\t100.1\t100.0\t0.1\nP1\tY\t200.1\t200.0\t0.1\nP1\tZ\t300.1\t300.0\t0.1\n"
+    )
+    (tmp_path / "cam2.txt").write_text(text, encoding="utf-8")
+    read = robacc.read_poses(tmp_path / "cam2.txt")
+    np.testing.assert_allclose(1e3 * read.position[:, 0], [100.1, 200.1, 300.1], rtol=1e-14)
+    np.testing.assert_allclose(1e3 * read.commanded_position[:, 0], [100, 200, 300], rtol=1e-14)
+
+
+@pytest.mark.parametrize("name", REFUSED)
+def test_what_is_no_measurement_says_what_to_give(name: str, robot: robacc.Robot, tmp_path: Path) -> None:
+    content, message = REFUSED[name]
+    (tmp_path / name).write_text(content, encoding="utf-8")
+    with pytest.raises(robacc.InputError) as caught:
+        robacc.estimate(tmp_path / name, robot=robot)
+    (problem,) = caught.value.problems
+    assert message in str(problem)
+
+
+def test_points_alone_name_the_option_without_a_robot_too(tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(REFUSED["points.csv"][0], encoding="utf-8")
+    with pytest.raises(robacc.UsageError, match=r"give `commanded`, a robot program or a table of joints or poses, or"):
+        robacc.estimate(tmp_path / "points.csv")
+
+
+CENTRE = Poses.from_xyz_rpy(np.array([[2.0], [-1.5], [0.8]]), np.radians([[10.0], [-20.0], [130.0]]))
+"""Pose of the robot's base in the instrument's frame."""
+
+
+@pytest.fixture(scope="module")
+def robot_of_motion_capture_exports() -> robacc.Robot:
+    return robacc.read_robot(SAMPLES / "robot.yaml")
+
+
+@pytest.fixture(scope="module")
+def data(robot_of_motion_capture_exports: robacc.Robot) -> robacc.Measurements:
+    return robacc.read_poses(SAMPLES / "poses.csv", robot=robot_of_motion_capture_exports)
+
+
+@pytest.fixture(scope="module")
+def measured(data: robacc.Measurements) -> Poses:
+    """The poses in the instrument's frame."""
+    assert data.rotation is not None
+    return CENTRE @ Poses(data.rotation, data.position)
+
+
+@pytest.fixture
+def commands(data: robacc.Measurements, tmp_path: Path) -> Path:
+    lines = ["Pose," + ",".join(f"A{i} [deg]" for i in range(1, 7))]
+    lines += [f"P{k}," + ",".join(f"{v:.9f}" for v in q) for k, q in enumerate(np.degrees(data.q.T), 1)]
+    return saved(tmp_path / "joints.csv", "\n".join(lines) + "\n")
+
+
+def moving_xyz(rotation: Array) -> Array:
+    """Return roll, pitch, yaw ``(3, N)`` of Rx Ry Rz, degrees."""
+    pitch = np.arcsin(rotation[0, 2])
+    roll = np.arctan2(-rotation[1, 2], rotation[2, 2])
+    return np.degrees([roll, pitch, np.arctan2(-rotation[0, 1], rotation[0, 0])])
+
+
+def table_of_motion_capture_exports(head: str, rows: Iterable[Iterable[object]], separator: str) -> str:
+    return head + "".join(separator.join(map(str, row)) + "\n" for row in rows)
+
+
+def qualisys(measured: Poses) -> str:
+    head = (
+        "NO_OF_FRAMES\t60\nNO_OF_CAMERAS\t8\nNO_OF_BODIES\t1\nFREQUENCY\t100\nDESCRIPTION\t--\n"
+        "TIME_STAMP\t2026-11-20, 10:47:17\t22107.99179716\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n"
+        "Frame\tTime\tTool X\tY\tZ\tRoll\tPitch\tYaw\tResidual\tRot[0]\tRot[1]\n"
+    )
+    columns = np.vstack([1e3 * measured.translation, moving_xyz(measured.rotation)]).T
+    rows = ([k, 5.0 * k, *map("{:.7f}".format, row), 0.21, 1.0, 0.0] for k, row in enumerate(columns, 1))
+    return table_of_motion_capture_exports(head, rows, "\t")
+
+
+def rostopic(measured: Poses) -> str:
+    fields = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
+    head = ",".join(["%time,field.header.seq,field.header.frame_id", *(f"field.pose.{name}" for name in fields)]) + "\n"
+    quaternion = np.roll(quaternion_from_rotation(measured.rotation), -1, axis=0)
+    columns = np.vstack([measured.translation, quaternion]).T
+    start = 1763635637123456789
+    rows = ([start + k * 10**9, k, "tracker", *map("{:.9f}".format, row)] for k, row in enumerate(columns))
+    return table_of_motion_capture_exports(head, rows, ",")
+
+
+def test_roll_pitch_yaw_about_moving_axes_are_known_by_the_commands(
+    measured: Poses, commands: Path, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
+) -> None:
+    path = saved(tmp_path / "export.tsv", qualisys(measured))
+    read = robacc.read_poses(path, robot=robot_of_motion_capture_exports, units="mm,deg", commanded=commands)
+    assert any("Roll, Pitch, Yaw taken as moving-xyz" in text for text in read.warnings)
+    np.testing.assert_allclose(read.rotation, measured.rotation, atol=1e-8)
+
+
+def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(
+    data: robacc.Measurements, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
+) -> None:
+    assert data.q is not None
+    head = ",".join([f"q{i}" for i in range(1, 7)]) + ",x,y,z,roll_deg,pitch_deg,yaw_deg\n"
+    columns = np.vstack([data.q, data.position, moving_xyz(data.rotation)]).T
+    path = saved(tmp_path / "poses.csv", table_of_motion_capture_exports(head, columns, ","))
+    with pytest.raises(InputError, match="documented as about fixed axes, which they do not fit"):
+        robacc.read_poses(path, robot=robot_of_motion_capture_exports)
+    read = robacc.read_poses(path, robot=robot_of_motion_capture_exports, angles="moving-xyz")
+    np.testing.assert_allclose(read.rotation, data.rotation, atol=1e-12)
+
+
+def test_joint_states_of_rostopic_are_in_the_order_of_their_names(
+    data: robacc.Measurements, measured: Poses, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
+) -> None:
+    order = [2, 1, 0, 3, 4, 5]  # as the driver of Universal Robots sorts them
+    head = ",".join(["%time", *(f"field.name{i}" for i in range(6)), *(f"field.position{i}" for i in range(6))]) + "\n"
+    rows = ([k, *(f"j{i + 1}" for i in order), *data.q[order, k]] for k in range(data.n))
+    (tmp_path / "joints.csv").write_text(table_of_motion_capture_exports(head, rows, ","), encoding="utf-8")
+    (tmp_path / "pose.csv").write_text(rostopic(measured), encoding="utf-8")
+    read = robacc.read_poses(
+        tmp_path / "pose.csv", robot=robot_of_motion_capture_exports, commanded=tmp_path / "joints.csv"
+    )
+    np.testing.assert_allclose(read.q, data.q, rtol=1e-12)
+
+
+COUNT_OF_COMMANDED = 12
+
+
+@pytest.fixture
+def data_of_commanded() -> robacc.Measurements:
+    return robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(ROBOT)).subset(slice(0, COUNT_OF_COMMANDED))
+
+
+def tracker(data_of_commanded: robacc.Measurements, order: list[int], names: bool = True) -> str:
+    """A point list of SpatialAnalyzer, as its manual describes the export of points."""
+    rows = ["// SpatialAnalyzer, Units: Millimeters"]
+    for i in order:
+        x, y, z = (f"{value * 1e3:.4f}" for value in data_of_commanded.position[:, i])
+        rows.append(f"A Main {f'p{i}' if names else 'x'} {x} {y} {z}" if names else f"{i} {x} {y} {z}")
+    return "\n".join(rows) + "\n"
+
+
+def joints(data_of_commanded: robacc.Measurements, order: list[int], names: bool = True) -> str:
+    head = [*(["Name"] if names else []), *(f"J{i} [deg]" for i in range(1, 7))]
+    rows = [
+        [*([f"P{i}"] if names else []), *(f"{value:.6f}" for value in np.degrees(data_of_commanded.q[:, i]))]
+        for i in order
+    ]
+    return "\n".join(";".join(row) for row in (head, *rows)) + "\n"
+
+
+def test_points_and_joints_are_joined_by_name(data_of_commanded: robacc.Measurements, tmp_path: Path) -> None:
+    order = list(range(COUNT_OF_COMMANDED))
+    measured = [*order[::-1], 3]  # another order, and a point that was measured twice
+    (tmp_path / "points.txt").write_text(tracker(data_of_commanded, measured), encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(joints(data_of_commanded, order), encoding="utf-8")
+    arguments = ["estimate", f"{tmp_path}/points.txt", "--commanded", f"{tmp_path}/joints.csv", "--robot", str(ROBOT)]
+    done = run(*arguments, "--format", "json")
+    assert done.exit_code == 0, done.stderr
+    result = json.loads(done.stdout)
+    called = robacc.estimate(tmp_path / "points.txt", commanded=tmp_path / "joints.csv", robot=ROBOT, units="mm,deg")
+    assert json.loads(called.to_json())["position"] == result["position"]
+    assert json.loads(called.to_json())["options"] == result["options"]
+    with pytest.raises(robacc.UsageError, match="`units` applies when a file is read; use it in read_poses"):
+        robacc.estimate(data_of_commanded, robot=ROBOT, units="mm,deg")
+    assert "joined by the names of the poses" in done.stderr
+    assert result["inputs"][0]["reading"]["commanded"] == "joints.csv"
+    expected = robacc.estimate(data_of_commanded, robot=ROBOT, frame="base").errors.position
+    frame = robacc.estimate(data_of_commanded, robot=ROBOT).errors.position
+    found = np.array(result["position"]["errors_m"]).T
+    assert found.shape == (3, COUNT_OF_COMMANDED + 1)
+    # Six digits of a degree are 1e-8 rad, at two metres less than a tenth of a micrometre.
+    np.testing.assert_allclose(np.linalg.norm(found, axis=0), np.linalg.norm(expected[:, measured], axis=0), atol=2e-7)
+    np.testing.assert_allclose(found, frame[:, measured], atol=2e-7)
+
+
+def test_files_without_common_names_are_joined_by_order(data_of_commanded: robacc.Measurements, tmp_path: Path) -> None:
+    order = list(range(COUNT_OF_COMMANDED))
+    text = "X;Y;Z\n" + "".join(
+        ";".join(f"{v * 1e3:.4f}" for v in data_of_commanded.position[:, i]) + "\n" for i in order
+    )
+    (tmp_path / "points.csv").write_text(text, encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(joints(data_of_commanded, order), encoding="utf-8")
+    robot = robacc.read_robot(ROBOT)
+    read = robacc.read_poses(
+        tmp_path / "points.csv", robot=robot, units="mm", commanded=tmp_path / "joints.csv", ordered=True
+    )
+    np.testing.assert_allclose(read.q, data_of_commanded.q, atol=1e-8)
+    np.testing.assert_array_equal(read.direction[:, 1:], np.sign(np.diff(read.q)))
+    assert any("joined by the order of rows: the files share no names" in warning for warning in read.warnings)
+    (tmp_path / "joints.csv").write_text(joints(data_of_commanded, order[:-1]), encoding="utf-8")
+    with pytest.raises(robacc.InputError, match=r"12 measured rows and 11 commands in .*, which share no names"):
+        robacc.read_poses(tmp_path / "points.csv", robot=robot, units="mm", commanded=tmp_path / "joints.csv")
+
+
+def test_commands_of_a_robot_program(data_of_commanded: robacc.Measurements, tmp_path: Path) -> None:
+    moves = [f"  movej([{', '.join(f'{angle:.9f}' for angle in q)}], a=1.4, v=1.05)" for q in data_of_commanded.q.T]
+    (tmp_path / "poses.script").write_text("def poses():\n" + "\n".join(moves) + "\nend\n", encoding="utf-8")
+    (tmp_path / "points.txt").write_text(tracker(data_of_commanded, list(range(COUNT_OF_COMMANDED))), encoding="utf-8")
+    robot = robacc.read_robot(ROBOT)
+    read = robacc.read_poses(tmp_path / "points.txt", robot=robot, commanded=tmp_path / "poses.script")
+    np.testing.assert_allclose(read.q, data_of_commanded.q, atol=1e-8)
+    assert any("joined by the order of rows" in warning for warning in read.warnings)
+
+
+def test_points_without_a_command_are_left_out_unless_they_are_most(
+    data_of_commanded: robacc.Measurements, tmp_path: Path
+) -> None:
+    (tmp_path / "points.txt").write_text(tracker(data_of_commanded, list(range(COUNT_OF_COMMANDED))), encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(
+        joints(data_of_commanded, list(range(2, COUNT_OF_COMMANDED))), encoding="utf-8"
+    )
+    read = robacc.read_poses(tmp_path / "points.txt", commanded=tmp_path / "joints.csv")
+    np.testing.assert_allclose(read.q, data_of_commanded.q[:, 2:], atol=1e-8)
+    assert any("rows without a command in " in text and text.endswith(": p0, p1") for text in read.warnings)
+    (tmp_path / "joints.csv").write_text(
+        joints(data_of_commanded, list(range(8, COUNT_OF_COMMANDED))), encoding="utf-8"
+    )
+    with pytest.raises(robacc.InputError, match=r"8 of the measured poses have no command in .*joints\.csv: p0, p1"):
+        robacc.read_poses(tmp_path / "points.txt", commanded=tmp_path / "joints.csv")
+
+
+def test_commands_given_twice_are_refused(data_of_commanded: robacc.Measurements, tmp_path: Path) -> None:
+    (tmp_path / "joints.csv").write_text(joints(data_of_commanded, list(range(COUNT_OF_COMMANDED))), encoding="utf-8")
+    with pytest.raises(robacc.InputError, match="the measured poses have commands of their own"):
+        robacc.read_poses(SAMPLES / "poses.csv", commanded=tmp_path / "joints.csv")

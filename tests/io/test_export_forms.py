@@ -1,7 +1,5 @@
 """Exports in the forms that users have: each is read with one command, and all give the figures of the plain file."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -11,11 +9,11 @@ from typing import Any
 import numpy as np
 import pytest
 import yaml
+from commands import document, one_line, output, refused, run
+from sample_files import saved
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError, Note
 
 Form = Callable[["Campaign"], dict[str, str]]
@@ -665,10 +663,7 @@ def written(files: dict[str, str], folder: Path) -> list[str]:
 
 
 def figures(arguments: list[str]) -> dict[str, Any]:
-    done = CliRunner().invoke(app, ["estimate", *arguments, "--format", "json"], catch_exceptions=False)
-    assert done.exit_code == 0, done.stderr
-    document: dict[str, Any] = json.loads(done.stdout)
-    return document
+    return document("estimate", *arguments)
 
 
 @pytest.mark.parametrize("form", FORMS)
@@ -712,7 +707,7 @@ def test_one_note_says_how_numbers_were_read(campaign: Campaign, tmp_path: Path)
 
 def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campaign, tmp_path: Path) -> None:
     arguments = ["estimate", *written(laboratory(campaign), tmp_path), "--robot", ROBOT]
-    spoken = CliRunner().invoke(app, arguments).stderr.splitlines()
+    spoken = run(*arguments).stderr.splitlines()
     words = [line.partition(":")[0] for line in spoken]
     assert words == sorted(words, reverse=True)  # warnings first
     notes = [line for line in spoken if line.startswith("note: ")]
@@ -720,8 +715,7 @@ def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campa
     assert any("A1, A2, A3, A4, A5, A6 taken as deg: no other unit" in line for line in notes)
     assert any("X, Y, Z taken as mm: no other unit" in line for line in notes)
     assert any("U95 [um] -> sigma_x_um times 2" in line for line in notes)
-    quiet = CliRunner().invoke(app, [*arguments, "--quiet"]).stderr.splitlines()
-    assert quiet == [line for line in spoken if not line.startswith("note: ")]
+    assert run(*arguments, "--quiet").stderr.splitlines() == [line for line in spoken if not line.startswith("note: ")]
 
 
 def test_rows_without_a_measurement_are_left_out_by_their_status(campaign: Campaign, tmp_path: Path) -> None:
@@ -738,16 +732,14 @@ def test_rows_without_a_measurement_are_left_out_by_their_status(campaign: Campa
 
 
 def test_a_row_without_a_measurement_at_the_end_is_no_footer(campaign: Campaign, tmp_path: Path) -> None:
-    path = tmp_path / "points.csv"
-    path.write_text(lines(named(campaign.position * MM), ",", "Name,X,Y,Z\n", "P99,,,\n"), encoding="utf-8")
+    path = saved(tmp_path / "points.csv", lines(named(campaign.position * MM), ",", "Name,X,Y,Z\n", "P99,,,\n"))
     with pytest.raises(InputError, match=f"{N + 2}, X: the value is missing"):
         robacc.read_poses(path)
 
 
 def test_init_proposes_a_matrix(campaign: Campaign, tmp_path: Path) -> None:
     path = written(bare_matrices(campaign), tmp_path)[0]
-    done = CliRunner().invoke(app, ["init", path, "--folder", str(tmp_path)])
-    assert "reads 13 of 13 columns" in done.stdout
+    assert "reads 13 of 13 columns" in output("init", path, "--folder", tmp_path)
     text = (tmp_path / "columns.yaml").read_text(encoding="utf-8")
     assert "m_00 … m_23 as a matrix: X, Y, Z and the orientation" in text
     (tmp_path / "columns.yaml").write_text(text.replace("unknown", "m,rad"), encoding="utf-8")
@@ -756,11 +748,9 @@ def test_init_proposes_a_matrix(campaign: Campaign, tmp_path: Path) -> None:
 
 
 def test_points_and_joints_as_two_positional_files_get_one_hint(campaign: Campaign, tmp_path: Path) -> None:
-    files = made("counted_quaternion", campaign)
-    arguments = written(files, tmp_path)
-    done = CliRunner().invoke(app, ["estimate", arguments[0], arguments[2], "--robot", ROBOT])
-    assert done.exit_code == 3
-    assert done.stderr.count(f"robacc estimate {arguments[0]} --commanded {arguments[2]}") == 1
+    arguments = written(made("counted_quaternion", campaign), tmp_path)
+    told = run("estimate", arguments[0], arguments[2], "--robot", ROBOT)
+    assert (told.exit_code, told.stderr.count(f"robacc estimate {arguments[0]} --commanded {arguments[2]}")) == (3, 1)
 
 
 def test_two_readings_stay_a_question(campaign: Campaign, tmp_path: Path) -> None:
@@ -772,16 +762,13 @@ def test_two_readings_stay_a_question(campaign: Campaign, tmp_path: Path) -> Non
         ["points.csv", "--commanded", "points.csv"],
     ):
         paths = [str(tmp_path / text) if text.endswith(".csv") else text for text in arguments]
-        done = CliRunner().invoke(app, ["estimate", *paths])
-        assert done.exit_code == 3
-        assert "these columns state no unit" in done.stderr
+        assert "these columns state no unit" in refused("estimate", *paths, status=3)
 
 
 def test_a_part_in_another_unit_is_refused(campaign: Campaign, tmp_path: Path) -> None:
     q = np.vstack((np.degrees(campaign.q[:8]), campaign.q[8:]))
     head = ",".join(f"q{i}" for i in range(1, 7)) + ",x,y,z\n"
-    path = tmp_path / "poses.csv"
-    path.write_text(lines(np.hstack((q, campaign.position)), ",", head), encoding="utf-8")
+    path = saved(tmp_path / "poses.csv", lines(np.hstack((q, campaign.position)), ",", head))
     with pytest.raises(InputError, match="from line 2 to 9 only"):
         robacc.read_poses(path, robot=ROBOT)
 
@@ -790,8 +777,7 @@ def test_a_part_in_another_unit_is_refused(campaign: Campaign, tmp_path: Path) -
     "text", ['{"joints": [1, 2', '[{"joints": 1}, 2]', "a: &a [1]\nb: [*a, *a]\n", '{"poses": []}'], ids=str
 )
 def test_documents_without_records_get_one_message(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "poses.yaml"
-    path.write_text(text, encoding="utf-8")
+    path = saved(tmp_path / "poses.yaml", text)
     with pytest.raises(InputError) as caught:
         robacc.read_poses(path)
     assert len(caught.value.problems) == 1
@@ -813,8 +799,7 @@ def test_what_is_no_position_is_no_rival(name: str, campaign: Campaign, tmp_path
 
 def test_a_controllers_position_is_the_command_without_joints(campaign: Campaign, tmp_path: Path) -> None:
     text = table("Nr;x;y;z;Leica X;Leica Y;Leica Z", campaign.commanded * MM, campaign.position * MM, name="{}")
-    path = written({"both.csv": text}, tmp_path)[0]
-    data = robacc.read_poses(path)
+    data = robacc.read_poses(written({"both.csv": text}, tmp_path)[0])
     np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
     np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
 
@@ -843,8 +828,8 @@ def test_an_external_axis_that_moves_is_named(campaign: Campaign, tmp_path: Path
     rail = 0.4 * (np.arange(N) % 3)[:, None]
     points = campaign.position + rail * [0, 1, 0]
     path = written({"rail.csv": table(f"{JOINTS};E1;X;Y;Z", np.degrees(campaign.q), rail * MM, points * MM)}, tmp_path)
-    done = CliRunner().invoke(app, ["estimate", *path, "--robot", ROBOT])
-    assert "the errors are too large for an arm, and E1 moves and is not used" in " ".join(done.stderr.split())
+    told = one_line(run("estimate", *path, "--robot", ROBOT).stderr)
+    assert "the errors are too large for an arm, and E1 moves and is not used" in told
 
 
 def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) -> None:

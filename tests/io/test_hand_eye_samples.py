@@ -1,7 +1,5 @@
 """Samples of hand-eye calibrations, as MoveIt and easy_handeye2 save them: the camera on the hand or beside the arm."""
 
-from __future__ import annotations
-
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +7,7 @@ import pytest
 import yaml
 from homogeneous import frame, shift, turn
 from independent_arm import link_frames, robot
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -52,8 +51,7 @@ def of_easy_handeye(hands: list[np.ndarray], seen: list[np.ndarray]) -> object:
 @pytest.mark.parametrize("mount", ["hand", "world"])
 def test_samples_give_the_error_at_the_first_call(written: object, mount: str, tmp_path: Path) -> None:
     _, hands, seen = samples(mount)
-    path = tmp_path / "samples.yaml"
-    path.write_text(yaml.safe_dump(written(hands, seen)))  # type: ignore[operator]
+    path = saved(tmp_path / "samples.yaml", yaml.safe_dump(written(hands, seen)))
     result = robacc.estimate(path)
     assert result.n_poses == 30
     # Three components of noise, and on the hand the noise of the angles over the distance of the board.

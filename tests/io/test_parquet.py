@@ -1,11 +1,8 @@
 """Poses from Parquet: the same table as from CSV, the same checks, and rows in place of lines."""
 
-from __future__ import annotations
-
 import decimal
 import hashlib
 import io
-import json
 import os
 import sys
 import threading
@@ -15,9 +12,9 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import document, output, run
+from sample_files import POSES, ROBOT, saved
 
-from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
 from robacc.io import table
 from robacc.poses.csv_file import read_poses
@@ -25,10 +22,6 @@ from robacc_plugins import parquet
 
 pa = pytest.importorskip("pyarrow")
 pq = pytest.importorskip("pyarrow.parquet")
-
-ROOT = Path(__file__).resolve().parents[2]
-POSES = ROOT / "sample_data" / "poses.csv"
-ROBOT = ROOT / "sample_data" / "robot.yaml"
 PLAIN: Mapping[str, list[Any]] = {
     "x_mm": [1.0, 2.0, 3.0],
     "y_mm": [4.0, 5.0, 6.0],
@@ -72,16 +65,12 @@ def test_the_same_measurements_as_from_csv(tmp_path: Path) -> None:
 
 def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
     path = sample(tmp_path / "poses.parquet")
-    documents = []
-    for poses in (path, str(POSES)):
-        done = CliRunner().invoke(app, ["estimate", poses, "--robot", str(ROBOT), "--format", "json"])
-        assert done.exit_code == 0, done.stderr
-        documents.append(json.loads(done.stdout))
-    assert documents[0]["position"] == documents[1]["position"]
-    assert documents[0]["grade"] == documents[1]["grade"]
-    assert documents[0]["inputs"][0]["name"] == "poses.parquet"
+    found, expected = (document("estimate", poses, "--robot", ROBOT) for poses in (path, POSES))
+    assert found["position"] == expected["position"]
+    assert found["grade"] == expected["grade"]
+    assert found["inputs"][0]["name"] == "poses.parquet"
     for more in ([], ["--full"]):
-        table = CliRunner().invoke(app, ["estimate", path, "--robot", str(ROBOT), *more]).stdout
+        table = output("estimate", path, "--robot", ROBOT, *more)
         assert "row 3 " in table
     assert "line" not in table
 
@@ -137,23 +126,6 @@ def test_every_bad_value_is_named_by_its_row(tmp_path: Path) -> None:
     ]
 
 
-def test_checks_of_values_are_those_of_csv(tmp_path: Path) -> None:
-    done = problems(written(tmp_path / "p.parquet", {**PLAIN, "dir_q1": [0.0, 2.0, 1.0]}))
-    assert done == [", row 2, dir_q1: found 2, expected -1, 0 or 1"]
-    degrees = problems(written(tmp_path / "d.parquet", {"q1": [10.0, 200.0], "x": [0, 0], "y": [0, 0], "z": [1, 1]}))
-    assert degrees[0].startswith(", q1: found joint angles up to 200, which cannot be rad; ")
-
-
-def test_problems_of_columns_have_no_row(tmp_path: Path) -> None:
-    path = written(tmp_path / "p.parquet", {"x": [1.0], "y": [1.0], "q1": [0.1]})
-    assert problems(path) == [": column z is missing; expected x, y, z: the attained position"]
-    data = read_poses(written(tmp_path / "u.parquet", {**PLAIN, "temprature_c": [1.0, 2.0, 3.0]}))
-    assert data.warnings == (
-        f"{tmp_path / 'u.parquet'}: unknown column 'temprature_c' is ignored; "
-        "the nearest known name is 'temperature_c'",
-    )
-
-
 def test_columns_of_another_type_are_refused(tmp_path: Path) -> None:
     columns = {**PLAIN, "x_mm": ["1", "2", "3"], "pose": [1.5, 2.5, 3.5], "time_s": [[1.0], [2.0], [3.0]]}
     assert problems(written(tmp_path / "p.parquet", columns)) == [
@@ -174,24 +146,14 @@ def test_pandas_index_is_no_column(tmp_path: Path) -> None:
     assert data.warnings == ()
 
 
-def test_an_order_of_rows_that_time_denies_is_told_by_row(tmp_path: Path) -> None:
-    path = written(tmp_path / "p.parquet", {**PLAIN, "time_s": [0.0, 2.0, 1.0]})
-    assert "time_s decreases at row 3" in read_poses(path, ordered=True).warnings[0]
-
-
 def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
     path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
-    text = tmp_path / "p.csv"
-    text.write_text(",".join(PLAIN) + "\n", encoding="utf-8")
-    ends = [
-        CliRunner().invoke(app, ["estimate", str(table), "--robot", str(ROBOT)]).exit_code for table in (path, text)
-    ]
-    assert ends == [3, 3]
+    text = saved(tmp_path / "p.csv", ",".join(PLAIN) + "\n")
+    assert [run("estimate", file, "--robot", ROBOT).exit_code for file in (path, text)] == [3, 3]
 
 
 def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:
-    path = tmp_path / "p.parquet"
-    path.write_text("x,y,z,q1\n1,2,3,4\n", encoding="utf-8")
+    path = saved(tmp_path / "p.parquet", "x,y,z,q1\n1,2,3,4\n")
     assert problems(str(path)) == [
         ": is not a Parquet file: it does not begin with PAR1; export it again, or rename it to .csv if it is text"
     ]

@@ -1,7 +1,5 @@
 """Workbooks: a sheet is read like an export in text; what cannot be decided is asked."""
 
-from __future__ import annotations
-
 import io
 import zipfile
 from collections.abc import Mapping, Sequence
@@ -9,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from sample_files import saved
 
 from robacc.errors import InputError, UsageError
 from robacc.poses.csv_file import read_poses
@@ -77,9 +76,7 @@ def _rows(rows: Sequence[Sequence[Cell]]) -> str:
 
 
 def written(folder: Path, sheets: Mapping[str, Sequence[Sequence[Cell]]]) -> Path:
-    path = folder / "export.xlsx"
-    path.write_bytes(workbook(sheets))
-    return path
+    return saved(folder / "export.xlsx", workbook(sheets))
 
 
 def test_a_sheet_with_a_title_is_read_like_text(tmp_path: Path) -> None:

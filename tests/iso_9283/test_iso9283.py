@@ -1,4 +1,4 @@
-"""The criteria of ISO 9283, their intervals, and the conditions of its protocol: by hand, by loops, by scipy."""
+"""ISO 9283: criteria, intervals, protocol, and the poses of the standard."""
 
 import dataclasses
 import math
@@ -8,17 +8,19 @@ from typing import Any
 
 import numpy as np
 import pytest
+from arms import CONFIGS, CONFIGURED, arm
 from commands import missing
 from scipy import stats
 from scipy.spatial.transform import Rotation
+from slow_parameters import some_fast
 
 from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, UsageError
+from robacc.geometry import Poses, compose, log_so3, transpose
 from robacc.iso_9283 import criteria as estimates
 from robacc.iso_9283.criteria import (
     DELTA,
     Characteristic,
-    IntervalEstimate,
     characteristic,
     distance,
     drift,
@@ -26,8 +28,20 @@ from robacc.iso_9283.criteria import (
     repeatability,
     visits_of,
 )
-from robacc.iso_9283.evaluation import five_points, iso9283, protocol
+from robacc.iso_9283.evaluation import (
+    ORIENTATIONS,
+    PLANES,
+    corners,
+    fit_cube,
+    five_points,
+    iso9283,
+    planned_poses,
+    propose,
+    protocol,
+)
 from robacc.measurements import Measurements, motion_between_rows
+from robacc.modelling.robot_file import read_robot
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges
 from robacc.robots.description import Frame, Robot
 
 MM = 1e-3
@@ -76,38 +90,16 @@ def values(characteristic: Characteristic) -> dict[str, float]:
 
 
 ORIGIN = {"P1": [0, 0, 0]}
-
-
 CROSS = [data({"P1": [[3, 2, 0], [1, 2, 0], [2, 5, 0], [2, -1, 0]]}, ORIGIN)]
-
-
 STRETCH = {"P1": [[0, 0, 0], [0.1, 0, 0], [0, 0, 0]], "P2": [[100.1, 0, 0], [100.3, 0, 0], [100, 0, 0]]}
-
-
 LOST = data({"P1": [[0, 0, 0], [9, 0, 0], [0, 0, 0]], "P2": [[10, 0, 0], [10, 0, 0], [12, 0, 0]]})
-
-
 LOST = LOST.subset(np.flatnonzero((LOST.pose != "P1") | (LOST.cycle != "2")))
-
-
 WAYS = np.array([[1, 1, -1, -1, 0, 0], [1, 1, 1, 1, -1, -1]], dtype=float)
-
-
 APPROACHED = data({"P1": [[0, 0, 1], [0, 0, -1], [3, 4, 1], [3, 4, -1], [0, 4, 1], [0, 4, -1]]})
-
-
 WINDOWS = data({"P1": [[1, -1, 0], [1, 0, 0], [1, 1, 0], [3, -2, 0], [3, 0, 0], [3, 2, 0]]}, ORIGIN)
-
-
 SHUFFLED = dataclasses.replace(WINDOWS, time=np.arange(6.0)).subset(np.array([3, 0, 4, 1, 5, 2]))
-
-
 DRIFTED = {"dAP": 2.0, "dRP": 2 / 3 + 3 * math.sqrt(1 / 3), "shift": 2.0}
-
-
 CIRCLE = data({"P1": [[1, 0, 0.1], [1, 0, -0.1], [1, 0, 0], [-1, 0, 0.1], [-1, 0, -0.1], [-1, 0, 0]]}, ORIGIN)
-
-
 ROBOTS = [
     dataclasses.replace(data({"P1": [[x, y, 1], [x, y, -1]]}, ORIGIN), source=f"/somewhere/{name}.csv")
     for name, x, y in (("a", 0, 0), ("b", 3, 4), ("c", 0, 4))
@@ -297,17 +289,9 @@ def test_angles_half_a_turn_apart_keep_their_distance() -> None:
 
 
 ONCE = "one visit has no scatter to estimate an interval from"
-
-
 UNKNOWN = "the commanded poses are not known: give `robot`, or columns cmd_x, cmd_y, cmd_z"
-
-
 KNOWN = random_cycles(0)
-
-
 WITHOUT_COMMAND = dataclasses.replace(KNOWN, commanded_position=None, commanded_rotation=None)
-
-
 APPROACHES = np.random.default_rng(0).choice([-1.0, 1.0], (6, 150))
 
 
@@ -365,13 +349,6 @@ def test_without_a_command_there_is_repeatability_and_no_accuracy() -> None:
     assert result.characteristic("RP").angle.value == pytest.approx(given.characteristic("RP").angle.value, rel=1e-6)
 
 
-def test_positions_alone_have_no_angles() -> None:
-    result = iso9283([random_cycles(0, oriented=False)])
-    repeatability, accuracy = (result.characteristic(symbol).angle for symbol in ("RP", "AP"))
-    assert (repeatability.value, repeatability.interval.why) == (None, "no orientation was measured")
-    assert accuracy.interval.why == "no orientation was commanded and measured"
-
-
 def test_poses_without_names_are_grouped_by_their_command() -> None:
     named, result = (
         iso9283([one]) for one in (random_cycles(4), dataclasses.replace(random_cycles(4), pose=None, cycle=None))
@@ -397,11 +374,7 @@ def test_many_poses_are_paired_with_their_neighbours() -> None:
 
 
 LARGEST = "every criterion is the largest over all measured poses or pairs of poses"
-
-
 LONG = random_cycles(0, cycles=40)
-
-
 OUTLYING = dataclasses.replace(LONG, position=LONG.position + 2e-3 * (np.arange(LONG.n) % 37 == 0))
 
 
@@ -527,13 +500,6 @@ def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square(
         assert reached == pytest.approx(tail, abs=1e-4)
 
 
-def test_distance_far_from_zero_is_students_along_itself() -> None:
-    covariance = TURN @ np.diag([1.0, 0.25, 0.04]) @ TURN.T
-    difference = 100.0 * TURN[:, 1]
-    estimate = distance(difference, covariance, 9).interval_at(0.95)
-    assert (estimate.lower, estimate.upper) == pytest.approx(tuple(stats.t.interval(0.95, 9, loc=100.0, scale=0.5)))
-
-
 def test_distance_that_is_all_scatter_may_be_zero() -> None:
     estimate = distance(np.array([0.01, 0.0, 0.0]), np.eye(3) * 0.01, 29).interval_at(0.95)
     assert estimate.lower == 0.0
@@ -591,45 +557,6 @@ def visits(rng: np.random.Generator, scale: tuple[float, float, float], n: int, 
     return mean[:, None] + TURN @ (np.array(scale)[:, None] * rng.normal(size=(3, n)))
 
 
-def coverage(distances: list[IntervalEstimate], truth: float) -> tuple[float, float]:
-    intervals = [estimate.interval_at(0.95) for estimate in distances]
-    # 1e-9: a truth of zero is held by a lower limit of zero.
-    inside = np.mean([i.lower - 1e-9 <= truth <= i.upper for i in intervals])  # type: ignore[operator]
-    return float(inside), float(np.mean([truth <= i.upper_bound for i in intervals]))  # type: ignore[operator]
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("away", [0.0, 2.0, 10.0, 100.0], ids=lambda away: f"{away:g} standard errors")
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.3, 0.1)], ids=["round", "long"])
-def test_coverage_of_a_distance(scale: tuple[float, float, float], away: float) -> None:
-    """AP: 95 % within the binomial scatter of 400 runs (± 2.2 %, two of it), or more where it is all scatter."""
-    rng = np.random.default_rng(9283)
-    truth = away * float(np.linalg.norm(scale)) / math.sqrt(30)
-    mean = truth * TURN @ np.array([1.0, 2.0, 2.0]) / 3.0
-    runs = [visits(rng, scale, 30, mean) for _ in range(400)]
-    distances = [distance(x.mean(axis=1), np.cov(x) / 30, 29) for x in runs]
-    interval_coverage, bound_coverage = coverage(distances, truth)
-    assert interval_coverage > 0.925
-    assert bound_coverage > 0.925
-    assert interval_coverage < 0.975 or away < 5.0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("n", [10, 30])
-@pytest.mark.parametrize("scale", [(1.0, 1.0, 1.0), (1.0, 0.5, 0.2), (1.0, 0.05, 0.01)], ids=["round", "long", "line"])
-def test_coverage_of_repeatability(scale: tuple[float, float, float], n: int) -> None:
-    rng = np.random.default_rng(9283)
-    length = np.linalg.norm(rng.normal(size=(2_000_000, 3)) * scale, axis=1)
-    truth = float(length.mean() + 3 * length.std())
-    repeatabilities = []
-    for run in range(400):
-        x = visits(rng, scale, n, np.zeros(3))
-        repeatabilities.append(position_repeatability(x - x.mean(axis=1, keepdims=True), (run,)))
-    interval_coverage, bound_coverage = coverage(repeatabilities, truth)
-    assert 0.925 < interval_coverage < 0.995
-    assert bound_coverage > 0.92
-
-
 def cycles(n: int = 30, points: np.ndarray | None = None, **columns: Any) -> Measurements:
     """Visits of five points in turn, by default those of a cube of 630 mm."""
     points = five_points(np.array([0.6, 0.0, 0.5]), 0.63, "x-") if points is None else points
@@ -655,26 +582,12 @@ def condition(name: str, data: Measurements, rated_load: float | None = None) ->
 
 
 ROWS = 150
-
-
 ONES = np.ones(ROWS)
-
-
 Q = np.tile(np.arange(5.0), 30)[None] * np.array([[0.1], [0.2]])
-
-
 IN_ORDER = dict(zip(("direction", "speed"), motion_between_rows(Q), strict=True), q=Q)
-
-
 FOUR_CYCLES = cycles(4, points=np.random.default_rng(0).uniform(0, 1, (3, 6)))
-
-
 UPRIGHT = cycles(3, points=np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.2)
-
-
 WITHOUT_COMMANDS = cycles(commanded_position=None)
-
-
 SIZES = "10 % in a cube of 500 mm, not a preferred size; the preferred edges are 250, 400, 630, 1000 mm"
 
 
@@ -785,3 +698,168 @@ def test_several_files_are_judged_together() -> None:
     conditions = {entry["condition"]: entry for entry in iso9283([warm, unknown]).protocol}
     assert conditions["temperature"]["status"] == "unknown"
     assert conditions["five poses"]["status"] == "met"
+
+
+WITH_EDGE = {"scara": 0.15}
+"""The stroke of the SCARA's slide is 195 mm: no preferred cube fits."""
+
+
+def configured(name: str) -> Robot:
+    return read_robot(CONFIGS / f"{name}.yaml")
+
+
+def test_out_of_reach_is_not_converged_and_limits_are_kept() -> None:
+    robot_arm = arm("ur10")
+    far = Poses(np.eye(3)[..., None], np.array([[9.0], [0.0], [0.0]]))
+    solution = inverse_kinematics(robot_arm, far)
+    assert not solution.converged.any()
+    assert np.min(solution.error) > 7.0
+    free = inverse_kinematics(
+        robot_arm, dataclasses.replace(far, translation=np.array([[0.5], [0.1], [0.4]])), oriented=False
+    )
+    assert free.converged.all()
+
+
+def test_a_slide_without_limits_cannot_be_searched() -> None:
+    robot = configured("stanford")
+    joints = tuple(dataclasses.replace(j, limits=None) if j.type == "prismatic" else j for j in robot.joints)
+    with pytest.raises(InputError, match="the prismatic joint j3 has no limits to search within"):
+        propose(dataclasses.replace(robot, joints=joints))
+
+
+def test_five_points_by_hand() -> None:
+    """A cube of 1 m about the origin, plane rising to +x: x = z = ± 0.4, y = ± 0.4."""
+    points = five_points(np.zeros(3), 1.0, "x+")
+    expected = [[0, -0.4, -0.4, 0.4, 0.4], [0, -0.4, 0.4, 0.4, -0.4], [0, -0.4, -0.4, 0.4, 0.4]]
+    assert points == pytest.approx(np.array(expected))
+    assert points[:, 1] == pytest.approx(-points[:, 3])
+    diagonal = math.sqrt(3)
+    for i in range(1, 5):
+        nearest = np.min(np.linalg.norm(corners(np.zeros(3), 1.0) - points[:, [i]], axis=0))
+        assert nearest == pytest.approx(0.1 * diagonal)
+
+
+@pytest.mark.parametrize("plane", PLANES)
+def test_a_cube_is_recognised_in_any_order(plane: str) -> None:
+    points = five_points(np.array([0.3, -0.2, 0.9]), 0.63, plane)  # type: ignore[arg-type]
+    centre, edge, share, rising = fit_cube(points[:, [3, 1, 4, 0, 2]])
+    assert (centre, rising) == (3, plane)
+    assert (edge, share) == pytest.approx((0.63, 0.1))
+
+
+def test_points_up_to_two_percent_off_are_still_of_a_preferred_cube() -> None:
+    points = five_points(np.zeros(3), 0.4, "y-") * (0.5 - 0.085) / 0.4
+    assert fit_cube(points)[1:3] == pytest.approx((0.4, 0.085))
+    assert fit_cube(five_points(np.zeros(3), 0.5, "y-"))[1:3] == pytest.approx((0.5, 0.1))
+
+
+GOOD = five_points(np.zeros(3), 0.4, "x+")
+TURN_OF_ISO9283_POSES = np.array([[math.cos(0.4), -math.sin(0.4), 0], [math.sin(0.4), math.cos(0.4), 0], [0, 0, 1]])
+
+
+@pytest.mark.parametrize(
+    ("points", "reason"),
+    [
+        (TURN_OF_ISO9283_POSES @ GOOD, "not parallel to the axes of the base"),
+        (GOOD + 0.05 * np.outer([1, 0, 0], [0, 1, 0, 0, 0]), "no pose is the centre of the other four"),
+        (
+            np.array([[0, 1, 1, -1, -1], [0, 2, -2, -2, 2], [0, 0, 0, 0, 0]]) * 0.1,
+            "the outer poses form a rectangle of 200 mm by 400 mm; a diagonal plane has sides of 1 : √2",
+        ),
+        (np.zeros((3, 5)), "the five poses are at the same position"),
+    ],
+)
+def test_points_that_are_no_cube_have_a_reason(points: np.ndarray, reason: str) -> None:
+    assert reason in str(fit_cube(points))
+
+
+def test_an_upright_plane_is_none_of_the_standards() -> None:
+    assert fit_cube(np.array([[0, 1, 1, -1, -1], [0, 1, 1, -1, -1], [0, 1, -1, -1, 1]]) * 0.16)[3] is None
+
+
+@pytest.mark.parametrize("name", some_fast(CONFIGURED, 2))
+def test_five_poses_on_every_arm(name: str) -> None:
+    """In the standard's cube, within the limits, met to 1e-9 by the robot's own kinematics, one orientation."""
+    robot = configured(name)
+    proposal = propose(robot, edge=WITH_EDGE.get(name))
+    robot_arm = Arm.of(robot)
+    low, high = joint_ranges(robot_arm)
+    assert proposal.q.shape == (low.size, 5)
+    assert np.all((proposal.q >= low[:, None]) & (proposal.q <= high[:, None]))
+    reached = robot_arm.chain.forward(proposal.q)
+    assert np.max(np.abs(reached.translation - proposal.poses.translation)) < 1e-9
+    assert np.max(np.abs(log_so3(compose(proposal.poses.rotation, transpose(reached.rotation))))) < 1e-9
+    assert proposal.poses.translation == pytest.approx(
+        five_points(proposal.centre, proposal.edge, proposal.plane), abs=1e-12
+    )
+    assert np.max(np.abs(proposal.poses.rotation - proposal.poses.rotation[..., :1])) < 1e-12
+    assert proposal.orientation in ("down", "own")
+    if proposal.orientation == "down":
+        assert proposal.poses.rotation[:, 2, 0] == pytest.approx([0, 0, -1], abs=1e-9)
+    span = high - low
+    margins = (
+        np.minimum(proposal.q - low[:, None], high[:, None] - proposal.q)[np.isfinite(span)]
+        / span[np.isfinite(span), None]
+    )
+    assert proposal.margin == pytest.approx(margins.min(), abs=1e-6)
+    assert proposal.margin >= 0.01
+    assert bool(proposal.notes) == (name in WITH_EDGE or proposal.orientation == "own")
+
+
+def test_the_cube_stands_in_the_axes_of_the_base() -> None:
+    """A base that is turned and moved takes the cube with it; joint angles stay."""
+    robot = configured("ur10")
+    moved = propose(dataclasses.replace(robot, base=Frame((1.0, 2.0, 0.5), (0.1, 0.2, 0.3))), edge=0.4)
+    plain = propose(robot, edge=0.4)
+    base = Poses.from_xyz_rpy(np.array([[1.0], [2.0], [0.5]]), np.array([[0.1], [0.2], [0.3]]))
+    assert moved.q == pytest.approx(plain.q)
+    assert moved.poses.translation == pytest.approx((base @ plain.poses).translation)
+
+
+@pytest.mark.parametrize("orientation", ORIENTATIONS)
+def test_orientations_that_are_asked_for(orientation: str) -> None:
+    proposal = propose(configured("irb1600"), edge=0.25, orientation=orientation, plane="y+")  # type: ignore[arg-type]
+    assert (proposal.orientation, proposal.plane) == (orientation, "y+")
+    assert proposal.notes == ()
+    axis = proposal.poses.rotation[:, 2]
+    if orientation == "forward":
+        assert axis[2] == pytest.approx(np.zeros(5), abs=1e-9)
+    if orientation == "free":
+        assert np.ptp(axis, axis=1).max() > 1e-3
+
+
+@pytest.mark.parametrize(
+    ("name", "options", "message"),
+    [
+        (
+            "scara",
+            {},
+            r"SCARA \(Adept One\): found no cube of 250 mm or more whose corners and five poses the arm reaches; "
+            "give a smaller `edge`",
+        ),
+        ("scara", {"edge": 0.15, "orientation": "forward"}, "cube of 150 mm with the tool's z axis pointing level"),
+        ("ur10", {"edge": 5.0, "plane": "x+"}, "no cube of 5000 mm with the plane x"),
+        ("ur10", {"edge": 0.0}, "a length above 0, not 0 m"),
+        ("ur10", {"target": "c"}, "no target 'c'; the robot file has one tool without a name"),
+    ],
+)
+def test_an_arm_that_cannot(name: str, options: dict[str, Any], message: str) -> None:
+    with pytest.raises((InputError, UsageError), match=message):
+        propose(configured(name), **options)
+
+
+def test_targets() -> None:
+    robot = dataclasses.replace(configured("ur10"), targets={"a": Frame((0, 0, 0.1)), "b": Frame((0, 0, 0.2))})
+    first, second = propose(robot, edge=0.25), propose(robot, edge=0.25, target="b")
+    assert (first.target, second.target) == ("a", "b")
+    assert first.notes == ("for the target a, the first of 2",)
+    assert set(planned_poses(second, 2).target) == {"b"}
+    with pytest.raises(UsageError, match="no target 'c'; the robot file has a, b"):
+        propose(robot, target="c")
+
+
+def test_a_note_says_that_effects_are_not_applied() -> None:
+    robot = dataclasses.replace(configured("ur10"), effects=({"effect": "joint_offset"},))
+    assert propose(robot, edge=0.25).notes == (
+        "joint angles are those of the nominal kinematics; the robot file's effects are not applied",
+    )

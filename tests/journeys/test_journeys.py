@@ -13,7 +13,7 @@ from commands import missing, run
 from homogeneous import shift, turn
 from independent_arm import DECLARED, LIMITS, link_frames, robot, target
 from refusals import problems_of
-from sample_files import saved
+from sample_files import SAMPLES, saved
 from typer.testing import CliRunner, Result
 
 import robacc
@@ -25,9 +25,6 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
-
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
-
 
 ROBOT = str(SAMPLES / "robot.yaml")
 
@@ -112,27 +109,13 @@ def test_customer_reads_the_report(journey: Journey) -> None:
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
 ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
-
 """Errors of the joint zeros, rad."""
-
-
 NOISE = 1e-5
-
 """m"""
-
-
 LOW, HIGH = 0.6 * np.array(LIMITS).T
-
-
 SOCKETS = {"a": np.array([0.85, -0.2, 0.3]), "b": np.array([0.6, 0.5, 0.35]), "c": np.array([0.7, 0.1, 0.8])}
-
-
 PLANES = {"table": (np.array([0.05, -0.02, 1.0]), 0.3), "wall": (np.array([1.0, 0.1, 0.05]), 0.9)}
-
-
 ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
-
-
 Row = dict[str, object]
 
 
@@ -274,8 +257,6 @@ def test_derivatives_of_all_kinds_are_those_of_the_predictions() -> None:
 
 
 GOOD = "q1,q2,q3,q4,q5,q6,kind,socket,plane,reading_mm,distance_mm,anchor,from,pose,sigma\n"
-
-
 JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
 
 
@@ -325,15 +306,9 @@ def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
 
 # A calibration without an instrument: the tip of the tool rests in sockets of a plate, arm simulated independently.
 PLATE = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0]])
-
 """Sockets in the frame of the plate, m."""
-
-
 CORNER, YAW = np.array([0.75, -0.15, 0.3]), 0.4
-
-
 SCATTER = 3e-5
-
 """Repeatability of the joints, rad."""
 
 
@@ -368,35 +343,16 @@ def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
 
 
 """Errors of the joint zeros, rad."""
-
-
 MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
-
 """Joints about which the photos are taken, rad."""
-
-
 REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
-
-
 TOOL = shift(0.05, -0.03, 0.12) @ turn(2, 0.4) @ turn(0, 0.3)
-
 """The board, or the camera, on the last link."""
-
-
 AHEAD = shift(-0.08, -0.06, 0.7) @ turn(0, 0.3)
-
 """The board in the camera, in the middle."""
-
-
 BOARD = np.array([(x, y, 0.0) for y in np.arange(4) * 0.04 for x in np.arange(5) * 0.04]).T
-
-
 FOCAL, CENTRE, DISTORTION = np.array([1400.0, 1410.0]), np.array([960.0, 540.0]), (-0.12, 0.05, 1e-3, -5e-4, 0.01)
-
-
 LENS = f"fx: 1400\nfy: 1410\ncx: 960\ncy: 540\ndistortion: {list(DISTORTION)}\nsize: [1920, 1080]\n"
-
-
 Photo = tuple[np.ndarray, np.ndarray]
 
 

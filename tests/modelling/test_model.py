@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from arms import CONFIGURED, arm, circumstances, suited
 from robot_files import URDF_LIKE
+from sample_files import ROOT
 from scipy.optimize import brentq
 
 import robacc
@@ -129,16 +130,6 @@ def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: st
     np.testing.assert_allclose(grown - fixed, 1e-3 * travel * direction, rtol=0, atol=1e-8)
 
 
-def test_a_known_value_and_the_same_one_free_predict_the_same() -> None:
-    robot_arm = arm("puma560")
-    data = circumstances(robot_arm.robot, 9)
-    for name, values in (("gear_ratio", {"j2": 1e-3}), ("joint_compliance", {"j2": 1e-4}), ("backlash", {"j3": 1e-3})):
-        entry = {"effect": name, "joints": list(values), "values": values}
-        known = predict(dataclasses.replace(robot_arm.robot, effects=(entry,)), data)
-        free = Model.of(robot_arm.robot, [REGISTRY[name].default(robot_arm, data, tuple(values))]).bind(data)
-        np.testing.assert_array_equal(free.poses(np.array(list(values.values()))).translation, known.translation)
-
-
 def test_poses_that_do_not_fit_the_robot_are_refused() -> None:
     robot_arm = arm("puma560")
     data = circumstances(robot_arm.robot, 3)
@@ -183,7 +174,6 @@ def test_number_of_identifiable_geometric_parameters(name: str) -> None:
 
 # A fitted model keeps the units, comments, order and unchanged numbers of the robot file, and reads as the fit.
 
-ROOT = Path(__file__).resolve().parents[2]
 
 ROBOTS = [ROOT / "configs" / "robots" / f"{name}.yaml" for name in ("panda", "scara")]
 
@@ -336,7 +326,6 @@ HELD = {"transmission_error", "axis_wobble", "joint_correction", "frame_drift", 
     "compliance_variation",
     "counterbalance",
 }
-
 """Effects that stop at the end of a narrow range; the others follow a physical law, or have no driver."""
 
 
@@ -411,8 +400,7 @@ def test_a_held_effect_has_the_value_of_the_end_of_its_range() -> None:
 def test_harmonics_over_a_common_period_repeat_and_narrower_ones_are_held() -> None:
     one = arm("puma560")
     for orders, reach, is_held in (((1.0, 2.0), 6.2, True), ((1.0, 2.0), 6.3, False), ((17.0,), 0.4, False)):
-        effect = TransmissionError(("j1",), orders)
-        assert effect.beyond(one, "j1", (0.0, reach)).is_held == is_held
+        assert TransmissionError(("j1",), orders).beyond(one, "j1", (0.0, reach)).is_held == is_held
 
 
 def test_the_written_model_reproduces_the_fit_and_is_bounded_beyond_its_range() -> None:

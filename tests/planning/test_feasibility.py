@@ -1,16 +1,20 @@
-"""Filters of candidates: each against its own definition, and the reason that demands cannot be met."""
-
-from __future__ import annotations
+"""Poses that are feasible, acceptance plans, payloads, and branches at rest."""
 
 import dataclasses
 from functools import partial
+from pathlib import Path
 
 import numpy as np
 import pytest
+import yaml
 from arms import arm
-from test_expected import target_poses
+from commands import refused
+from sample_files import ROBOT, saved
+from test_design import target_poses
 
 import robacc
+from robacc.api.expected import Planned
+from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.errors import InputError, UsageError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -68,8 +72,7 @@ def test_places_hold_for_every_moving_point() -> None:
     for text, wanted in (("z>=0.2", 0.2), ("y<=0.3", 0.3)):
         side = parse_half_space(text, "half_space")
         _, excluded = filtered(which, q, Constraints(margin=0.0, half_spaces=(side,)))
-        everything = np.concatenate((points, position[:, None]), axis=1)
-        row = everything["xyz".index(text[0])]
+        row = np.concatenate((points, position[:, None]), axis=1)["xyz".index(text[0])]
         inside = np.all(row >= wanted, axis=0) if ">" in text else np.all(row <= wanted, axis=0)
         np.testing.assert_array_equal(np.any(list(excluded.values()), axis=0), ~inside)
         assert 0 < np.count_nonzero(inside) < 300
@@ -170,3 +173,185 @@ def test_texts_of_places() -> None:
     assert (side.normals, side.offsets) == (pytest.approx(np.array([[0.6, -0.8, 0.0]])), pytest.approx([0.1]))
     box = parse_box("x=-100mm:0.2,z=0.1:", "inside")
     assert box.offsets.tolist() == [0.2, np.inf, np.inf, 0.1, np.inf, -0.1]
+
+
+FIT = "base_frame,tool_frame,joint_offset,payload_compliance[j2,j3]"
+NOISE = 2e-5
+
+
+def planned(purpose: str = "calibrate", payload: tuple[float, ...] = (0.0, 5.0), **more: object) -> Planned:
+    arguments = {"candidates": 150, "noise": f"{NOISE}m", "repeatability": "0mm", **more}
+    return robacc.plan(ROBOT, purpose=purpose, payload=payload, **arguments)  # type: ignore[arg-type]
+
+
+def with_effects(tmp_path: Path, *entries: dict[str, object]) -> Path:
+    text = yaml.safe_load(ROBOT.read_text())
+    text["effects"] = list(entries)
+    return saved(tmp_path / "model.yaml", yaml.safe_dump(text))
+
+
+@pytest.fixture(scope="module")
+def plan() -> Planned:
+    return planned(fit=FIT, poses=12)
+
+
+def test_each_payload_is_mounted_once(plan: Planned) -> None:
+    payload = plan.visits().payload
+    assert (np.count_nonzero(np.diff(payload)), set(payload.tolist())) == (1, {0.0, 5.0})
+    blocks = plan.payload_blocks
+    assert [block["payload_kg"] for block in blocks] == [0.0, 5.0]
+    assert sum(block["n_poses"] for block in blocks) == 12
+    assert sum(block["n_visits"] for block in blocks) == payload.size
+    # Every payload has its own drift checks, at its start and at its end.
+    roles = plan.route.roles
+    for block in blocks:
+        last = block["first_visit"] + block["n_visits"] - 2
+        assert roles[block["first_visit"] - 1] == roles[last] == "check"
+
+
+def test_standard_errors_are_those_of_the_simulated_poses(plan: Planned, tmp_path: Path) -> None:
+    """By the derivative of simulated positions: the covariance of least squares, without a prior."""
+    path = tmp_path / "plan.csv"
+    plan.write(path)
+    joints_with_load, size, step = ("j2", "j3"), 1e-5, 1e-3
+    columns = []
+
+    def positions(**change: object) -> np.ndarray:
+        text = yaml.safe_load(ROBOT.read_text()) | change
+        robot = saved(tmp_path / "changed.yaml", yaml.safe_dump(text))
+        return robacc.simulate(robot, at=path, position_only=True).data.position.ravel()
+
+    nominal = positions()
+    original = yaml.safe_load(ROBOT.read_text())
+    for joint in joints_with_load:
+        entry = {"effect": "payload_compliance", "joints": [joint], "values": {joint: size}}
+        columns.append((positions(effects=[entry]) - nominal) / np.radians(size))
+    for number in range(1, 5):
+        joints = [dict(joint) for joint in original["joints"]]
+        joints[number]["theta"] = joints[number].get("theta", 0.0) + step
+        columns.append((positions(joints=joints) - nominal) / step)
+    for frame in ("base", "tool"):
+        for key in ("xyz", "rpy")[: 2 if frame == "base" else 1]:
+            for axis in range(3):
+                placed = {"xyz": [0.0] * 3, "rpy": [0.0] * 3} | original.get(frame, {})
+                placed = {name: list(values) for name, values in placed.items()}
+                placed[key][axis] += step
+                columns.append((positions(**{frame: placed}) - nominal) / step)
+    design = np.array(columns).T
+    std = NOISE * np.sqrt(np.diag(np.linalg.inv(design.T @ design)))
+    expected = {entry["name"]: entry["std"] for entry in plan.coefficients}
+    for i, joint in enumerate(joints_with_load):
+        # Differences of the file's mm and degrees leave some curvature, and the other constants have weak priors: 1 %.
+        assert expected[f"payload_compliance.{joint}"] == pytest.approx(std[i], rel=0.01)
+
+
+def test_the_poses_are_better_than_random_ones_with_random_payloads(plan: Planned) -> None:
+    assert plan.accuracy["planned"]["rms_m"] < 0.95 * plan.accuracy["planned"]["random_rms_m"]
+
+
+def test_acceptance_gives_every_payload_its_share() -> None:
+    plan = planned("acceptance", poses=11, repeats=0, check_every=0)
+    assert ([block["n_poses"] for block in plan.payload_blocks], np.unique(plan.q, axis=1).shape[1]) == ([6, 5], 11)
+    assert plan.validation is None
+
+
+def test_a_trace_tests_the_effect_of_the_payload() -> None:
+    loaded = planned("trace", poses=14, candidates=60)
+    assert any(limit["effect"] == "payload_compliance" for limit in loaded.detectability["limits"])  # type: ignore[union-attr]
+    empty = planned("trace", (), poses=14, candidates=60)
+    assert "payload_compliance" in empty.detectability["missing"]  # type: ignore[union-attr]
+
+
+def test_validation_poses_have_payloads() -> None:
+    plan = planned(fit=FIT, poses=10, validation=5)
+    assert plan.validation is not None
+    assert plan.validation.payload.tolist() == [0.0, 0.0, 0.0, 5.0, 5.0]
+    assert "payload_kg" in plan.validation_csv()
+
+
+def test_a_model_whose_effects_need_circumstances_is_planned(tmp_path: Path) -> None:
+    path = with_effects(
+        tmp_path,
+        {"effect": "payload_compliance", "joints": ["j2"], "values": {"j2": 1e-6}},
+        {"effect": "backlash", "joints": ["j3"], "values": {"j3": 1e-4}},
+        {"effect": "thermal_expansion", "values": {"value": 1e-5}},
+    )
+    plan = robacc.plan(path, candidates=100, poses=12)
+    assert [block["payload_kg"] for block in plan.payload_blocks] == [0.0]
+
+
+def test_the_simulation_carries_the_planned_payload(plan: Planned, tmp_path: Path) -> None:
+    path = tmp_path / "plan.csv"
+    plan.write(path)
+    simulated = robacc.simulate(ROBOT, at=path, position_only=True).data
+    np.testing.assert_array_equal(simulated.payload, plan.visits().payload)
+    # A payload that is given replaces the planned one.
+    assert set(robacc.simulate(ROBOT, at=path, payload=[3.0]).data.payload.tolist()) == {3.0}  # type: ignore[union-attr]
+
+
+def test_each_payload_has_its_program(plan: Planned, tmp_path: Path) -> None:
+    programs = plan.programs(tmp_path / "plan.src")
+    assert [Path(name).name for name in programs] == ["plan_0kg.src", "plan_5kg.src"]
+    counts = [text.count("PTP {") for text in programs.values()]
+    assert counts == [block["n_visits"] for block in plan.payload_blocks]
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        (("--fit", FIT), "payload_compliance needs loads: no payload_kg column; give --payload, such as 0,5"),
+        (("--fit", FIT, "--payload", "0"), "payload_kg is zero throughout; give --payload"),
+        (("--fit", "base_frame,frame_drift"), "frame_drift cannot be planned"),
+        (("--payload", "0,5"), "no effect of --fit depends on the payload, so any pose may have any; add payload"),
+        (("--payload", "5,5"), "--payload: expected at most 5 different masses, found 5, 5"),
+        (("--payload=-1,2",), "--payload: expected masses of at least 0 kg, found -1"),
+        (("--payload", "5kg"), "--payload: expected numbers separated by ',', found '5kg'"),
+    ],
+)
+def test_messages(options: tuple[str, ...], message: str) -> None:
+    assert message in refused("plan", ROBOT, "--candidates", "50", *options)
+
+
+ROBOT_OF_BRANCHES_AT_REST = """robacc: 1
+convention: urdf
+units: {length: m, angle: deg}
+joints:
+  - {name: waist, type: revolute, origin: {xyz: [0, 0, 0.6], rpy: [0, 0, 0]}, axis: [0, 1, 0], limits: [-40, 40],
+     mass: 14, com: [0.02, 0, 0.25]}
+  - {name: pan, type: revolute, origin: {xyz: [0, -0.3, 0.5], rpy: [0, 0, 0]}, axis: [0, 0, 1], limits: [-80, 80],
+     mass: 3, com: [0, -0.1, 0]}
+  - {name: lift, type: revolute, origin: {xyz: [0, -0.1, 0], rpy: [0, 0, 0]}, axis: [0, 1, 0], limits: [-80, 80],
+     mass: 3, com: [0.15, 0, 0.02]}
+tool: {xyz: [0.5, 0, 0], rpy: [0, 0, 0]}
+branches:
+  - {name: other, parent: waist, type: revolute, origin: {xyz: [0, 0.3, 0.5], rpy: [0, 0, 0]}, axis: [0, 1, 0],
+     mass: 5, com: [0.25, 0, 0.02], position: 30}
+"""
+CANDIDATES = "q1_deg,q2_deg,q3_deg,other_deg\n" + "".join(f"{i % 40},{2 * i % 70},{-i % 60},30\n" for i in range(60))
+
+
+def planned_of_branches_at_rest(folder: Path, candidates: str | None = None) -> Planned:
+    (folder / "torso.yaml").write_text(ROBOT_OF_BRANCHES_AT_REST)
+    source: Path | int = 60
+    if candidates is not None:
+        source = saved(folder / "candidates.csv", candidates)
+    fit = "tool_frame,joint_compliance[waist]"
+    return robacc.plan(folder / "torso.yaml", poses=8, fit=fit, candidates=source, repeats=0, check_every=0)
+
+
+def test_planned_rows_state_where_the_joints_beside_the_chain_stand(tmp_path: Path) -> None:
+    plan = planned_of_branches_at_rest(tmp_path)
+    (warning,) = [text for text in plan.warnings if "outside the chain" in text]
+    assert "other at 30°" in warning
+    plan.write(tmp_path / "plan.csv")
+    again = read_robot_poses(tmp_path / "plan.csv", robacc.read_robot(tmp_path / "torso.yaml"), attained=False)
+    np.testing.assert_allclose(again.branches, np.radians(30.0), atol=1e-12)
+
+
+def test_candidates_may_state_the_position_and_nothing_else(tmp_path: Path) -> None:
+    assert planned_of_branches_at_rest(tmp_path, CANDIDATES).visits().n == 8
+    moved = CANDIDATES.splitlines()
+    moved[5] = moved[5].removesuffix("30") + "31"
+    with pytest.raises(InputError, match=r"candidates.csv:6, other: found 31°, expected 30°") as caught:
+        planned_of_branches_at_rest(tmp_path, "\n".join(moved) + "\n")
+    assert "set the position of this joint" in str(caught.value)

@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from typer.testing import CliRunner
+from commands import document
+from sample_files import SAMPLES
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError, UsageError
 from robacc.geometry import quaternion_from_rotation
 
@@ -18,7 +18,6 @@ pytest.importorskip("rosbags")
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-SAMPLES = Path(__file__).resolve().parents[2] / "sample_data"
 ROBOT = robacc.read_robot(SAMPLES / "robot.yaml")
 DATA = robacc.read_poses(SAMPLES / "poses.csv", robot=ROBOT).subset(slice(0, 6))
 STORE = get_typestore(Stores.ROS2_HUMBLE)
@@ -40,8 +39,7 @@ class Bag:
     names: tuple[str, ...] = ("q1", "q2", "q3", "q4", "q5", "q6")
 
     def write(self) -> Path:
-        joint_times = np.arange(0, 2 * DATA.n, PERIOD)
-        messages = [(t, "joints", self._joint_state(t)) for t in joint_times]
+        messages = [(t, "joints", self._joint_state(t)) for t in np.arange(0, 2 * DATA.n, PERIOD)]
         for k in range(DATA.n):
             times = [2 * k + 1.2 + 0.1 * j for j in range(4)] + ([2 * k + 0.5] if self.in_motion and k else [])
             messages += [(t, "tracker", self._pose(t, k, j)) for j, t in enumerate(times)]
@@ -180,12 +178,9 @@ def test_another_folder_is_refused(tmp_path: Path) -> None:
 
 def test_one_command_grades_a_bag(tmp_path: Path) -> None:
     path = Bag(tmp_path / "bag", in_motion=True).write()
-    command = ["estimate", str(path), "--robot", str(SAMPLES / "robot.yaml"), "--bag", "at=rest", "--format", "json"]
-    result = CliRunner().invoke(app, command)
-    assert result.exit_code == 0, result.output
-    document = json.loads(result.stdout)
+    found = document("estimate", path, "--robot", SAMPLES / "robot.yaml", "--bag", "at=rest")
     expected = json.loads(robacc.estimate(DATA, robot=ROBOT).to_json())
     # Positions agree to 1 nm, so do their errors.
-    assert document["position"]["rms_m"] == pytest.approx(expected["position"]["rms_m"], abs=2e-9)
-    assert document["inputs"][0]["reading"] == {"bag": "at=rest"}
-    assert len(document["inputs"][0]["sha256"]) == 64
+    assert found["position"]["rms_m"] == pytest.approx(expected["position"]["rms_m"], abs=2e-9)
+    assert found["inputs"][0]["reading"] == {"bag": "at=rest"}
+    assert len(found["inputs"][0]["sha256"]) == 64

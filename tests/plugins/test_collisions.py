@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from commands import refused
-from sample_files import saved
+from sample_files import ROOT, saved
 
 import robacc
 from robacc.errors import InputError, UsageError
@@ -13,7 +13,6 @@ from robacc.modelling.robot_file import read_robot
 from robacc_plugins.collisions import ShapeCollisions, link_collisions
 
 pytest.importorskip("fcl")
-ROOT = Path(__file__).resolve().parents[2]
 # Two long arms in a plane on a mast, a hand with a finger of its own, and shapes of every kind but meshes.
 URDF = """<robot name="planar">
   <link name="mast">

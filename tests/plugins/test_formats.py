@@ -14,7 +14,7 @@ import pytest
 import yaml
 from commands import output
 from homogeneous import dh, frame, shift, turn
-from sample_files import saved
+from sample_files import ROOT, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -31,29 +31,17 @@ from robacc.robots.yaml_robot import parse_robot
 from robacc_plugins.denavit_hartenberg import dh_table, joint_frames
 from robacc_plugins.ros import write_transforms
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
 ROBOTS = sorted((ROOT / "configs" / "robots").glob("*.yaml"))
-
-
 CONF = Path(__file__).parent / "samples" / "calibration.conf"
-
-
 MICROMETRE = 1e-6
-
-
 FORMS = ("urdf", "mdh", "json", "ur-calibration", "ur-kinematics", "xarm", "joint-offsets")
-
 
 UR10 = {
     "d": (0.1273, 0, 0, 0.163941, 0.1157, 0.0922),
     "a": (0, -0.612, -0.5723, 0, 0, 0),
     "alpha": (np.pi / 2, 0, 0, np.pi / 2, -np.pi / 2, 0),
 }
-
 """The maker's published table."""
-
 
 UR10E = {
     "d": (0.1807, 0, 0, 0.17415, 0.11985, 0.11655),
@@ -360,10 +348,7 @@ def test_a_file_with_all_lengths_needs_no_name_of_an_arm(tmp_path: Path) -> None
 
 
 PHOTOS = ROOT / "sample_data" / "photos"
-
-
 DIGITS = 1e-8
-
 """The commands have nine decimals."""
 
 
@@ -447,19 +432,10 @@ def test_several_cameras_are_no_measuring_frame() -> None:
 
 
 NAMES = ("shoulder_pan", "shoulder_lift", "elbow_flex", "wrist_flex", "wrist_roll")
-
-
 RANGES = ((750, 3420), (893, 3207), (850, 3078), (817, 3190), (0, 4095), (2010, 3500))
-
-
 HOMING = (101, -1208, 1502, -1997, 33, 1240)
-
-
 OFFSETS = np.array([1.2, -0.9, 0.7, -3.04, 0.4])
-
 """Degrees by which LeRobot's angles are short."""
-
-
 QUARTER_OF_A_COUNT = 360 / 4095 / 4
 
 
@@ -472,8 +448,7 @@ def calibration(names: tuple[str, ...] = (*NAMES, "gripper")) -> dict[str, dict[
 
 def degrees(motor: dict[str, int], encoder: float, make: str) -> float:
     """What LeRobot reports for a position of the motor's encoder, counts."""
-    sign = {"Feetech": -1, "Dynamixel": 1}[make]
-    present = encoder + sign * motor["homing_offset"]
+    present = encoder + {"Feetech": -1, "Dynamixel": 1}[make] * motor["homing_offset"]
     return (present - (motor["range_min"] + motor["range_max"]) / 2) * 360 / 4095
 
 

@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from sample_files import ROOT
 
 import robacc
 from robacc.errors import InputError, UsageError
@@ -90,9 +91,6 @@ def test_a_reader_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: py
         robacc.read_poses(tmp_path / "a.count")
 
 
-ROOT = Path(__file__).resolve().parents[2]
-
-
 DIALECT = """
 import re
 
@@ -114,7 +112,6 @@ def parse(source, others=()):
     return draft.program()
 """
 
-
 IMPORTER = """
 from robacc import read_robot
 
@@ -122,7 +119,6 @@ from robacc import read_robot
 def read(text, file):
     return read_robot("so101") if text.startswith("# zeros, deg") else None
 """
-
 
 BROKEN = "import a_module_that_is_not_there\n"
 

@@ -1,7 +1,5 @@
 """Exports of instruments and robots: what is read of them, what is refused, and names made to mislead."""
 
-from __future__ import annotations
-
 import math
 import os
 import subprocess
@@ -14,6 +12,7 @@ import numpy as np
 import pytest
 from commands import run
 from pose_files import PLAIN, Reader, one_row, problem_texts
+from sample_files import saved
 
 from robacc.errors import MAX_PROBLEMS, InputError, UsageError
 from robacc.io.dialect import split_cell
@@ -23,7 +22,6 @@ from robacc.poses.reading import KnownRobot, Reading, heading_of, meaning_of
 # Texts of exports that are read: what each column is taken for, and what is said of it.
 
 ABC = frozenset({"a", "b", "c"})
-
 NAMES = {
     "X [mm]": ("x", "mm"),
     "Y_mm": ("y", "mm"),
@@ -53,7 +51,6 @@ NAMES = {
     "Load [kg]": ("payload_kg", "kg"),
     **dict.fromkeys(("dX", "X deviation", "velocity x", "Comment", "E1"), (None, None)),
 }
-
 CELLS = {
     "381.289 mm": ("381.289", "mm"),
     "-33,5°": ("-33,5", "deg"),
@@ -84,45 +81,31 @@ def test_a_cell_is_a_number_and_a_known_unit(text: str) -> None:
 
 
 DEGREE = math.pi / 180
-
 SHOULDER = KnownRobot(["shoulder"])
-
 RIGHT = [(-math.pi / 2, math.pi / 2)]
-
 TURNING = {"robot": KnownRobot(["j1"], ["revolute"], RIGHT)}
-
 PI = {"robot": KnownRobot(["j1"], ["revolute"], [(-3.14159, 3.14159)])}
-
 UNITS = "Point,J1,J2,X,Y,Z\n"
-
 IN_CELLS = "P1,10.5°,-20°,381.289 mm,-7.5 mm,1043.999 mm\nP2,30°,40.25°,1 mm,2 mm,3 mm\n"
-
 OF_CELLS = {
     "q": np.radians([[10.5, 30], [-20, 40.25]]),
     "position": [[0.381289, 0.001], [-0.0075, 0.002], [1.043999, 3e-3]],
 }
-
 COMMAS = "J1 [°];J2 [°];X [mm];Y [mm];Z [mm]\n1,5;-2,5;{};200,5;300,5\n1,5;-2,5;100,5;200,5;300,5\n"
-
 POINTS = "J1 [deg],X [mm],Y [mm],Z [mm]\n1.5,{},2.5,3.5\n2.5,100.5,3.5,4.5\n"
-
 TIMES = "{};J1 [deg];X [m];Y [m];Z [m]\n{};1;2;3;0\n{};1;2;3;1\n"
-
 LONG = "Point,Axis,Nominal [mm],Actual [mm],Deviation\n" + "".join(
     f"{point},{axis},{10 * k},{10 * k + 0.5},0.5\n"
     for point, axes in (("P1", "XYZ"), ("P2", "ZXY"))
     for k, axis in enumerate(axes, 1)
 )
-
 OF_LONG = {
     "position": np.array([[10.5, 20.5], [20.5, 30.5], [30.5, 10.5]]) / 1e3,
     "commanded_position": np.array([[10, 20], [20, 30], [30, 10]]) / 1e3,
     "pose": ["P1", "P2"],
     "rows": [2, 6],
 }
-
 WIDE = "J1 [deg],J2 [deg],X{0} [mm],Y{0} [mm],Z{0} [mm],X{1} [mm],Y{1} [mm],Z{1} [mm]\n0,0,400,0,410,420,50,430\n"
-
 OF_WIDE = {"position": [[0.4, 0.42], [0, 0.05], [0.41, 0.43]], "visit": ["2", "2"]}
 
 
@@ -441,51 +424,32 @@ def test_only_some_unknown_columns_are_listed(read: Reader) -> None:
 # Texts that are no poses: each ends in its problems, with line and column, and with what to do.
 
 Case = tuple[str | bytes, dict[str, Any], str]
-
 """A text, statements and options, and a part of its only problem."""
-
 HOSTILE = "x,y,z,cmd_x,cmd_y,cmd_z\n"
-
 BESIDE = "1,2,3,1,2,3.001\n"
-
 ARM = KnownRobot(["base", "lift"], ["revolute", "prismatic"])
-
 NO_TEXT = "the file is not UTF-8 text (it is UTF-16 or binary); save it as UTF-8"
-
 ONLY_MEASURED = (
     "the file has measured poses only: neither joint variables nor commanded poses; give the commands with "
     "`commanded`: the robot program, or a table of joints or poses; or add columns "
 )
-
 SKIP = "give `skip_gaps` to leave out rows with a missing value"
-
 IGNORE = "`ignore_limits` uses these rows all the same"
-
 TARGETS = "q1,x,y,z,target\n0,1,2,3,smr1\n0,1,2,3,smr3x\n"
-
 VISITS = "visit,q1,x,y,z\n1,0,1,2,3\n2,0.5,1,2,4\n1,{},1,2,5\n"
-
 DEGREES_AND_MM = "J1 [deg],X [mm],Y [mm],Z [mm]\n1.5,{},2.5,3.5\n2.5,100.5,3.5,4.5\n"
-
 WRONG_CELLS = "P1,10.5°,-20°,381.289 mm,-7.5 mm,1043.999 mm\n"
-
 POINT_NAMES = "Point,J1,J2,X,Y,Z\n"
-
 LINES = [
     "Point,Axis,Nominal [mm],Actual [mm],Deviation",
     "P1,X,10,10.5,0.5",
     "P1,Y,20,20.5,0.5",
     "P1,Z,30,30.5,0.5",
 ]
-
 WIDE_WRONG = "J1 [deg],J2 [deg],X1 [mm],Y1 [mm],Z1 [mm],X2 [mm],Y2 [mm],Z2 [mm]\n0,0,400,0,400,400,50,400\n"
-
 TWO = KnownRobot(["j1", "j2"], target_names=("t1", "t2"))
-
 UX = "J1 (deg),X (mm),Y (mm),Z (mm),Ux,Uy,Uz\n" + "".join(f"{i},500,20,900,30,30,30\n" for i in range(4))
-
 COMMANDED = "cmd_x,cmd_y,cmd_z,cmd_qw,cmd_qx,cmd_qy,cmd_qz"
-
 NO_TABLES: list[Case] = [
     (b"", {}, "the file is empty; expected a header row of column names and one row per pose"),
     (b"# only a comment\n\n", {}, "the file is empty; expected a header row"),
@@ -511,7 +475,6 @@ NO_TABLES: list[Case] = [
     ("header:\n  stamp:\n    sec: 1\n", {}, "has no list of records"),
     ("Index\tAz(deg)\tEl(deg)\tDist(mm)\n1\t10.5\t80.5\t2000.5\n", {}, "angles and distances of an instrument"),
 ]
-
 HEADERS: list[Case] = [
     # In lower case a degree of German may be a gradian, 400 to the turn.
     ("A1;X;Y;Z\ngrad;mm;mm;mm\n90,0;1,5;2,5;3,5\n45,0;2,5;3,5;4,5\n", {}, "neither joint variables nor commanded"),
@@ -600,7 +563,6 @@ HEADERS: list[Case] = [
         "each row holds the points 1, 2: for several targets at one pose, the robot file names them under targets",
     ),
 ]
-
 VALUES: list[Case] = [
     (one_row(y=""), {}, f"2, y: the value is missing, expected a number; {SKIP}"),
     (one_row(q1="abc"), {}, "2, q1: found 'abc', expected a number"),
@@ -693,7 +655,6 @@ VALUES: list[Case] = [
         "the cells are in mm, but the name is of m",
     ),
 ]
-
 SEVERAL: list[Case] = [
     (WIDE_WRONG, {"robot": KnownRobot(["j1", "j2"], target_names=("a3", "b4"))}, "each row holds the points 1, 2"),
     (WIDE_WRONG.replace("X2 [mm]", "X2 [m]"), {"robot": TWO}, "each row holds the points 1, 2"),
@@ -706,7 +667,6 @@ SEVERAL: list[Case] = [
     ("pose,q1,q2,x,y,payload_kg\n" + WRONG_CELLS, {"attained": False}, "the cells are in mm, but the name is of kg"),
     ("pose,q1,x,y,z\na,1,2,3,4\nb,2,3,4,5\n[Planes]\nc,1,2\n", {}, "4: found 1 field, expected 5 as in the header; if"),
 ]
-
 """Texts with more than one problem."""
 
 
@@ -781,11 +741,8 @@ def test_files_that_cannot_be_opened_and_statements_that_are_wrong(tmp_path: Pat
 # Hostile files of poses: each ends in a message, bounded in time and memory, and nothing acts on the terminal.
 
 HEAD = "x,y,z,cmd_x,cmd_y,cmd_z\n"
-
 ROW = "1,2,3,1,2,3.001\n"
-
 MEMORY = 2 * 2**30
-
 """Bytes of address space: the libraries take some 0.5 GB of it, and the files here pretend to be 10 GB."""
 
 
@@ -803,8 +760,7 @@ def estimate(*arguments: str, text: bytes = b"") -> subprocess.CompletedProcess[
 
 @pytest.mark.parametrize("end", ["\n", "\r\n", "\r"])
 def test_ends_of_lines_and_denormal_numbers_are_taken(tmp_path: Path, end: str) -> None:
-    path = tmp_path / "poses.csv"
-    path.write_bytes((HEAD + "5e-324,2,3,0,2,3\n" + ROW).replace("\n", end).encode())
+    path = saved(tmp_path / "poses.csv", (HEAD + "5e-324,2,3,0,2,3\n" + ROW).replace("\n", end).encode())
     assert read_poses(path).position[0].tolist() == [5e-324, 1.0]
 
 

@@ -1,9 +1,6 @@
 """Measurements: repetitions, close poses, what is written and read back."""
 
-from __future__ import annotations
-
 import dataclasses
-import json
 import math
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +8,12 @@ from typing import Any
 
 import numpy as np
 import pytest
+from commands import document, one_line, run
 from hypothesis import HealthCheck, given, settings, strategies as st
 from pose_files import Reader
+from sample_files import ROOT
 from scipy.spatial.transform import Rotation
-from typer.testing import CliRunner
 
-from robacc.cli.main import app
 from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import KnownRobot
@@ -24,7 +21,6 @@ from robacc.poses.reading import KnownRobot
 # Rows of the same commanded pose.
 
 N = 40_000
-
 """More than are hashed at a time."""
 
 
@@ -110,7 +106,6 @@ def test_ids_that_agree_with_the_commands_are_believed() -> None:
 # Writing pose files: what is written is read back.
 
 finite = st.floats(-1e8, 1e8)  # what a file of poses may hold
-
 ids = st.text(st.characters(codec="utf-8", exclude_categories=("C", "Z")), min_size=1, max_size=8)
 
 
@@ -195,26 +190,22 @@ def test_written_columns() -> None:
 
 # Repetitions of a commanded pose, from files to results.
 
-ROOT = Path(__file__).resolve().parents[2]
-
 
 def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -> None:
     """Ids P0 … P9 over poses that were each measured once: nothing in them is pure error."""
     data = read_poses(ROOT / "sample_data" / "poses.csv")
     data = dataclasses.replace(data, pose=np.array([f"P{i % 10}" for i in range(data.n)]))
     (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
-    arguments = (str(tmp_path / "poses.csv"), "--robot", str(ROOT / "sample_data" / "robot.yaml"), "--format", "json")
+    arguments = (tmp_path / "poses.csv", "--robot", ROOT / "sample_data" / "robot.yaml")
     warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
-    done = CliRunner().invoke(app, ["calibrate", *arguments, "--fit", "base_frame,tool_frame"], catch_exceptions=False)
-    document = json.loads(done.stdout)
-    assert document["noise"]["source"] == "residual"
-    assert len(set(document["poses"]["group"])) == data.n
-    assert any(warning in text for text in document["warnings"])
-    assert warning in done.stderr
-    estimated = json.loads(CliRunner().invoke(app, ["estimate", *arguments]).stdout)
-    assert sum(warning in text for text in estimated["warnings"]) == 1
+    found = document("calibrate", *arguments, "--fit", "base_frame,tool_frame")
+    assert found["noise"]["source"] == "residual"
+    assert len(set(found["poses"]["group"])) == data.n
+    assert any(warning in text for text in found["warnings"])
+    assert warning in one_line(run("estimate", *arguments).stderr)
+    assert sum(warning in text for text in document("estimate", *arguments)["warnings"]) == 1
     # Cycles of ISO 9283 are by their ids all the same, with a warning of their own.
-    judged = json.loads(CliRunner().invoke(app, ["iso9283", *arguments]).stdout)
+    judged = document("iso9283", *arguments)
     assert judged["n_commanded_poses"] == 10
     assert ["differs by" in text for text in judged["warnings"]] == [True]
 

@@ -1,7 +1,5 @@
 """Pose files: what is read, in which units, conventions of angles, and motion."""
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -16,6 +14,7 @@ import numpy as np
 import pytest
 from hypothesis import HealthCheck, given, settings, strategies as st
 from pose_files import PLAIN, Reader, one_row, problem_texts
+from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -209,7 +208,6 @@ def test_any_bytes_are_read_or_refused(read: Reader, noise: bytes) -> None:
 # Degrees and millimetres without a unit in their names are noticed, and good data raise no alarm.
 
 RNG = np.random.default_rng(7)
-
 N = 40
 
 
@@ -248,9 +246,7 @@ def renamed(data: dict[str, Any], unit: str, *names: str) -> dict[str, Any]:
 
 
 ALL_JOINTS = tuple(f"q{i + 1}" for i in range(6))
-
 SIGMAS = ("sigma_x", "sigma_y", "sigma_z")
-
 DEGREES = math.degrees(1)
 
 
@@ -278,15 +274,10 @@ def test_unusual_but_good_data_raise_no_alarm(tmp_path: Path, change: dict[str, 
 
 
 LIMITED = {"robot": KnownRobot(limits=[(-3.1, 3.1)] * 6)}
-
 TYPES = ["revolute"] * 2 + ["prismatic"] + ["revolute"] * 3
-
 NAMES = [f"j{i}" for i in range(6)]
-
 RAIL = {"robot": KnownRobot(NAMES, TYPES, [None, None, (0, 1), *[None] * 3])}
-
 SMALL = {f"cmd_{axis}": 0.02 * good()[f"cmd_{axis}"] for axis in "xyz"}
-
 FIRST = np.arange(N) < N // 2
 
 
@@ -465,7 +456,6 @@ def test_positions_are_held_against_the_robots_size() -> None:
 # Orientations that exports write as numbered quaternions and as entries of a matrix.
 
 TURNED = 7
-
 JOINTS = [f"A{i}" for i in range(1, 7)]
 
 
@@ -476,9 +466,8 @@ def written(tmp_path: Path, names: list[str], columns: np.ndarray, joints: list[
     has_position = len(names) >= 12
     header = [*joints, *([] if has_position else ["X", "Y", "Z"]), *names]
     rows = np.vstack((q, *([] if has_position else [position]), columns)).T
-    path = tmp_path / "export.csv"
     text = "\n".join(";".join(f"{value:.12f}".replace(".", ",") for value in row) for row in rows)
-    path.write_text(";".join(header) + "\n" + text + "\n", encoding="utf-8")
+    path = saved(tmp_path / "export.csv", ";".join(header) + "\n" + text + "\n")
     return path
 
 
@@ -522,8 +511,7 @@ def test_entries_of_a_matrix_are_a_pose(names: list[str], tmp_path: Path) -> Non
     matrix = np.zeros((TURNED, 4, 4))
     matrix[:, :3, :3], matrix[:, :3, 3], matrix[:, 3, 3] = TURNS.as_matrix(), rng.uniform(-900, 900, (TURNED, 3)), 1.0
     rows, columns = {16: (4, 4), 12: (3, 4), 9: (3, 3)}[len(names)]
-    entries = matrix[:, :rows, :columns].reshape(TURNED, -1).T
-    data = read_turned(written(tmp_path, names, entries))
+    data = read_turned(written(tmp_path, names, matrix[:, :rows, :columns].reshape(TURNED, -1).T))
     assert data.rotation is not None
     np.testing.assert_allclose(np.moveaxis(data.rotation, 2, 0), TURNS.as_matrix(), atol=1e-9)
     if columns == 4:
@@ -553,7 +541,6 @@ def test_the_order_of_a_quaternion_says_nothing_of_three_angles(tmp_path: Path, 
 # Conventions of angles: their rotations, and the trial that tells them apart without knowing any frame.
 
 SCIPY = {"fixed-xyz": "xyz", "zyx": "xyz", "moving-xyz": "XYZ", "kuka-abc": "ZYX", "zyz": "ZYZ"}
-
 """scipy's letters: small for fixed axes, capital for moving ones."""
 
 
@@ -645,9 +632,7 @@ def test_motion_is_that_of_each_step() -> None:
 
 
 SMRS = "q1,q2,x,y,z,target\n"
-
 ROWS = (("0,0", "ab"), ("0.5,-0.25", "ab"), ("0.5,0.75", "abab"), ("0,0", "ba"))
-
 """Joints of each arrival, and the targets measured there in turn: the third pose is measured twice."""
 
 

@@ -1,10 +1,11 @@
-"""Charts apart from the page: thinning of many poses, units, and agreement with the numbers of the result."""
-
-from __future__ import annotations
+"""Charts, numbers in texts, and the page of a plan."""
 
 import copy
+import io
 import json
 import math
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -12,15 +13,32 @@ import numpy as np
 import pytest
 import results
 from matplotlib.figure import Figure
+from sample_files import ROBOT
 from typer.testing import CliRunner
 
 import robacc
 from robacc.cli.main import app
 from robacc.errors import UsageError
+from robacc.modelling.robot_file import find_arm, read_robot
+from robacc.render.page import command_line, render
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
 from robacc.render.plots.poses import SHARES, error_axis, stages_of
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
-from robacc.render.text import Grid, unit_of
+from robacc.render.text import (
+    Grid,
+    decimals,
+    draw,
+    effect_families,
+    effect_label,
+    fixed,
+    grouped,
+    measured,
+    odds,
+    p_value,
+    three_digits,
+    unit_of,
+)
+from robacc.simulation.simulate import Plan, simulate
 from robacc.statistics.intervals import chi2_cdf
 
 KINDS = {
@@ -37,21 +55,6 @@ def test_the_charts_of_each_command(command: str) -> None:
     assert [chart.kind for chart in charts_of(results.document(command))] == KINDS[command]
 
 
-def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
-    rng = np.random.default_rng(1)
-    first, second = rng.normal(size=100_000), rng.normal(size=100_000)
-    rows = thinned(500, first, second)
-    assert rows.size == 500
-    assert np.all(np.diff(rows) > 0)
-    for column in (first, second):
-        assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
-    assert np.array_equal(rows, thinned(500, first.copy(), second.copy()))
-    # The rest is spread over all rows, not taken from their beginning.
-    assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
-    assert np.array_equal(thinned(500, first[:500]), np.arange(500))
-    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, first[:1000])).size == 60
-
-
 def many(n: int) -> dict[str, Any]:
     """The sample estimate with its poses repeated to ``n``."""
     document = copy.deepcopy(results.document("estimate"))
@@ -65,15 +68,30 @@ def many(n: int) -> dict[str, Any]:
 
 
 def test_many_poses_are_thinned_in_the_chart_and_not_in_the_numbers() -> None:
-    document = many(20_000)
+    document = many(6_000)
     for chart in charts_of(document):
         assert as_part(chart, "x").count("<use") < 2500
         if chart.kind == "time":
-            assert "of 20,000 poses, including the extremes" in chart.caption
+            assert "of 6,000 poses, including the extremes" in chart.caption
         if chart.kind == "distribution":
             sizes = np.sqrt(np.sum(np.square(document["position"]["errors_m"]), axis=1)) * 1e3
             quantiles = [float(row[1].split()[0]) for row in chart.table.rows]
             assert quantiles == pytest.approx(np.quantile(sizes, (0.05, 0.25, 0.5, 0.75, 0.9, 0.95, 0.99, 1)), rel=6e-3)
+
+
+def test_thinning_keeps_the_extremes_and_is_always_the_same() -> None:
+    rng = np.random.default_rng(1)
+    first, second = rng.normal(size=100_000), rng.normal(size=100_000)
+    rows = thinned(500, first, second)
+    assert rows.size == 500
+    assert np.all(np.diff(rows) > 0)
+    for column in (first, second):
+        assert {int(np.argmin(column)), int(np.argmax(column))} <= set(rows.tolist())
+    assert np.array_equal(rows, thinned(500, first.copy(), second.copy()))
+    # The rest is spread over all rows, not taken from their beginning.
+    assert np.all(np.histogram(rows, bins=10, range=(0, 100_000))[0] > 20)
+    assert np.array_equal(thinned(500, first[:500]), np.arange(500))
+    assert thinned(60, np.where(np.arange(1000) == 7, np.nan, first[:1000])).size == 60
 
 
 def test_units_follow_the_size() -> None:
@@ -267,3 +285,176 @@ def test_plot_without_a_kind_draws_the_main_chart_and_names_the_others(tmp_path:
         "note: drew the main chart, distribution; other charts by --chart: effect, candidates, poses, time, workspace\n"
     )
     assert image.read_text(encoding="utf-8").startswith("<?xml")
+
+
+@pytest.mark.parametrize(
+    ("value", "lower", "upper", "expected"),
+    [
+        (0.7172, 0.650, 0.801, 3),  # half width 0.0755: two digits of it are thousandths
+        (0.7172, 0.60, 0.85, 2),  # 0.125 -> 0.13
+        (100.0, 90.01, 109.93, 0),  # 9.96 rounds to 10, whose second digit is the unit
+        (1234.0, 900.0, 1500.0, 0),
+        (0.01234, None, None, 4),  # three digits of the value
+        (12.34, None, None, 1),
+        (0.0, None, None, 3),
+        (0.5, 0.5, 0.5, 3),
+        (1e-20, None, None, 9),
+    ],
+)
+def test_decimals(value: float, lower: float | None, upper: float | None, expected: int) -> None:
+    assert decimals(value, lower, upper) == expected
+
+
+@pytest.mark.parametrize(
+    ("form", "values", "texts"),
+    [
+        (three_digits, (0.0, 1e-25, 1e-5, 0.00123), ("0", "0", "1.00e-05", "0.00123")),
+        (three_digits, (1.2345, 123.4, 98765.4, 1e7), ("1.23", "123", "98765", "1.00e+07")),
+        (partial(fixed, places=3), (-0.0004, -0.0006), ("0.000", "-0.001")),
+        (partial(fixed, places=2), (None, math.nan), ("–", "–")),
+        (p_value, (None, 1e-9, 0.0321, 1.0), ("–", "p < 1e-6", "p = 0.032", "p = 1")),
+        # Odds are those of the alternative.
+        (odds, (0.0, math.log(5), -math.log(20), 800.0), ("1 to 1", "1 to 5", "20 to 1", "1 to 1.01e+304")),
+        # Names with a common beginning stand together.
+        (
+            grouped,
+            (["tool_frame.a.roll", "tool_frame.a.yaw", "joint_offset.j1"], ["alone"], ["a", "b"]),
+            ("tool_frame.a (roll, yaw), joint_offset.j1", "alone", "a, b"),
+        ),
+    ],
+)
+def test_a_value_as_text(form: Callable[[Any], str], values: tuple[Any, ...], texts: tuple[str, ...]) -> None:
+    assert tuple(map(form, values)) == texts
+
+
+@pytest.mark.parametrize(
+    ("value", "error", "shown"),
+    [
+        (2.1, 2.7e-6, ("2.1000000", "2.7e-06")),
+        (0.40034312, 4.04e-6, ("0.4003431", "4.0e-06")),
+        (-5.16489e-7, 3.7e-6, ("-5e-07", "3.7e-06")),
+        (-4e-8, 3.7e-6, ("0", "3.7e-06")),
+        (9.6e-8, 3.7e-6, ("1e-07", "3.7e-06")),
+        (8.7361e-7, 3.01e-9, ("8.736e-07", "3.0e-09")),
+        (-0.00015784, 3.3e-6, ("-0.0001578", "3.3e-06")),
+        (-0.0003778, 0.000996, ("-0.0004", "0.0010")),  # 9.96 rounds to 10
+        (-0.00001, 0.0123, ("0.000", "0.012")),
+        (5678.0, 123.0, ("5680", "120")),
+        (0.0, 1e-5, ("0", "1.0e-05")),
+        (1.5, 1e-18, ("1.50000000000000", "1.0e-18")),
+        (0.25, 0.0, ("0.25", "0")),
+        (-0.0, 0.0, ("0", "0")),
+    ],
+)
+def test_a_value_ends_where_its_standard_error_does(value: float, error: float, shown: tuple[str, str]) -> None:
+    assert measured(value, error) == shown
+
+
+@pytest.mark.parametrize("value", [3.7, 1.234567e-3, -2.2e-7, 9.87654e5, 6.1e9])
+@pytest.mark.parametrize("error", [1.04e-10, 9.96e-8, 3.3e-5, 0.0707, 25.0])
+def test_rounding_a_value_costs_less_than_a_twentieth_of_its_error(value: float, error: float) -> None:
+    """Half a unit of the second digit of an error that begins with 1 is 0.05 of it."""
+    shown, its_error = measured(value, error)
+    assert abs(float(shown) - value) <= max(0.051 * error, 1e-14 * abs(value))
+    assert float(its_error) == pytest.approx(error, rel=0.051)
+
+
+def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
+    assert effect_label("joint_compliance", ["j2"], {}) == "joint_compliance[j2]"
+    assert effect_label("joint_compliance", ["j2"], {"masses": "uncertain"}) == (
+        "joint_compliance[j2] with uncertain masses"
+    )
+    assert effect_label("step", [], {"part": "base"}) == "step[base]"
+
+
+def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
+    entry = find_arm("irb120_3_58")
+    assert entry is not None
+    robot = read_robot(entry["path"])
+    data = simulate(robot, Plan(50, seed=2, noise_position=5e-5, orientation=False)).data
+    fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
+    result = robacc.calibrate(data, robot=robot, fit=fit)
+    stream = io.StringIO()
+    draw(result.view(full=True), stream)
+    lines = stream.getvalue().splitlines()
+    assert sum("not identifiable" in line for line in lines) == 2
+    assert not any(".hx2" in line for line in lines)
+    assert sum(line.startswith("joint_compliance.j2: ") for line in lines) == 1
+    # The JSON result keeps each of them.
+    text = result.to_json()
+    assert text.count('"joint_compliance.j2.h') > 10
+    assert all(dropped.name in text for dropped in result.identifiability.dropped)
+
+
+def document(**options: object) -> dict[str, object]:
+    result = robacc.plan(ROBOT, **{"candidates": 120, "check_every": 6, **options})  # type: ignore[arg-type]
+    return json.loads(result.to_json())  # type: ignore[no-any-return]
+
+
+@pytest.fixture(scope="module")
+def calibration() -> dict[str, object]:
+    return document(poses=14, validation=3, instrument="2,0,1", outside=["x=0.6:1,z=:0.2"], min_height="0.05")
+
+
+def test_the_charts_show_what_the_document_has(calibration: dict[str, object]) -> None:
+    charts = {chart.kind: chart for chart in charts_of(calibration)}
+    assert list(charts) == ["planned-poses", "expected-accuracy", "detection-limits"]
+    poses = charts["planned-poses"]
+    assert len(poses.table.rows) == calibration["n_visits"]
+    assert poses.scene is not None
+    traces = {trace["name"]: trace for trace in poses.scene["traces"]}
+    assert len(traces["validation poses"]["x"]) == 3
+    assert traces["instrument"]["x"] == [2.0]
+    # Every pose has one mark: once, twice or as a check.
+    marked = sum(len(traces[name]["x"]) for name in ("poses", "poses visited twice", "drift check poses"))
+    assert marked == 14
+    curve = charts["expected-accuracy"].table.rows
+    assert [int(row[0]) for row in curve] == [p["n_poses"] for p in calibration["accuracy"]["curve"]]  # type: ignore[index]
+
+
+def test_limits_are_those_of_the_joints(calibration: dict[str, object]) -> None:
+    for family in effect_families(calibration):
+        own = [e for e in calibration["detection_limits"] if e["effect"] == family.name]  # type: ignore[attr-defined]
+        known = [e["limit"] for e in own if e["limit"] is not None]
+        if known:
+            assert (family.known[0]["limit"], family.known[-1]["limit"]) == (min(known), max(known))
+        assert family.power == pytest.approx(sum(e["power"] for e in own) / len(own))
+
+
+def test_the_page_says_what_to_do(calibration: dict[str, object]) -> None:
+    page = render([calibration], ["plan"])
+    for text in (
+        "Plan for the calibration of sample arm",
+        "Order of the visits",
+        "a point of the arm inside the box x=0.6:1,z=:0.2",
+        "collisions of the links not checked",
+        "Predicted standard errors",
+        "not identifiable: tool_frame.roll",
+        "Predicted error over the number of poses",
+    ):
+        assert text in page, text
+    assert "<td>check</td>" in page
+
+
+def test_a_trace_with_payloads() -> None:
+    trace = document(purpose="trace", poses=14, payload=[0, 4], candidates=60)
+    names = [entry["name"] for entry in charts_of(trace)[0].scene["traces"]]  # type: ignore[union-attr]
+    assert "poses with 0 kg" in names
+    assert "poses with 4 kg" in names
+    page = render([trace], ["plan"])
+    assert "effects found at their usual size" in page
+    assert "not tested (" in page
+
+
+def test_the_command_line_makes_the_plan_again(calibration: dict[str, object]) -> None:
+    line = command_line(calibration)
+    assert line.startswith("robacc plan robot.yaml ")
+    assert "--for calibrate" in line
+    assert "--outside x=0.6:1,z=:0.2" in line
+
+
+def test_a_plan_that_says_enough() -> None:
+    enough = document(already=ROBOT.parent / "poses.csv", fit="base_frame,joint_offset", candidates=40)
+    page = render([enough], ["plan"])
+    assert "enough poses" in page
+    assert "poses.csv" in page

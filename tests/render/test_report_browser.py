@@ -1,7 +1,5 @@
 """Reports in Debian's Chromium, on a desk, on a phone and on paper: what is drawn, said, asked for and printed."""
 
-from __future__ import annotations
-
 import io
 import tempfile
 from collections.abc import Iterator

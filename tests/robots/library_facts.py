@@ -1,7 +1,5 @@
 """Kinematics of the library's arms as URDFs state them: facts with their sources, in mm and degrees."""
 
-from __future__ import annotations
-
 from math import degrees
 from typing import NamedTuple
 
@@ -110,7 +108,6 @@ _FRANKA = _rotated(
     ((88, 0, 0), (90, 0, 0)),
     ((0, 0, 107), (0, 0, 0)),
 )
-
 URDF_FACTS = {
     "kr3_r540": _kuka("kr3r540_macro.xacro", 541, 345, 20, 260, 20, 260, 75),
     "kr6_r700_2": _kuka("kr6r700_2_macro.xacro", 726, 400, 25, 335, 25, 365, 90),

@@ -1,20 +1,17 @@
 """Arms of the package: their robot files against URDFs, published tables and published reaches."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
+from commands import output
 from homogeneous import frame, shift, turn
 from library_facts import URDF_FACTS, Facts, UrdfJoint
 from robot_files import example_robots
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import InputError
 from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import find_arm, library, read_robot, robot_path, similar_arms
@@ -261,8 +258,7 @@ def test_a_fanuc_forearm_stays_level_while_joint_2_turns() -> None:
 
 def test_every_file_is_in_the_list_with_its_source() -> None:
     assert len(KEYS) >= 50
-    folder = library()[0]["path"].parent
-    assert sorted(path.stem for path in folder.glob("*.yaml")) == sorted(KEYS)
+    assert sorted(path.stem for path in library()[0]["path"].parent.glob("*.yaml")) == sorted(KEYS)
     for arm in library():
         robot = read_robot(arm["path"])
         text = arm["path"].read_text(encoding="utf-8")
@@ -272,8 +268,7 @@ def test_every_file_is_in_the_list_with_its_source() -> None:
         # Base, targets and effects are left to the user.
         assert (robot.base, robot.targets, robot.effects) == (Frame(), {}, ())
         # The longest stretch to the flange is at least the published reach of the wrist, but for limits and heights.
-        stretch = robacc_reach(robot)
-        assert 0.95 * arm["reach_m"] < stretch < 2.1 * arm["reach_m"], arm["name"]
+        assert 0.95 * arm["reach_m"] < robacc_reach(robot) < 2.1 * arm["reach_m"], arm["name"]
 
 
 def robacc_reach(robot: robacc.Robot) -> float:
@@ -318,8 +313,7 @@ def test_calls_take_a_name() -> None:
 
 
 def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["init", "KR 6 R900 sixx", "--folder", str(tmp_path)])
-    assert done.exit_code == 0, done.output
+    output("init", "KR 6 R900 sixx", "--folder", tmp_path)
     arm = find_arm("kr6_r900_sixx")
     assert (tmp_path / "robot.yaml").read_text(encoding="utf-8") == arm["path"].read_text(encoding="utf-8")
     robot = read_robot(tmp_path / "robot.yaml")

@@ -10,7 +10,6 @@ from scipy.spatial.transform import Rotation
 from robacc.errors import InputError, UsageError
 from robacc.modelling.model import predict
 from robacc.poses.csv_file import format_poses
-from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, joint_samples, simulate
 
 PUMA = arm("puma560").robot
@@ -149,17 +148,6 @@ def test_time_temperature_and_payload() -> None:
     assert list(still.temperature) == [24.0] * 4
     assert still.time is None
     assert still.payload is None
-
-
-def test_every_target_is_measured_at_every_pose_without_a_move_between() -> None:
-    robot: Robot = arm("targets:puma560").robot
-    data = simulate(robot, Plan(10, time_step=5.0)).data
-    assert list(data.target) == ["a", "b"] * 10
-    for column in (data.q, data.direction, data.speed, data.time[None]):
-        np.testing.assert_array_equal(column[:, ::2], column[:, 1::2])
-    apart = np.linalg.norm(data.position[:, ::2] - data.position[:, 1::2], axis=0)
-    between = np.linalg.norm(np.subtract(*(frame.xyz for frame in robot.targets.values())))
-    np.testing.assert_allclose(apart, between, rtol=0, atol=1e-14)
 
 
 def test_commanded_poses_are_those_of_the_robot_without_effects() -> None:

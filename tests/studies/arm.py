@@ -1,4 +1,4 @@
-"""Arms in plain NumPy: forward kinematics, derivatives, gravity torques, robot files.
+"""Arms in plain NumPy: forward kinematics, derivatives, robot files.
 
 Nothing of robacc is imported: what the studies compare it with shares no line with it. Conventions are those of the
 robot file: standard Denavit-Hartenberg, A = Rz(theta) Tz(d) Tx(a) Rx(alpha) Ry(beta), SI units. A coefficient has the
@@ -7,8 +7,6 @@ Ry(pitch) Rx(roll). All coefficients are differences from the nominal model.
 
 `python arm.py` compares the derivatives with complex steps.
 """
-
-from __future__ import annotations
 
 import math
 from collections.abc import Mapping, Sequence
@@ -133,7 +131,6 @@ TIAGO = Arm(
 )
 ARMS = {arm.name: arm for arm in (PUMA560, UR10, IRB1600, TIAGO)}
 SIX_JOINTS = ("puma560", "ur10", "irb1600")
-
 TARGETS = np.array([[0.06, 0.03, 0.12], [-0.04, 0.07, 0.12], [-0.05, -0.07, 0.16], [0.07, -0.06, 0.18], [0, 0.1, 0.2]])
 """Places of the targets in the last link's frame, m; the first is the tool where there is only one."""
 
@@ -216,24 +213,6 @@ class Setup:
 
     def _changes(self, values: np.ndarray) -> np.ndarray:
         return values[6 + 3 * self.n_targets :].reshape(-1, 5)
-
-    def torques(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Moment of the links' weight about each turning axis, (N, n), N m: where gravity pushes the joint."""
-        frames = self.frames(values, q)
-        out = np.zeros(q.shape)
-        for k, (mass, com) in enumerate(zip(self.arm.masses, self.arm.coms, strict=True)):
-            place = frames[k + 1][:, :3, 3] + frames[k + 1][:, :3, :3] @ np.array(com, float)
-            for j in range(k + 1):
-                arm = place - frames[j][:, :3, 3]
-                out[:, j] += np.einsum("ni,ni->n", frames[j][:, :3, 2], np.cross(arm, mass * GRAVITY))
-        return out
-
-    def potential(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Potential energy of the links' weight, (N,), J."""
-        frames, out = self.frames(values, q), np.zeros(len(q))
-        for frame, mass, com in zip(frames[1:], self.arm.masses, self.arm.coms, strict=True):
-            out -= mass * (frame[:, :3, 3] + frame[:, :3, :3] @ np.array(com, float)) @ GRAVITY
-        return out
 
     def jacobian(self, values: np.ndarray, q: np.ndarray, target: np.ndarray, mask: np.ndarray) -> np.ndarray:
         """Derivatives of the positions to the coefficients of ``mask``: (3 N, P), rows x, y, z of each row in turn.
@@ -321,7 +300,7 @@ def move(x: float | np.ndarray, y: float | np.ndarray, z: float | np.ndarray) ->
 
 
 def check() -> None:
-    """Compare the derivatives with complex steps, and the torques with differences of the potential energy."""
+    """Compare the derivatives with complex steps."""
     rng = np.random.default_rng(0)
     for arm in ARMS.values():
         setup = Setup(arm, 3)
@@ -330,12 +309,7 @@ def check() -> None:
         mask = np.ones(len(values), bool)
         steps = [setup.positions(values + 1e-30j * row, q, target).imag.ravel() * 1e30 for row in np.eye(len(values))]
         worst = np.abs(np.array(steps).T - setup.jacobian(values, q, target, mask)).max()
-        turned = 0.0
-        if arm.masses:
-            potential = [setup.potential(values, q + 1e-6 * s * row) for row in np.eye(arm.n) for s in (1, -1)]
-            pairs = np.array(potential).reshape(arm.n, 2, -1)
-            turned = np.abs(setup.torques(values, q) - (pairs[:, 1] - pairs[:, 0]).T / 2e-6).max()
-        print(f"{arm.name}: derivatives agree to {worst:.1e}, torques to {turned:.1e} N m")
+        print(f"{arm.name}: derivatives agree to {worst:.1e}")
 
 
 if __name__ == "__main__":

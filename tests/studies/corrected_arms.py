@@ -13,8 +13,6 @@ coverage   share of targets whose error lies within `after_bound95_m`: 93 to 97 
 A set's name is its number, arm and form; everything else is drawn by the name.
 """
 
-from __future__ import annotations
-
 import argparse
 import csv
 import sys

@@ -1,7 +1,5 @@
 """Least squares in plain NumPy: what the studies compare robacc's fits with."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,16 +8,10 @@ from arm import Setup
 
 @dataclass(frozen=True)
 class Fit:
-    """Coefficients (P,), remaining error (rms per axis), whether the steps died out.
-
-    ``std`` (P,) is each coefficient's standard error per unit of noise, infinite where the nominal Jacobian cannot
-    identify it, zero where it was not fitted.
-    """
+    """Coefficients (P,) and remaining error (rms per axis)."""
 
     values: np.ndarray
     rms: float
-    converged: bool
-    std: np.ndarray
 
 
 def fit(
@@ -28,31 +20,27 @@ def fit(
     target: np.ndarray,
     xyz: np.ndarray,
     mask: np.ndarray,
-    prior: np.ndarray | None = None,
-    noise: float = 1.0,
     cutoff: float = 1e-7,
 ) -> Fit:
     """Levenberg-Marquardt from the nominal model over the coefficients of ``mask``.
 
     Directions that the nominal Jacobian cannot identify (singular values of its scaled columns below ``cutoff`` of the
-    largest) stay at nominal. ``prior`` (P,): one standard deviation each, infinite for none; then the result is
-    the maximum a posteriori estimate at measurement noise ``noise`` per axis.
+    largest) stay at nominal.
     """
     free = np.flatnonzero(mask)
-    pull = np.zeros(len(free)) if prior is None else noise / prior[free]
     values = np.zeros(len(setup.names))
-    scale = np.linalg.norm(setup.jacobian(values, q, target, mask), axis=0) + pull
+    scale = np.linalg.norm(setup.jacobian(values, q, target, mask), axis=0)
     scale[scale < 1e-12 * scale.max()] = 1.0
 
     def residual(values: np.ndarray) -> np.ndarray:
-        return np.concatenate([(xyz - setup.positions(values, q, target)).ravel(), -pull * values[free]])
+        return (xyz - setup.positions(values, q, target)).ravel()
 
     def slope(values: np.ndarray) -> np.ndarray:
-        return np.vstack([setup.jacobian(values, q, target, mask), np.diag(pull)]) / scale
+        return setup.jacobian(values, q, target, mask) / scale
 
     _, singular, rows = np.linalg.svd(np.linalg.qr(slope(values), mode="r"))
     basis = rows[singular > cutoff * singular[0]].T
-    r, damping, converged = residual(values), 1e-4, False
+    r, damping = residual(values), 1e-4
     for _ in range(100):
         j = slope(values) @ basis
         normal, right = j.T @ j, j.T @ r
@@ -66,13 +54,8 @@ def fit(
         else:
             damping *= 10
         if gain <= 1e-12 * (r @ r) or gain <= 1e-26 * len(r):
-            converged = True
             break
-    inverse = np.linalg.pinv(np.linalg.qr(slope(values) @ basis, mode="r"), rcond=1e-13)
-    std = np.zeros(len(values))
-    std[free] = np.linalg.norm(basis @ inverse, axis=1) / scale
-    std[free[np.sum(basis**2, axis=1) < 1 - 1e-9]] = np.inf
-    return Fit(values, float(np.sqrt(np.mean(r[: xyz.size] ** 2))), converged, std)
+    return Fit(values, float(np.sqrt(np.mean(r**2))))
 
 
 def identifiable(jacobian: np.ndarray, cutoff: float = 1e-7) -> np.ndarray:

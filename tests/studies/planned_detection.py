@@ -9,8 +9,6 @@ named alternative of one. Other than in the sibling studies, the tool itself sim
 A set's name is its design: EFFECT-JOINTS-SETTINGS-sSEED.
 """
 
-from __future__ import annotations
-
 import argparse
 import json
 import subprocess

@@ -8,8 +8,6 @@ from random candidates. `bound` is the least ratio that any choice of that many 
 optimum over weights (V. V. Fedorov, "Theory of Optimal Experiments", 1972), less its duality gap.
 """
 
-from __future__ import annotations
-
 import argparse
 import subprocess
 import sys

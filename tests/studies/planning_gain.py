@@ -5,8 +5,6 @@
 `tests/planning/test_realised.py` compares the predictions with fits.
 """
 
-from __future__ import annotations
-
 import argparse
 import statistics
 import sys

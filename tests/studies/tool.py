@@ -1,7 +1,5 @@
 """Running robacc, and the few figures that every study prints."""
 
-from __future__ import annotations
-
 import argparse
 import contextlib
 import json

@@ -6,8 +6,6 @@
 Joints 2 and 3 give way by 0.5 to 3 urad/(N m). The draw of mass and place differs from the prior of the package.
 """
 
-from __future__ import annotations
-
 import argparse
 import time
 

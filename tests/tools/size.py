@@ -3,8 +3,6 @@
 Exits with 1 if the package has more statements than :data:`MOST`, which only goes down.
 """
 
-from __future__ import annotations
-
 import ast
 import sys
 from collections import Counter

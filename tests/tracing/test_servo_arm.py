@@ -1,7 +1,5 @@
 """An SO-101 before a camera: joint zeros set by hand, play of the gears, and servos that sag under the arm's weight."""
 
-from __future__ import annotations
-
 from importlib.resources import files
 from pathlib import Path
 

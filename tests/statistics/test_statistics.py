@@ -1,5 +1,7 @@
-"""Lengths of Gaussian vectors and intervals of their percentiles, against scipy, closed forms, integrals and draws."""
+"""Distributions, intervals, resamples and lengths of vectors against scipy, closed forms and draws."""
 
+import subprocess
+import sys
 from itertools import pairwise
 
 import numpy as np
@@ -7,6 +9,19 @@ import pytest
 from scipy import integrate, special, stats
 
 from robacc.accuracy.error_statistics import error_statistics
+from robacc.statistics import intervals as own
+from robacc.statistics.intervals import (
+    Interval,
+    PoseSampling,
+    chi2_interval,
+    covariance_element,
+    f_critical,
+    interpolated,
+    needed_noncentrality,
+    noncentral_f_sf,
+    percentile_levels,
+    resampled_counts,
+)
 from robacc.statistics.lengths import (
     ScaledPercentileCurve,
     _cdf_and_density,
@@ -16,8 +31,246 @@ from robacc.statistics.lengths import (
     mean_lengths,
     mixture_quantile,
     principal_variances,
-    squared_quantile_gradient,
 )
+
+PROBABILITIES = (1e-6, 0.001, 0.025, 0.05, 0.3, 0.5, 0.7, 0.95, 0.975, 0.999)
+DEGREES = (1, 2, 3, 4.5, 10, 30, 57.3, 100, 999, 5e3, 1e5)
+
+
+@pytest.mark.parametrize("p", [1e-12, *PROBABILITIES])
+def test_normal(p: float) -> None:
+    x = stats.norm.ppf(p)
+    assert own.normal_quantile(p) == pytest.approx(x, rel=1e-12, abs=1e-14)
+    assert own.normal_cdf(x) == pytest.approx(p, rel=1e-12)
+
+
+@pytest.mark.parametrize("dof", DEGREES)
+def test_chi_square(dof: float) -> None:
+    for p in PROBABILITIES:
+        x = stats.chi2.ppf(p, dof)
+        assert own.chi2_quantile(p, dof) == pytest.approx(x, rel=1e-10)
+        assert own.chi2_cdf(x, dof) == pytest.approx(stats.chi2.cdf(x, dof), rel=1e-10)
+        assert own.chi2_sf(x, dof) == pytest.approx(stats.chi2.sf(x, dof), rel=1e-10)
+
+
+def test_chi_square_of_millions_of_degrees_of_freedom() -> None:
+    for p in (0.001, 0.025, 0.5, 0.975, 0.999):
+        assert own.chi2_quantile(p, 3e6) == pytest.approx(stats.chi2.ppf(p, 3e6), rel=1e-12)
+    # By the power series in 40 decimal digits. scipy 1.17 says 1.00000000e-06 here, and is 8e-5 off.
+    assert own.chi2_cdf(2988370.9707552614, 3e6) == pytest.approx(1.000084083408535e-06, rel=1e-8)
+
+
+@pytest.mark.parametrize("dof", [1, 3, 10, 100])
+def test_chi_square_far_tail_keeps_its_digits(dof: float) -> None:
+    x = 5 * dof + 50
+    assert own.chi2_sf(x, dof) == pytest.approx(stats.chi2.sf(x, dof), rel=1e-10)
+
+
+def test_chi_square_and_f_of_nothing() -> None:
+    assert (own.chi2_cdf(0.0, 3), own.chi2_sf(0.0, 3), own.f_sf(0.0, 3, 5)) == (0.0, 1.0, 1.0)
+
+
+@pytest.mark.parametrize("dof2", [1, 2, 5, 27, 97, 1000, 1e5, 1e6])
+@pytest.mark.parametrize("dof1", [1, 2, 3])
+def test_f(dof1: float, dof2: float) -> None:
+    for x in (0.01, 0.5, 1.0, 2.7, 10.0, 100.0):
+        expected = stats.f.sf(x, dof1, dof2)
+        # Below 1e-100 the exponent itself, of some hundreds, has lost the digits.
+        assert own.f_sf(x, dof1, dof2) == pytest.approx(expected, rel=1e-10, abs=1e-100)
+
+
+@pytest.mark.parametrize("n", [10, 59, 72, 500, 5000])
+def test_beta(n: int) -> None:
+    for k in (0.5 * n, 0.9 * n, 0.95 * n, 0.97 * n, n):
+        for x in (0.5, 0.9, 0.95, 0.99):
+            assert own.beta_cdf(x, k, n + 1 - k) == pytest.approx(stats.beta.cdf(x, k, n + 1 - k), abs=1e-10)
+    assert own.beta_cdf(0.0, 2.0, 3.0) == 0.0
+    assert own.beta_cdf(1.0, 2.0, 3.0) == 1.0
+
+
+@pytest.mark.parametrize("dof", [1, 2, 3, 10, 57.3, 99, 1e4, 1e6])
+def test_student(dof: float) -> None:
+    for p in (0.025, 0.05, 0.5, 0.6, 0.95, 0.975, 0.9999):
+        assert own.student_quantile(p, dof) == pytest.approx(stats.t.ppf(p, dof), rel=1e-10, abs=1e-12)
+
+
+def test_statistics_load_nothing_heavy() -> None:
+    """The reason for these functions: an estimate imports neither scipy, the YAML reader nor numpy.ma."""
+    program = (
+        "import sys, numpy as np\n"
+        "from robacc.accuracy.error_statistics import error_statistics\n"
+        "error_statistics(np.random.default_rng(0).normal(size=(3, 40)), 'm')\n"
+        "sys.exit(any(name in sys.modules for name in ('scipy', 'yaml', 'numpy.ma')))"
+    )
+    assert subprocess.run([sys.executable, "-c", program], check=False).returncode == 0
+
+
+def test_a_large_noncentrality_neither_overflows_nor_vanishes() -> None:
+    # F is then nearly normal about (dof1 + noncentrality) / dof1; Poisson weights begin at exp(-2500).
+    assert noncentral_f_sf(2501.0, 2.0, 1e6, 5000.0) == pytest.approx(0.5, abs=0.01)
+
+
+@pytest.mark.parametrize("tail", [0.5, 0.01, 2.5e-5, 1e-9])
+def test_the_critical_value_is_scipys(tail: float) -> None:
+    assert f_critical(tail, 2.0, 300.0) == pytest.approx(stats.f.isf(tail, 2.0, 300.0), rel=1e-8)
+
+
+@pytest.mark.parametrize("power", [0.1, 0.5, 0.99])
+def test_the_needed_noncentrality_gives_the_power(power: float) -> None:
+    level, dof1, dof2 = 2.5e-5, 2.0, 300.0
+    needed = needed_noncentrality(power, level, dof1, dof2)
+    assert stats.ncf.sf(stats.f.isf(level, dof1, dof2), dof1, dof2, needed) == pytest.approx(power, abs=1e-7)
+
+
+@pytest.mark.parametrize("dof2", [1.0, 2.0, 8.0, 100.0])
+def test_beyond_the_summed_mixture_the_tail_is_that_of_draws(dof2: float) -> None:
+    noncentrality = 3e4
+    generator = np.random.default_rng(1)
+    numerator = generator.noncentral_chisquare(2.0, noncentrality, 400_000) / 2.0
+    ratios = numerator / (generator.chisquare(dof2, 400_000) / dof2)
+    for x in np.quantile(ratios, (0.1, 0.5, 0.9)):
+        share = float(np.mean(ratios > x))
+        assert noncentral_f_sf(float(x), 2.0, dof2, noncentrality) == pytest.approx(share, abs=0.003)
+
+
+def test_few_degrees_of_freedom_need_no_long_sum() -> None:
+    """With one or two left, a small level needs noncentralities of 1e10: summed, this took hours."""
+    for dof2 in (1.0, 2.0):
+        needed = needed_noncentrality(0.5, 1e-8, 1.0, dof2)
+        critical = f_critical(1e-8, 1.0, dof2)
+        assert noncentral_f_sf(critical, 1.0, dof2, needed) == pytest.approx(0.5, abs=1e-6)
+
+
+def test_chi_square_interval_is_the_textbook_one() -> None:
+    interval = chi2_interval(4.0, 12.0, 0.9, "x")
+    limits = interval.lower, interval.upper, interval.upper_bound, interval.root().upper ** 2
+    assert limits == pytest.approx(48 / stats.chi2.ppf([0.95, 0.05, 0.1, 0.05], 12))
+
+
+@pytest.mark.parametrize(
+    ("n", "known"),
+    [
+        (1, (False,) * 3),
+        (58, (True, False, False)),
+        (59, (True, False, True)),
+        (71, (True, False, True)),
+        (72, (True,) * 3),
+    ],
+)
+def test_percentile_levels_where_poses_are_few(n: int, known: tuple[bool, ...]) -> None:
+    assert tuple(level is not None for level in percentile_levels(n, 0.95, 0.95)) == known
+
+
+def test_covariance_of_proportional_variables_is_a_variance() -> None:
+    """With perfect correlation the covariance is a multiple of the variance, and so is its interval."""
+    interval = chi2_interval(2.0, 30.0, 0.95, "x")
+    low, high = covariance_element(2.0, 18.0, 6.0, 30.0, 0.95)
+    assert (low, high) == pytest.approx((3 * interval.lower, 3 * interval.upper))
+    assert covariance_element(2.0, 18.0, -6.0, 30.0, 0.95) == pytest.approx((-high, -low))
+    assert covariance_element(0.0, 18.0, 0.0, 30.0, 0.95) == (0.0, 0.0)
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 20, 101])
+def test_interpolated_is_numpys_quantile(n: int) -> None:
+    values = np.random.default_rng(n).normal(size=n)
+    levels = np.array([0.0, 0.03, 0.5, 0.95, 0.999, 1.0])
+    assert interpolated(values, (levels * (n - 1)).tolist()) == pytest.approx(np.quantile(values, levels).tolist())
+    weibull = np.quantile(values, levels, method="weibull")
+    assert interpolated(values, (levels * (n + 1) - 1).tolist()) == pytest.approx(weibull.tolist())
+
+
+@pytest.mark.parametrize("n", [72, 100, 999])
+def test_percentile_levels_lie_between_the_binomial_ranks(n: int) -> None:
+    for level, below in zip(percentile_levels(n, 0.95, 0.95), (0.975, 0.025, 0.05), strict=True):
+        k = int(level * (n + 1) + 1e-9)
+        # At whole ranks: the binomial probability that at least that many lie below the percentile.
+        assert stats.binom.sf(k - 1, n, 0.95) >= below >= stats.binom.sf(k, n, 0.95)
+
+
+def test_interpolation_for_the_median_is_that_of_hettmansperger_and_sheather() -> None:
+    n = 23
+    lower, _, _ = percentile_levels(n, 0.5, 0.95)
+    rank = lower * (n + 1)
+    r = int(rank)
+    share = (stats.binom.sf(r - 1, n, 0.5) - 0.975) / stats.binom.pmf(r, n, 0.5)
+    assert rank - r == pytest.approx((n - r) * share / (r + (n - 2 * r) * share))
+
+
+def test_percentile_levels_of_many_poses_join_smoothly() -> None:
+    for few, many in zip(percentile_levels(5000, 0.95, 0.95), percentile_levels(5001, 0.95, 0.95), strict=True):
+        assert few == pytest.approx(many, abs=2e-4)
+
+
+def mean_interval(sampling: PoseSampling, values: np.ndarray, confidence: float, *, positive: bool) -> Interval:
+    groups = np.arange(values.size) if sampling.groups is None else sampling.groups
+    deviations = np.bincount(groups, weights=values - values.mean())
+    return sampling.interval(values.mean(), deviations, np.abs(values).max(), confidence, positive=positive)
+
+
+@pytest.mark.parametrize("n", [3, 3000])
+def test_mean_interval_of_very_few_and_of_many_poses_is_students(n: int) -> None:
+    values = np.random.default_rng(0).normal(2.0, 1.0, n)
+    interval = mean_interval(PoseSampling(n, None), values, 0.95, positive=False)
+    expected = stats.t.interval(0.95, n - 1, values.mean(), stats.sem(values))
+    assert (interval.lower, interval.upper) == pytest.approx(expected)
+    assert interval.method == f"Student's t over {n} poses"
+
+
+@pytest.mark.slow
+def test_studentised_bootstrap_against_a_plain_loop() -> None:
+    rng = np.random.default_rng(3)
+    values = rng.exponential(1.0, 25)
+    sampling = PoseSampling(25, None, draws=4000, seed=1)
+    interval = mean_interval(sampling, values, 0.95, positive=False)
+    t = []
+    for _ in range(4000):
+        sample = rng.choice(values, 25)
+        t.append((sample.mean() - values.mean()) / stats.sem(sample))
+    low, high = np.quantile(t, [0.025, 0.975])
+    student = stats.t.ppf(0.975, 24)
+    error = stats.sem(values)
+    # The two draw apart by the noise of 4000 draws, some 5 % of a quantile.
+    assert interval.upper == pytest.approx(values.mean() - min(low, -student) * error, abs=0.15 * abs(low) * error)
+    assert interval.lower == pytest.approx(values.mean() - max(high, student) * error, abs=0.15 * student * error)
+    assert interval.upper - values.mean() > values.mean() - interval.lower
+
+
+def test_repetitions_of_one_pose_bring_nothing_new() -> None:
+    """Each pose written down four times over: the same interval as once."""
+    values = np.random.default_rng(4).chisquare(3, 40)
+    once = mean_interval(PoseSampling(40, None), values, 0.95, positive=True)
+    groups = np.tile(np.arange(40), 4)
+    repeated = mean_interval(PoseSampling(160, groups), np.tile(values, 4), 0.95, positive=True)
+    assert (repeated.lower, repeated.upper) == pytest.approx((once.lower, once.upper))
+
+
+def test_repeated_poses_standard_error_is_the_sandwich() -> None:
+    rng = np.random.default_rng(5)
+    groups = rng.integers(12, size=60)
+    groups[:12] = np.arange(12)
+    values = rng.normal(size=60)
+    sums = [np.sum(values[groups == g] - values.mean()) for g in range(12)]
+    expected = np.sqrt(12 / 11 * np.sum(np.square(sums))) / 60
+    assert PoseSampling(60, groups).standard_error(values) == pytest.approx(expected)
+
+
+def test_a_positive_quantity_keeps_positive_limits() -> None:
+    interval = mean_interval(PoseSampling(3, None), np.array([0.0, 0.0, 1.0]), 0.95, positive=True)
+    assert interval.lower >= 0.0
+
+
+def test_an_interval_without_limits_has_none_of_its_root() -> None:
+    alone = mean_interval(PoseSampling(4, np.zeros(4, dtype=np.int64)), np.arange(4.0), 0.95, positive=True)
+    assert (alone.lower, alone.upper, alone.upper_bound, alone.root()) == (None, None, None, alone)
+
+
+def test_each_resample_has_as_many_poses_as_the_sample_and_each_pose_once_on_average() -> None:
+    counts = resampled_counts(20, 4000, 3)
+    assert counts.shape == (4000, 20)
+    assert np.all(counts.sum(axis=1) == 20)
+    # Five standard errors of a mean of 4,000 binomial counts of variance 0.95.
+    assert counts.mean(axis=0) == pytest.approx(np.ones(20), abs=5 * np.sqrt(0.95 / 4000))
+
 
 SHAPES = np.array([[1, 0, 0], [1, 1, 0], [1, 1, 1], [1, 0.1, 1e-3], [4e-8, 1e-8, 1e-12], [1, 1e-9, 1e-9]])[:, ::-1].T
 
@@ -86,8 +339,7 @@ def test_mean_length_is_an_elliptic_integral() -> None:
 
 def test_principal_variances_are_never_negative() -> None:
     vector = np.array([1.0, 2.0, 3.0])
-    covariance = np.outer(vector, vector)[:, :, None]
-    values = principal_variances(covariance)
+    values = principal_variances(np.outer(vector, vector)[:, :, None])
     assert np.all(values >= 0)
     assert values[2, 0] == pytest.approx(14.0)
 
@@ -190,19 +442,6 @@ def test_a_mean_across_much_longer_axes() -> None:
         )
 
 
-@pytest.mark.slow
-def test_any_mean_and_variance() -> None:
-    rng = np.random.default_rng(12)
-    for _ in range(150):
-        mean = rng.normal(size=3) * 10 ** rng.uniform(-3, 2, 3)
-        variance = 10 ** rng.uniform(-4, 2, 3)
-        p = float(rng.choice([0.05, 0.5, 0.95, 0.99]))
-        radius = length_quantile(p, mean, variance)
-        assert length_probability(radius, mean, variance) == pytest.approx(p, abs=1e-9)
-        wider = length_probability(1.01 * radius, mean, variance)
-        assert p < wider <= 1.0 + 1e-9
-
-
 def test_degenerate_covariances() -> None:
     assert length_quantile(0.95, ZERO, ZERO) == 0.0
     assert length_quantile(0.95, np.array([3.0, 0, 4.0]), ZERO) == 5.0
@@ -214,27 +453,6 @@ def test_degenerate_covariances() -> None:
     # Next to no scatter along the mean: one-sided in effect.
     thin = length_quantile(0.95, np.array([3.0, 0, 0]), np.array([1e-12, 0, 0]))
     assert thin - 3.0 == pytest.approx(1e-6 * stats.norm.ppf(0.95), rel=1e-6)
-
-
-def test_gradient_against_differences() -> None:
-    mean, variance = np.array([0.3, -0.2, 0.5]), np.array([1.0, 0.5, 0.2])
-    by_mean, by_covariance = squared_quantile_gradient(length_quantile(0.95, mean, variance), mean, variance)
-    step = 1e-5
-
-    def squared(m: np.ndarray, covariance: np.ndarray) -> float:
-        values, axes = np.linalg.eigh(covariance)
-        return length_quantile(0.95, axes.T @ m, values) ** 2
-
-    full = np.diag(variance)
-    for i in range(3):
-        e = step * np.eye(3)[i]
-        assert by_mean[i] == pytest.approx((squared(mean + e, full) - squared(mean - e, full)) / (2 * step), abs=1e-8)
-        for j in range(3):
-            change = np.zeros((3, 3))
-            change[i, j] += 0.5 * step
-            change[j, i] += 0.5 * step
-            difference = (squared(mean, full + change) - squared(mean, full - change)) / (2 * step)
-            assert by_covariance[i, j] == pytest.approx(difference, abs=1e-8)
 
 
 @pytest.mark.parametrize(
@@ -268,8 +486,7 @@ def test_the_interval_has_its_confidence(std: tuple[float, ...], mean: tuple[flo
 def test_a_known_shape_is_exact_at_whole_ranks() -> None:
     """With one axis the length is half-normal, and 21 lengths have their percentile at the rank 20 exactly."""
     shape = (np.zeros(3), np.array([1.0, 0.0, 0.0]))
-    curve = ScaledPercentileCurve(1.7, 21, 0.95, *shape)
-    interval = curve.interval(0.9, "m")
+    interval = ScaledPercentileCurve(1.7, 21, 0.95, *shape).interval(0.9, "m")
     quantile = stats.halfnorm.ppf(stats.beta.ppf([0.95, 0.05], 20, 2))
     expected = 1.7 * stats.halfnorm.ppf(0.95) / quantile
     np.testing.assert_allclose([interval.lower, interval.upper], expected, rtol=1e-5)

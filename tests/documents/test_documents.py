@@ -1,23 +1,37 @@
-"""The JSON Schemas of results hold for what every command writes, and for nothing that lacks what readers rely on."""
+"""Schemas of results, results that are read again, identities, and JSON text."""
 
-from __future__ import annotations
-
+import csv
+import io
 import json
+import math
+import os
 import re
+import sys
+import threading
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
+from hashlib import sha256
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 import results
+from commands import output, refused
+from hypothesis import HealthCheck, given, settings, strategies as st
 from jsonschema import Draft202012Validator, ValidationError
-from typer.testing import CliRunner
+from sample_files import SAMPLES, saved
 
 import robacc
+from robacc import __version__
 from robacc.api.result import schema_names
-from robacc.cli.main import COMMANDS, FORMS, RENAMED, app
-from robacc.documents.envelope import schema_version
+from robacc.cli.main import COMMANDS, FORMS, RENAMED
+from robacc.documents import envelope as module
+from robacc.documents.envelope import InputFile, csv_text, envelope, read_identity, read_result, schema_version
+from robacc.errors import InputError, UsageError
+from robacc.io.json_text import json_text
+from robacc.render.page import identity_rows
+from robacc.robots.description import IDENTITY
 
 Document = dict[str, Any]
 NAMES = list(schema_names())
@@ -198,7 +212,6 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "iso9283-poses": lambda folder: run("plan", ROBOT, "--for", "iso9283", "-o", f"{folder}/five.csv"),
 }
 """A result by what it is of; the first word is the schema's name."""
-
 CONTRACT = {
     "estimate": (
         "n_poses frame position orientation grade grade.grade grade.scale grade.demonstrated",
@@ -338,14 +351,281 @@ def test_results_may_gain_keys() -> None:
 
 
 def test_the_command_prints_the_schema(tmp_path: Path) -> None:
-    done = CliRunner().invoke(app, ["show", "schema", "trace"], catch_exceptions=False)
-    assert (done.exit_code, done.stderr) == (0, "")
-    assert json.loads(done.stdout) == robacc.schema("trace")
-    listed = CliRunner().invoke(app, ["show", "schema"], catch_exceptions=False)
-    assert listed.stdout.split() == NAMES
+    assert json.loads(output("show", "schema", "trace")) == robacc.schema("trace")
+    assert output("show", "schema").split() == NAMES
     target = tmp_path / "check.json"
-    assert CliRunner().invoke(app, ["show", "schema", "check", "-o", str(target)]).exit_code == 0
+    output("show", "schema", "check", "-o", target)
     assert json.loads(target.read_text(encoding="utf-8")) == robacc.schema("check")
-    missing = CliRunner().invoke(app, ["show", "schema", "estimat"], catch_exceptions=False)
-    assert missing.exit_code == 2
-    assert f"no schema 'estimat'; choose one of {', '.join(NAMES)}" in " ".join(missing.stderr.split())
+    told = refused("show", "schema", "estimat")
+    assert f"no schema 'estimat'; choose one of {', '.join(NAMES)}" in told
+
+
+def good(**changes: Any) -> dict[str, Any]:
+    inputs = [InputFile("poses.csv", "ab", "poses")]
+    return envelope("estimate", {"n_poses": 3}, options={"frame": "tool"}, inputs=inputs, seed=0) | changes
+
+
+def stored_of_read_result(tmp_path: Path, text: str | bytes) -> str:
+    path = saved(tmp_path / "result.json", text if isinstance(text, bytes) else text.encode())
+    return str(path)
+
+
+def problems(tmp_path: Path, text: str | bytes) -> str:
+    with pytest.raises(InputError) as caught:
+        read_result(stored_of_read_result(tmp_path, text))
+    return str(caught.value).replace(f"{tmp_path}/", "")
+
+
+def test_a_result_is_read_back_as_it_was_written(tmp_path: Path) -> None:
+    text = json_text(good(note="Prüfung ✓"))
+    path = stored_of_read_result(tmp_path, text)
+    result = read_result(path)
+    assert result.document == good(note="Prüfung ✓")
+    assert (result.command, result.name, result.sha256) == ("estimate", path, sha256(text.encode()).hexdigest())
+    assert result.record == InputFile("result.json", result.sha256, "result")
+
+
+def test_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
+    text = json_text(good())
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(text.encode())))
+    result = read_result("-")
+    assert (result.name, result.record.name, result.document["n_poses"]) == ("-", "-", 3)
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"{")))
+    with pytest.raises(InputError, match=r"^<stdin>:1: is incomplete; the file was truncated$"):
+        read_result("-")
+
+
+def test_a_pipe_is_read_once(tmp_path: Path) -> None:
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    text = json_text(good()).encode()
+    writer = threading.Thread(target=pipe.write_bytes, args=(text,))
+    writer.start()
+    assert read_result(str(pipe)).sha256 == sha256(text).hexdigest()
+    writer.join()
+
+
+def test_every_truncation_is_one_clear_error(tmp_path: Path) -> None:
+    text = json_text(good(position={"rms_m": 1.25e-4, "errors_m": [[1.5, -2.0], [None, True]]})).rstrip()
+    for length in [*range(1, len(text), 3), len(text) - 1]:
+        assert "is incomplete; the file was truncated" in problems(tmp_path, text[:length]), text[:length]
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "result.json: is empty; save the result as JSON"),
+        (" \n", "result.json: is empty; save the result as JSON"),
+        ("Error of 5 poses", "result.json:1: is not JSON: Expecting value at character 1; save the result as JSON"),
+        ('{"a": 1,\n "b" 2}', "result.json:2: is not JSON: Expecting ':' delimiter at character 6"),
+        ('{"a": [1}', "result.json:1: is not JSON: Expecting ',' delimiter at character 9"),
+        ("{} {}", "result.json:1: is not JSON: Extra data at character 4"),
+        ('{"a": 1, "b": 2, "a": 3}', "result.json: is not a result: an object has the key 'a' twice"),
+        ('{"a": NaN}', "result.json: is not a result: NaN is not a number of JSON"),
+        ('{"a": -Infinity}', "result.json: is not a result: -Infinity is not a number of JSON"),
+        ('{"a": 1e999}', "result.json: is not a result: the number 1e999 is too large"),
+        ('{"a": %s}' % ("9" * 5000), f"result.json: is not a result: the number {'9' * 40} is too large"),
+        ("[" * 100_000, "result.json: is nested more deeply than any result"),
+        ('{"a": "\\ud800"}', "result.json: contains half of a surrogate pair, which is not a character"),
+        (b'{"a": \x00}', "result.json:1: is not a text file: it contains a NUL byte"),
+        (b'{"a": "\xe4"}', "result.json:1: is not UTF-8 text (byte 0xe4)"),
+        ("[]", "result.json: is not a result of robacc: it is not a JSON object; save the result as JSON"),
+        ("{}", "result.json: is not a result of robacc: it has no key 'schema'; save the result as JSON"),
+    ],
+)
+def test_what_is_no_result_is_said(tmp_path: Path, text: str | bytes, message: str) -> None:
+    assert problems(tmp_path, text).startswith(message)
+
+
+@pytest.mark.parametrize(
+    ("changes", "message"),
+    [
+        ({"schema": 3}, "result.json, schema: found 3, expected robacc.COMMAND/VERSION"),
+        (
+            {"schema": "other.estimate/1"},
+            'result.json, schema: found "other.estimate/1", expected robacc.COMMAND/VERSION',
+        ),
+        ({"schema": "robacc.estimate/1\n"}, "result.json, schema: found "),
+        ({"schema": "x" * 500}, f'result.json, schema: found "{"x" * 56}…, expected robacc.COMMAND/VERSION'),
+        (
+            {"schema": "robacc.estimate/2"},
+            f'result.json, schema: has version 2 of the schema, from robacc "{__version__}"; this robacc reads '
+            "version 1; compute the result again with this robacc, or read it with the robacc that made it",
+        ),
+        ({"command": "trace"}, 'result.json, command: expected estimate, found "trace"'),
+        ({"robacc": None}, "result.json, robacc: expected text, found nothing"),
+        ({"options": []}, "result.json, options: expected an object, found []"),
+        ({"inputs": {}}, "result.json, inputs: expected a list, found {}"),
+        (
+            {"inputs": [{"name": "a", "sha256": 3, "kind": "poses"}]},
+            "result.json, inputs[0].sha256: expected text, found 3",
+        ),
+    ],
+)
+def test_what_every_result_carries_is_checked(tmp_path: Path, changes: dict[str, Any], message: str) -> None:
+    assert problems(tmp_path, json.dumps(good(**changes))).startswith(message)
+
+
+def test_every_problem_at_once(tmp_path: Path) -> None:
+    with pytest.raises(InputError) as caught:
+        read_result(stored_of_read_result(tmp_path, json.dumps(good(command=None, options=None, inputs=[3]))))
+    assert [problem.column for problem in caught.value.problems] == ["command", "options", "inputs[0]"]
+
+
+def test_size_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "RESULT_LIMIT", 64)
+    assert "is larger than" in problems(tmp_path, json_text(good()))
+    monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b" " * 65)))
+    with pytest.raises(InputError, match=r"^<stdin>: is larger than 6\.10352e-05 MiB, the limit for text files$"):
+        read_result("-")
+
+
+def test_later_sources_replace_keys_and_the_order_is_that_of_the_page(tmp_path: Path) -> None:
+    path = saved(
+        tmp_path / "identity.yaml", 'serial_number: "12345"\nplace: hall 4\ncustomer: A & B\ndate: 2026-11-22\n'
+    )
+    identity = read_identity([str(path), "place=hall 5 = new", "operator=N. N."])
+    assert identity == {
+        "customer": "A & B",
+        "serial_number": "12345",
+        "operator": "N. N.",
+        "place": "hall 5 = new",
+        "date": "2026-11-22",
+    }
+    assert list(identity) == [key for key in IDENTITY if key in identity]
+    assert read_identity([]) == {}
+
+
+def test_mistakes(tmp_path: Path) -> None:
+    path = saved(tmp_path / "identity.yaml", "serial: 12345\nplace: [a]\n")
+    with pytest.raises(InputError) as caught:
+        read_identity([str(path)])
+    assert [(problem.line, problem.column) for problem in caught.value.problems] == [(1, "serial"), (2, "place")]
+    path.write_text("place:\n", encoding="utf-8")
+    with pytest.raises(InputError, match="names nothing of what was tested"):
+        read_identity([str(path)])
+    with pytest.raises(UsageError, match="unknown key 'operater'; did you mean 'operator'"):
+        read_identity(["operater=x"])
+    with pytest.raises(UsageError, match="expected one line of text for place"):
+        read_identity(["place="])
+    with pytest.raises(InputError, match="the file does not exist"):
+        read_identity([str(tmp_path / "nowhere.yaml")])
+
+
+def test_a_robot_file_states_the_identity_of_its_arm(tmp_path: Path) -> None:
+    text = (SAMPLES / "robot.yaml").read_text(encoding="utf-8")
+    path = saved(tmp_path / "arm.yaml", text + "identity:\n  serial_number: 007\n  place: hall 4\n")
+    document = robacc.estimate(SAMPLES / "poses.csv", robot=path).document()
+    (record,) = [record for record in document["inputs"] if record["kind"] == "robot"]
+    assert record["identity"] == {"serial_number": "007", "place": "hall 4"}
+    assert identity_rows([document], ["a"], {}) == [("Serial number", "007"), ("Place", "hall 4")]
+    given = {"place": "hall 5", "operator": "N. N."}
+    expected = [("Serial number", "007"), ("Operator", "N. N."), ("Place", "hall 5")]
+    assert identity_rows([document], ["a"], given) == expected
+
+    path.write_text(text + "identity: {serial: 7}\n", encoding="utf-8")
+    with pytest.raises(InputError, match="identity\\.serial: unknown key; did you mean 'serial_number'"):
+        robacc.read_robot(path)
+
+
+def test_two_arms_on_a_page_have_their_own_numbers() -> None:
+    documents = [
+        {"inputs": [{"kind": "poses"}, {"kind": "robot", "identity": {"serial_number": number, "place": "hall 4"}}]}
+        for number in ("7", "8")
+    ]
+    assert identity_rows(documents, ["first.json", "second.json"], {}) == [
+        ("Serial number", "first.json: 7; second.json: 8"),
+        ("Place", "hall 4"),
+    ]
+    assert identity_rows([{"inputs": []}], ["a"], {}) == []
+
+
+def test_two_robot_files_of_a_result_keep_their_own_numbers() -> None:
+    files = [
+        {"name": name, "kind": "robot", "identity": {"serial_number": number, "place": "hall 4"}}
+        for name, number in (("model.yaml", "7"), ("robot.yaml", "8"))
+    ]
+    document = {"inputs": [{"kind": "poses"}, *files]}
+    assert identity_rows([document], ["a"], {}) == [
+        ("Serial number", "model.yaml: 7; robot.yaml: 8"),
+        ("Place", "hall 4"),
+    ]
+    other = {"inputs": [files[0]]}
+    expected = ("Serial number", "a, model.yaml: 7; a, robot.yaml: 8; b: 7")
+    assert identity_rows([document, other], ["a", "b"], {})[0] == expected
+    assert identity_rows([document], ["a"], {"serial_number": "9"})[0] == ("Serial number", "9")
+
+
+values = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats(allow_nan=False, allow_infinity=False) | st.text(),
+    lambda inner: st.lists(inner) | st.dictionaries(st.text(), inner),
+    max_leaves=20,
+)
+
+
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=40)
+@given(st.dictionaries(st.text(), values))
+def test_reads_back_as_it_was(document: dict[str, object]) -> None:
+    assert json.loads(json_text(document)) == document
+
+
+@pytest.mark.parametrize("shape", [(0,), (3,), (9000,), (0, 3), (2, 3), (9000, 3), (2, 3, 3)])
+def test_arrays_read_back_exactly(shape: tuple[int, ...]) -> None:
+    array = np.random.default_rng(0).normal(size=shape)
+    read = json.loads(json_text({"a": {"b": array, "c": 1}}))["a"]
+    np.testing.assert_array_equal(np.array(read["b"]).reshape(shape), array)
+
+
+def test_what_is_not_a_number_is_null() -> None:
+    text = json_text(
+        {"a": math.nan, "b": [math.inf, 1.0], "c": np.array([[1.0, np.nan], [-np.inf, 2.0]]), "d": np.float64("nan")}
+    )
+    assert json.loads(text, parse_constant=pytest.fail) == {
+        "a": None,
+        "b": [None, 1.0],
+        "c": [[1.0, None], [None, 2.0]],
+        "d": None,
+    }
+    many = json_text({"a": np.array([[1.0, np.nan], [-np.inf, 2.0]] * 3000)})
+    assert json.loads(many, parse_constant=pytest.fail) == {"a": [[1.0, None], [None, 2.0]] * 3000}
+
+
+def test_layout_is_one_row_a_line() -> None:
+    document = {"n": np.int64(2), "rows": np.array([[1, 2], [3, 4]]), "words": np.array(["a", "b"]), "none": {}}
+    assert json_text(document) == (
+        '{\n  "n": 2,\n  "rows": [\n    [1, 2],\n    [3, 4]\n  ],\n  "words": ["a", "b"],\n  "none": {}\n}\n'
+    )
+
+
+def test_what_has_no_form_in_json_is_a_defect() -> None:
+    with pytest.raises(TypeError):
+        json_text({"a": object()})
+
+
+def test_envelope_says_how_the_result_was_made() -> None:
+    file = InputFile.at("some/where/poses.csv", "ab" * 32, "poses")
+    document = envelope("estimate", {"n_poses": 3}, options={"frame": "tool"}, inputs=[file], seed=7)
+    assert list(document) == ["schema", "robacc", "command", "options", "inputs", "seed", "n_poses"]
+    assert document["schema"] == "robacc.estimate/1"
+    assert document["inputs"] == [{"name": "poses.csv", "sha256": "ab" * 32, "kind": "poses"}]
+    assert InputFile.at("-", "", "poses").name == "-"
+
+
+def test_a_document_has_twelve_digits() -> None:
+    rng = np.random.default_rng(0)
+    array = rng.normal(size=(300, 3)) * 10.0 ** rng.integers(-30, 30, size=(300, 3))
+    expected = [[float(f"{value:.11e}") for value in row] for row in array.tolist()]
+    payload = {"array": array, "list": [1 / 3, None, "a"], "number": np.float64(2 / 3), "count": 7, "zero": -0.0}
+    document = envelope("estimate", payload, options={}, inputs=[], seed=None)
+    np.testing.assert_array_equal(document["array"], expected)
+    assert document["list"] == [0.333333333333, None, "a"]
+    assert (document["number"], document["count"], str(document["zero"])) == (0.666666666667, 7, "0.0")
+    assert np.isnan(envelope("x", {"a": np.array([np.nan])}, options={}, inputs=[], seed=None)["a"]).all()
+
+
+def test_cells_of_any_text_read_back() -> None:
+    texts = ["P1", "a,b", 'say "a"', 'say "a", b', "two\nlines", "two\r\nlines", ""]
+    text = csv_text({"name": texts, "number": range(len(texts)), "none": None})
+    rows = list(csv.reader(io.StringIO(text, newline="")))
+    assert rows == [["name", "number"], *([name, str(i)] for i, name in enumerate(texts))]
+    assert csv_text({"a": [], "b": []}) == "a,b\n"

@@ -23,7 +23,14 @@ from robacc.io.yaml_nodes import top_section
 from robacc.poses.cameras import FEWEST_POINTS
 
 Verdict = Literal[
-    "board", "no board", "no image", "blurred", "another board", "mirrored print", "too little of the board"
+    "board",
+    "no board",
+    "no image",
+    "blurred",
+    "another board",
+    "another size",
+    "mirrored print",
+    "too little of the board",
 ]
 """What a photo shows."""
 _TYPES = ("charuco", "apriltag", "chessboard")

@@ -317,7 +317,7 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
     elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path):
-        fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
+        fix = "name a file, or a folder that has photos (.jpg, .png), meta/info.json (LeRobot) or metadata.yaml (ROS 2)"
         yield given(_by_plug_in(path, b"", options), Problem("is a folder, expected a file", path, fix=fix))
     else:
         with opened(path) as stream:

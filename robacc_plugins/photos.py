@@ -51,7 +51,7 @@ class _Seen(NamedTuple):
     columns: Mapping[str, float | str]
     thumbnail: Any
     size: tuple[int, ...] = ()
-    """Height and width, px."""
+    """Height and width, px; of detected tags they are unknown."""
 
 
 def takes(path: str, first: bytes) -> bool:
@@ -177,7 +177,8 @@ def _seen(shot: Shot, board: Board, cv2: Any) -> _Seen:
     scale = min(_WIDTH / shot.image.shape[1], _HEIGHT / shot.image.shape[0])
     small = cv2.resize(shot.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
     thumbnail = _marked(small, scale * pixels, cv2)
-    return _Seen(shot.name, verdict, detail, pixels, points, shot.columns, thumbnail, shot.image.shape)
+    size = shot.image.shape if shot.tags is None else ()
+    return _Seen(shot.name, verdict, detail, pixels, points, shot.columns, thumbnail, size)
 
 
 def _of_one_size(photos: list[_Seen]) -> list[_Seen]:

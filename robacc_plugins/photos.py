@@ -113,8 +113,12 @@ def decoded(cv2: Any, content: bytes) -> Any:
 
     A camera that points down turns photos for viewing at random; its chip and its lens do not turn.
     """
-    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_IGNORE_ORIENTATION
-    return cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
+    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
+    if image is None or image.dtype == np.uint8:
+        return image
+    # Cameras of 10 or 12 bits fill the first of 16 only.
+    return cv2.normalize(np.nan_to_num(image), None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
 
 
 def table_of(

@@ -323,7 +323,8 @@ def quick_test(
     free, common, single = [], [], np.zeros((n, rows, n, rows))
     # m or rad: no instrument measures finer, and exact data have no noise. Sockets, planes, distances and images have
     # that of the fit: the unexplained error of its record is of the target.
-    noise = np.diag(np.square(np.repeat(record.noise if data.kind is not None else (1e-9, 1e-9), 3)[:rows]))
+    of_position, of_rotation = record.noise if data.kind is not None else (1e-9, 1e-9)
+    noise = np.diag(np.square(np.repeat((of_position, of_rotation or 1e-9), 3)[:rows]))
     for block, own, correlated, independent in blocks_with_frames(robot, record, data, data, Model.of(robot, frames)):
         free.append(own[:rows])
         common.append(correlated[:rows])

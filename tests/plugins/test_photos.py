@@ -114,7 +114,7 @@ def test_bad_photos_are_named_with_what_they_show_and_cost_only_themselves(
 def test_a_photo_counts_as_the_chip_saw_it_and_another_size_is_of_another_lens(tmp_path: Path) -> None:
     path = taken(tmp_path, "charuco", 7)
     upright = robacc.estimate(path, robot=robot())
-    first, second, third, *_ = sorted((tmp_path / "photos").iterdir())
+    first, second, third, fourth, *_ = sorted((tmp_path / "photos").iterdir())
     content = cv2.imencode(".jpg", cv2.imread(str(first)), [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
     # Exif with nothing but an orientation: a quarter of a turn.
     turned = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
@@ -122,6 +122,7 @@ def test_a_photo_counts_as_the_chip_saw_it_and_another_size_is_of_another_lens(t
     first.unlink()
     cv2.imwrite(str(second), cv2.imread(str(second))[:, 20:])
     third.rename(third.with_suffix(".HEIC"))
+    cv2.imwrite(str(fourth), 16 * cv2.imread(str(fourth), cv2.IMREAD_GRAYSCALE).astype(np.uint16))
     result = robacc.estimate(path, robot=robot())
     expected = f"{second.stem}: another size (1260 x 960 px, most have 1280 x 960)", f"does not read {third.stem}.HEIC"
     assert not missing("\n".join(result.warnings), *expected)

@@ -40,6 +40,8 @@ _APART = 1e6
 """s between two episodes on one clock."""
 _OTHER_RATE = 0.05
 """Share by which the rate of a video differs from that of its data set only by mistake."""
+_ASSUMED = "taken as degrees (for percent, give their calibration in `bag`)"
+_MOST_PERCENT = 100.0
 Place = tuple[Path, float]
 """File of an image, and its time in the video, s, or its row."""
 
@@ -102,6 +104,10 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     how = "frames" if stated.at == "any" else "stops of the arm"
     remark = f"{used.size} {how} before {camera}; joints {', '.join(names)} of {state}, {unit}"
     table = table_of(shots, used.size, path, options, digest.hexdigest, remark)
+    if unit == _ASSUMED and np.nanmax(np.abs(q)) <= _MOST_PERCENT:
+        fix = "if LeRobot recorded without use_degrees, state the arm's calibration with `bag`: calibration=my_arm.json"
+        text = f"no joint goes beyond 100, which may be degrees or percent; taken as degrees: {fix}"
+        table.log.warn(text, of_file=True)
     if gaps := episode.size - has_joints.size:
         table.log.warn(f"{gaps} of {episode.size} frames have no joints in {state} and are left out", of_file=True)
     return table
@@ -160,14 +166,14 @@ def _joints(
         signs = [-1.0 if motors[name]["drive_mode"] and is_turned else 1.0 for name in names]
         spans = [motors[name]["range_max"] - motors[name]["range_min"] for name in names]
         return names, q * (np.array(signs) * spans * _COUNT / 200.0)[:, None], f"percent by {stated.calibration}"
-    largest = np.abs(q).max(axis=1)
+    largest = np.nan_to_num(np.abs(q)).max(axis=1)
     if largest.max() <= 2.0 * math.pi:
         return names, np.degrees(q), "in rad"
     cut = [name for name, most in zip(names, largest.tolist(), strict=True) if most == 100.0]
     fix = "state the arm's calibration file with `bag`, as in calibration=my_arm.json"
     percent = f"{', '.join(cut)} ends at 100 exactly: the joints are in percent of their ranges"
     refuse((cut and largest.max() == 100.0, Problem(percent, path, fix=fix)))
-    return names, q, "taken as degrees (for percent, give their calibration in `bag`)"
+    return names, q, _ASSUMED
 
 
 def _places(path: str, info: Mapping[str, Any], camera: str, files: Sequence[Path], columns: Mapping[str, Any]) -> Any:

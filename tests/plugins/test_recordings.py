@@ -220,7 +220,8 @@ def test_frames_without_joints_are_left_out_and_those_without_images_are_named(t
     states[30][2] = states[31][4] = float("nan")
     parquet.write_table(table.set_column(0, table.column_names[0], pyarrow.array(states)), file)
     data = points_of(root, "images=hand")
-    assert not missing("\n".join(data.warnings), f"{STOPS} stops", "2 of 84 frames have no joints in observation.state")
+    said = "2 of 84 frames have no joints in observation.state", "may be degrees or percent; taken as degrees"
+    assert not missing("\n".join(data.warnings), f"{STOPS} stops", *said)
     parquet.write_table(table.drop([CAMERAS[0]]), file)
     with pytest.raises(InputError, match=r"file-000.parquet: has no column observation.images.hand"):
         points_of(root, "images=hand")

@@ -334,8 +334,9 @@ def quick_test(
     single = np.zeros((n, rows, n, rows))
     # m or rad: no instrument measures finer than a nanometre, and exact data have no noise. Sockets, planes, distances
     # and images have the noise of the fit: the unexplained error of its record is of the target.
-    stds = np.array((1e-9, 1e-9) if data.kind is None else record.noise, dtype=np.float64)
-    each = np.concatenate(alone, axis=2)[:rows, :rows].T + np.diag(np.square(np.repeat(stds, 3)[:rows]))
+    of_position, of_rotation = (1e-9, None) if data.kind is None else record.noise
+    stds = np.repeat((of_position, of_rotation or 1e-9), 3)[:rows]
+    each = np.concatenate(alone, axis=2)[:rows, :rows].T + np.diag(np.square(stds))
     single[np.arange(n), :, np.arange(n)] = each
 
     def flat(columns: Array) -> Array:

@@ -23,7 +23,14 @@ from robacc.io.yaml_nodes import top_section
 from robacc.poses.cameras import FEWEST_POINTS
 
 Verdict = Literal[
-    "board", "no board", "no image", "blurred", "another board", "mirrored print", "too little of the board"
+    "board",
+    "no board",
+    "no image",
+    "blurred",
+    "another board",
+    "another size",
+    "mirrored print",
+    "too little of the board",
 ]
 """What a photo shows."""
 _TYPES = ("charuco", "apriltag", "chessboard")
@@ -118,7 +125,8 @@ class Board:
         Raises:
             UsageError: The board has other points than corners of tags.
         """
-        refuse((self._type != "apriltag", "detected tags are points of a board of type apriltag"))
+        found = "the messages have AprilTags that another program found; `board` must be of type apriltag"
+        refuse((self._type != "apriltag", f"{found}, found {self._type}"))
         own = {number: corners for number, corners in tags.items() if 0 <= number < self._ids}
         if not own:
             return np.empty((0, 2)), np.empty((0, 3))

@@ -38,6 +38,10 @@ _FLICKER, _MOVED = 1.5, 3.0
 """Counts within which a servo stands still, and beyond which it moved."""
 _APART = 1e6
 """s between two episodes on one clock."""
+_OTHER_RATE = 0.05
+"""Share by which the rate of a video differs from that of its data set only by mistake."""
+_ASSUMED = "taken as degrees (for percent, give their calibration in `bag`)"
+_MOST_PERCENT = 100.0
 Place = tuple[Path, float]
 """File of an image, and its time in the video, s, or its row."""
 
@@ -69,11 +73,16 @@ def read(path: str, options: TableOptions) -> ColumnTable:
         refuse((state not in info["features"], Problem(f"the data set has no {state}", path, fix=has)))
         files, columns = _columns(path, "data", (state, "episode_index", "frame_index"))
         episode, frame = columns["episode_index"], columns["frame_index"]
+        if not episode.size or columns[state].size % episode.size:
+            raise ValueError(f"{state} has {columns[state].size} values in {episode.size} frames")
         names, q, unit = _joints(path, info, state, prefix, columns[state].reshape(episode.size, -1).T, stated)
-        track = Track((), episode * _APART + frame / fps, q, repeats_last=False)
-        if not np.all(np.diff(track.times) > 0):
+        times = episode * _APART + frame / fps
+        if not np.all(np.diff(times) > 0):
             raise ValueError("its frames are not in the order of time")
-        used = stops(path, track.times, [track], stated.at, _FLICKER * _COUNT)
+        has_joints = np.flatnonzero(np.isfinite(q).all(axis=0))
+        refuse((not has_joints.size, Problem(f"no frame has all joints in {state}", path)))
+        track = Track((), times[has_joints], q[:, has_joints], repeats_last=False)
+        used = has_joints[stops(path, track.times, [track], stated.at, _FLICKER * _COUNT)]
         places = _places(path, info, camera, files, columns)
         at = [places(row) for row in used.tolist()]
     except (LookupError, TypeError, ValueError, AttributeError, ZeroDivisionError, ArrowException) as error:
@@ -81,7 +90,7 @@ def read(path: str, options: TableOptions) -> ColumnTable:
         fix = "download it whole; other formats than 2.0, 2.1 and 3.0 are converted by LeRobot"
         raise InputError(Problem(f"cannot be read as a data set of LeRobot ({reason})", path, fix=fix)) from error
     keys = [*(f"q{i}_deg" for i in range(1, len(q) + 1)), *(f"dir_q{i}" for i in range(1, len(q) + 1))]
-    values = np.vstack((q[:, used], arrivals(track, track.times[used], _MOVED * _COUNT))).T.tolist()
+    values = np.vstack((q[:, used], arrivals(track, times[used], _MOVED * _COUNT))).T.tolist()
     shots = (
         Shot(f"episode_{int(episode[i])}_frame_{int(frame[i])}", image, dict(zip(keys, row, strict=True)))
         for i, image, row in zip(used.tolist(), _images(at, camera, fps, cv2), values, strict=True)
@@ -94,7 +103,14 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     digest = hashlib.sha256("".join(f"{file.name} {sha256_of(file)}\n" for file in read_files).encode())
     how = "frames" if stated.at == "any" else "stops of the arm"
     remark = f"{used.size} {how} before {camera}; joints {', '.join(names)} of {state}, {unit}"
-    return table_of(shots, used.size, path, options, digest.hexdigest, remark)
+    table = table_of(shots, used.size, path, options, digest.hexdigest, remark)
+    if unit == _ASSUMED and np.nanmax(np.abs(q)) <= _MOST_PERCENT:
+        fix = "if LeRobot recorded without use_degrees, state the arm's calibration with `bag`: calibration=my_arm.json"
+        text = f"no joint goes beyond 100, which may be degrees or percent; taken as degrees: {fix}"
+        table.log.warn(text, of_file=True)
+    if gaps := episode.size - has_joints.size:
+        table.log.warn(f"{gaps} of {episode.size} frames have no joints in {state} and are left out", of_file=True)
+    return table
 
 
 def _columns(path: str, folder: str, names: Sequence[str]) -> tuple[list[Path], dict[str, Any]]:
@@ -129,6 +145,8 @@ def _joints(
     """Return names and values ``(J, N)`` of the arm's joints, degrees, and what they were in; without the gripper."""
     listed = info["features"][state].get("names") or [f"joint {i + 1}" for i in range(len(values))]
     flat = listed if isinstance(listed, list) else [name for names in listed.values() for name in names]
+    if len(flat) != len(values):
+        raise ValueError(f"{_INFO} names {len(flat)} values of {state}, and its frames have {len(values)}")
     kept = [i for i, name in enumerate(flat) if "gripper" not in name and name.startswith(prefix)]
     kept = [i for i in kept if flat[i].endswith(".pos")] or kept
     names, q = [flat[i].removesuffix(".pos").removeprefix(prefix) for i in kept], values[kept].astype(float)
@@ -148,14 +166,14 @@ def _joints(
         signs = [-1.0 if motors[name]["drive_mode"] and is_turned else 1.0 for name in names]
         spans = [motors[name]["range_max"] - motors[name]["range_min"] for name in names]
         return names, q * (np.array(signs) * spans * _COUNT / 200.0)[:, None], f"percent by {stated.calibration}"
-    largest = np.abs(q).max(axis=1)
+    largest = np.nan_to_num(np.abs(q)).max(axis=1)
     if largest.max() <= 2.0 * math.pi:
         return names, np.degrees(q), "in rad"
     cut = [name for name, most in zip(names, largest.tolist(), strict=True) if most == 100.0]
     fix = "state the arm's calibration file with `bag`, as in calibration=my_arm.json"
     percent = f"{', '.join(cut)} ends at 100 exactly: the joints are in percent of their ranges"
     refuse((cut and largest.max() == 100.0, Problem(percent, path, fix=fix)))
-    return names, q, "taken as degrees (for percent, give their calibration in `bag`)"
+    return names, q, _ASSUMED
 
 
 def _places(path: str, info: Mapping[str, Any], camera: str, files: Sequence[Path], columns: Mapping[str, Any]) -> Any:
@@ -178,7 +196,10 @@ def _places(path: str, info: Mapping[str, Any], camera: str, files: Sequence[Pat
     of = {int(number): at for number, *at in zip(videos["episode_index"], *(videos[key] for key in keys), strict=True)}
 
     def of_file(row: int) -> Place:
-        chunk, file, start = of[int(episode[row])]
+        number = int(episode[row])
+        if number not in of:
+            raise ValueError(f"meta/episodes has no episode {number}")
+        chunk, file, start = of[number]
         parts = {"chunk_index": int(chunk), "file_index": int(file), "video_key": camera}
         return Path(path, info["video_path"].format(**parts)), float(start + time[row])
 
@@ -192,8 +213,12 @@ def _images(at: Sequence[Place], camera: str, fps: float, cv2: Any) -> Iterator[
     for file, places in groupby(at, lambda place: place[0]):
         times = [time for _, time in places]
         if file.suffix == ".parquet":
+            missing = camera not in parquet.read_schema(file).names
+            refuse(
+                (missing, Problem(f"has no column {camera}", str(file), fix="download the data set with its images"))
+            )
             rows = parquet.read_table(file, columns=[camera]).column(0).take([int(time) for time in times]).to_pylist()
-            yield from (decoded(cv2, image["bytes"] or b"") for image in rows)
+            yield from (decoded(cv2, (image or {}).get("bytes") or b"") for image in rows)
         else:
             yield from _frames(file, times, fps, cv2)
 
@@ -216,7 +241,11 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
     if av is None:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # This error says what the library would.
         capture = cv2.VideoCapture(str(video))
+        _of_rate(capture.get(cv2.CAP_PROP_FPS), fps, video)
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         for time in times:
+            short = f"has {count} frames, and the joints have one at {time:.3f} s"
+            refuse((0 < count <= round(time * fps), Problem(short, str(video), fix="download it again")))
             capture.set(cv2.CAP_PROP_POS_FRAMES, round(time * fps))
             is_read, image = capture.read()
             refuse((not is_read, Problem(f"cannot be decoded at {time:.3f} s", str(video), fix=fix)))
@@ -225,9 +254,21 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
     try:
         with av.open(str(video)) as container:
             stream = container.streams.video[0]
+            _of_rate(float(stream.average_rate or 0.0), fps, video)
             for time in times:
                 container.seek(max(int((time - 0.5 / fps) / stream.time_base), 0), stream=stream)
                 frames = (each for each in container.decode(stream) if each.time > time - 0.5 / fps)
                 yield next(frames).to_ndarray(format="gray")
     except (av.error.FFmpegError, StopIteration, IndexError) as error:
         raise InputError(Problem(f"cannot be decoded ({error})", str(video), fix=fix)) from error
+
+
+def _of_rate(rate: float, fps: float, video: Path) -> None:
+    """Refuse a video whose frames per second, where it states them, are not those of its data set.
+
+    Raises:
+        InputError: They differ.
+    """
+    message = f"has {rate:.4g} frames per second, and {_INFO} says {fps:.4g}"
+    is_other = rate > 0.0 and abs(rate - fps) > _OTHER_RATE * fps
+    refuse((is_other, Problem(message, str(video), fix="one of them is wrong; correct fps")))

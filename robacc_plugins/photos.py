@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
+import re
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
@@ -12,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from robacc.errors import InputError, Problem, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import write_pieces
@@ -22,6 +24,8 @@ from robacc.poses.cameras import PHOTO
 if TYPE_CHECKING:
     from robacc_plugins.boards import Board, Verdict
 
+_FOREIGN = re.compile(r"\.(?:avif|cr[23]|dng|hei[cf]|nef|raw|arw)$")
+"""Ends of names of photos that OpenCV does not read, in small letters."""
 _NAMED = 20
 """Photos that a message names of each kind."""
 
@@ -46,11 +50,13 @@ class _Seen(NamedTuple):
     points: Array
     columns: Mapping[str, float | str]
     thumbnail: Any
+    size: tuple[int, ...] = ()
+    """Height and width, px; of detected tags they are unknown."""
 
 
 def takes(path: str, first: bytes) -> bool:
     """Return whether a folder has photos."""
-    return Path(path).is_dir() and bool(_photos(path))
+    return Path(path).is_dir() and bool(_photos(path) or _photos(path, _FOREIGN))
 
 
 def read(path: str, options: TableOptions) -> ColumnTable:
@@ -61,6 +67,15 @@ def read(path: str, options: TableOptions) -> ColumnTable:
         UsageError: No board is stated, or the extra ``camera`` is not installed.
     """
     cv2, files, digest = opencv(path), _photos(path), hashlib.sha256()
+    foreign = [file.name for file in _photos(path, _FOREIGN)]
+    fix = "save them as JPEG in full size"
+    refuse((not files, Problem(f"OpenCV reads no photos like {', '.join(foreign[:1])}", path, fix=fix)))
+    names = Counter(file.stem for file in files)
+    twice = next((file.name for file in files if names[file.stem] > 1), "")
+    one = Problem(
+        f"{twice} and another photo have one name", path, fix="a name is a pose: rename or remove one of them"
+    )
+    refuse((twice, one))
 
     def shots() -> Iterator[Shot]:
         for file in files:
@@ -68,11 +83,15 @@ def read(path: str, options: TableOptions) -> ColumnTable:
             digest.update(content)
             yield Shot(file.stem, decoded(cv2, content))
 
-    return table_of(shots(), len(files), path, options, digest.hexdigest)
+    table = table_of(shots(), len(files), path, options, digest.hexdigest)
+    if foreign:
+        listed = f"{', '.join(foreign[:_NAMED])}{' …' * (len(foreign) > _NAMED)}"
+        table.log.warn(f"OpenCV does not read {listed}: {fix}", of_file=True)
+    return table
 
 
-def _photos(path: str) -> list[Path]:
-    files = (file for file in Path(path).iterdir() if PHOTO.search(file.name.lower()) and file.name[0] != ".")
+def _photos(path: str, ends: re.Pattern[str] = PHOTO) -> list[Path]:
+    files = (file for file in Path(path).iterdir() if ends.search(file.name.lower()) and file.name[0] != ".")
     return sorted(file for file in files if file.is_file())
 
 
@@ -90,8 +109,16 @@ def opencv(path: str) -> Any:
 
 
 def decoded(cv2: Any, content: bytes) -> Any:
-    """Return the grey image in the bytes of a file; None if there is none."""
-    return cv2.imdecode(np.frombuffer(content, np.uint8), cv2.IMREAD_GRAYSCALE) if content else None
+    """Return the grey image in the bytes of a file; None if there is none.
+
+    A camera that points down turns photos for viewing at random; its chip and its lens do not turn.
+    """
+    how = cv2.IMREAD_GRAYSCALE | cv2.IMREAD_ANYDEPTH | cv2.IMREAD_IGNORE_ORIENTATION
+    image = cv2.imdecode(np.frombuffer(content, np.uint8), how) if content else None
+    if image is None or image.dtype == np.uint8:
+        return image
+    # Cameras of 10 or 12 bits fill the first of 16 only.
+    return cv2.normalize(np.nan_to_num(image), None, 0, 255, cv2.NORM_MINMAX, cv2.CV_8U)
 
 
 def table_of(
@@ -109,7 +136,7 @@ def table_of(
 
     Raises:
         InputError: An image or the file of the board cannot be read, or no photo shows the board.
-        UsageError: No board is stated.
+        UsageError: No board is stated, or the contact sheet's name is of no picture or in the folder of the photos.
     """
     from robacc_plugins.boards import Board
 
@@ -119,11 +146,14 @@ def table_of(
     sheet = options.contact_sheet
     if sheet is not None and Path(sheet).resolve().parent == Path(path).resolve():
         raise UsageError(f"`contact_sheet`: {sheet} would be one of the photos; write it to another folder")
+    form = PHOTO.search((sheet or ".png").lower())
+    if form is None:
+        raise UsageError(f"`contact_sheet`: expected a name that ends in .jpg or .png, found {sheet!r}")
     board, console = Board(options.board, cv2), Console(stderr=True)
     shown = track(shots, "reading photos", count, console=console, transient=True, disable=not console.is_terminal)
-    photos = [_seen(shot, board, cv2) for shot in shown]
+    photos = _of_one_size([_seen(shot, board, cv2) for shot in shown])
     if sheet is not None:
-        write_pieces(sheet, [_contact_sheet(photos, cv2, sheet)])
+        write_pieces(sheet, [bytes(cv2.imencode(form[0], _contact_sheet(photos, cv2))[1])])
     good = [photo for photo in photos if photo.verdict == "board"]
     bad = _listed([photo for photo in photos if photo.verdict != "board"])
     if not good:
@@ -150,7 +180,21 @@ def _seen(shot: Shot, board: Board, cv2: Any) -> _Seen:
     verdict, detail = board.verdict(shot.image, pixels, points)
     scale = min(_WIDTH / shot.image.shape[1], _HEIGHT / shot.image.shape[0])
     small = cv2.resize(shot.image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-    return _Seen(shot.name, verdict, detail, pixels, points, shot.columns, _marked(small, scale * pixels, cv2))
+    thumbnail = _marked(small, scale * pixels, cv2)
+    size = shot.image.shape if shot.tags is None else ()
+    return _Seen(shot.name, verdict, detail, pixels, points, shot.columns, thumbnail, size)
+
+
+def _of_one_size(photos: list[_Seen]) -> list[_Seen]:
+    """Return the photos, of which those of another size than most are none of the same lens."""
+    sizes = Counter(photo.size for photo in photos if photo.verdict == "board")
+    usual = max(sizes, key=sizes.__getitem__, default=())
+    return [
+        photo._replace(verdict="another size", detail="{1} x {0} px, most have {3} x {2}".format(*photo.size, *usual))
+        if photo.verdict == "board" and photo.size != usual
+        else photo
+        for photo in photos
+    ]
 
 
 def _listed(photos: Sequence[_Seen]) -> str:
@@ -174,6 +218,7 @@ _COLOURS: Mapping[Verdict, tuple[int, int, int]] = {
     "blurred": (0, 140, 255),
     "mirrored print": (200, 60, 200),
     "another board": (200, 110, 30),
+    "another size": (140, 140, 140),
     "no board": (60, 60, 220),
     "no image": (0, 0, 0),
 }
@@ -188,12 +233,8 @@ def _marked(image: Any, pixels: Array, cv2: Any) -> Any:
     return result
 
 
-def _contact_sheet(photos: Sequence[_Seen], cv2: Any, path: str) -> bytes:
-    """Return a picture of all photos, in the format that the name of its file states.
-
-    Raises:
-        UsageError: The format is none that OpenCV writes.
-    """
+def _contact_sheet(photos: Sequence[_Seen], cv2: Any) -> Any:
+    """Return a picture of all photos."""
     across = math.ceil(math.sqrt(1.6 * len(photos)))
     height = max((len(photo.thumbnail) for photo in photos), default=0) + 2 * _EDGE
     down, right = height + _TEXT, _WIDTH + 2 * _EDGE + _GAP
@@ -207,7 +248,4 @@ def _contact_sheet(photos: Sequence[_Seen], cv2: Any, path: str) -> bytes:
         for line, text in enumerate((photo.name[-_LETTERS:], count, photo.detail[:_LETTERS]), 1):
             at = (left + _EDGE, top + height + 15 * line)
             cv2.putText(sheet, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
-    form = PHOTO.search(path.lower())
-    if form is None:
-        raise UsageError(f"`contact_sheet`: expected a name that ends in .jpg or .png, found {path!r}")
-    return bytes(cv2.imencode(form[0], sheet)[1])
+    return sheet

@@ -115,7 +115,8 @@ def stands_at(times: Array, tracks: Sequence[Track], standing: float = STANDING)
     """
     if not tracks:
         return np.empty(0, dtype=np.int64)
-    moving = np.max([track.change(times) for track in tracks], axis=0) > standing
+    # Of an unknown change, which is NaN, nothing says that the robot stands.
+    moving = ~(np.max([track.change(times) for track in tracks], axis=0) <= standing)
     order = np.argsort(times, kind="stable")
     places = np.nan_to_num(np.vstack([track.at(times) for track in tracks]), nan=np.inf)[:, order]
     with np.errstate(invalid="ignore"):

@@ -210,7 +210,7 @@ UNREGISTERED = (
 )
 TOO_LARGE = (
     "the errors are too large for an arm: check the units, the joint signs, the order of the joints, that each row has "
-    "its own command, and that the axes are right-handed"
+    "its own command, that the axes are right-handed, and whether a camera is on the hand or beside the arm"
 )
 """Warnings of errors that are too large for an arm, before a registration and after it."""
 

@@ -44,7 +44,8 @@ def iso9283(
     *poses: Annotated[
         PosesSource,
         Help(
-            "Measured poses: CSV, export, workbook, Parquet or ROS bag, one per robot; - reads standard input.",
+            "Measured poses: CSV, export, workbook, Parquet, ROS bag or folder of photos, one per robot; - reads "
+            "standard input.",
             "POSES [POSES …]",
             "Or poses read before.",
             holds="measured poses",

@@ -217,7 +217,7 @@ _ROBOT = Help(
 Poses = Annotated[
     "PosesSource",
     Help(
-        "Measured poses: CSV, export, workbook, Parquet or ROS bag; - reads standard input.",
+        "Measured poses: CSV, export, workbook, Parquet, ROS bag or folder of photos; - reads standard input.",
         "POSES",
         "Or poses read before, made of arrays, or a data frame.",
         holds="measured poses",

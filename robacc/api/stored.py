@@ -15,6 +15,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
+from robacc.accuracy.estimation import TOO_LARGE, too_far
 from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, read_result, with_measured_targets
 from robacc.api.parameters import (
@@ -68,6 +69,7 @@ from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.render.text import Section
 from robacc.render.views import history as views
+from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.version import __version__
@@ -645,7 +647,7 @@ def health(
         f"{path_of(robot) or model.name} has no fit; give the model that calibrate or trace wrote with `write_model`",
     )
     model, data = with_measured_targets(model, inputs.poses(poses, model, any_kind=True))
-    refuse((data.q is None, "the poses have no joint columns, which the model needs"))
+    q = given(data.q, "the poses have no joint columns, which the model needs")
     own_name = arm or model.identity.get("serial_number") or model.name
     with opened(os.fspath(db)) as base:
         own = counted(tests(base, own_name))
@@ -660,6 +662,9 @@ def health(
     )
     factor = Spread.of(series).factor
     changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
+    warnings = [*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))]
+    if too_far(rms, build_chain(model).forward(q).translation):
+        warnings.append(f"{TOO_LARGE}; the changes named say nothing of the arm until the cause is found")
     return Health(
         arm=own_name,
         n_poses=different(data.groups()),
@@ -668,7 +673,7 @@ def health(
         detection_limits=limits,
         hidden=hidden,
         rms=rms,
-        warnings=(*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))),
+        warnings=(*warnings,),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
 

@@ -269,7 +269,8 @@ def suspected_mistakes(fit: Fit) -> tuple[str, ...]:
         more = "" if len(corrections) <= EXAMPLES else f", and {len(corrections) - EXAMPLES} more"
         texts.append(
             f"suspected data mistake: {', '.join(corrections[:EXAMPLES])}{more}; no assembled arm deviates this far; "
-            "check the table's convention and lengths, the signs and zeros of the joints, and interactions of joints"
+            "check the table's convention and lengths, the signs and zeros of the joints, interactions of joints, and "
+            "whether a camera is on the hand or beside the arm"
         )
     error = float(np.median(np.linalg.norm(fit.residual[3:, fit.inliers], axis=0)))
     if error > _TOO_LARGE:

@@ -253,13 +253,14 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
 _PARQUET = b"PAR1"
 """First and last bytes of every Parquet file."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
+_FOLDER = "export the poses as CSV; of photos of a board, name the folder"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
     b"\x1f\x8b": ("compressed by gzip", _UNPACK),
     b"BZh": ("compressed by bzip2", _UNPACK),
     b"7z\xbc\xaf": ("an archive of 7-Zip", _UNPACK),
-    b"\x89PNG": ("a PNG image", _EXPORT),
-    b"\xff\xd8\xff": ("a JPEG image", _EXPORT),
+    b"\x89PNG": ("a PNG image", _FOLDER),
+    b"\xff\xd8\xff": ("a JPEG image", _FOLDER),
     b"<!doctype": ("an HTML page", _EXPORT),
     b"<html": ("an HTML page", _EXPORT),
     b"<?xml": ("an XML document", _EXPORT),
@@ -317,7 +318,7 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
     elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path):
-        fix = "name a file, or the folder of a ROS 2 bag with its metadata.yaml"
+        fix = "name a file, or a folder that has photos (.jpg, .png), meta/info.json (LeRobot) or metadata.yaml (ROS 2)"
         yield given(_by_plug_in(path, b"", options), Problem("is a folder, expected a file", path, fix=fix))
     else:
         with opened(path) as stream:

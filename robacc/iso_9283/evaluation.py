@@ -576,7 +576,10 @@ def iso9283(
             "`align` registers commanded poses, and there are none: give `robot`, or columns cmd_x, cmd_y, cmd_z",
         ),
     )
-    names = [(data.source or f"file {i + 1}").replace("\\", "/").rpartition("/")[2] for i, data in enumerate(files)]
+    names = [
+        (data.source or f"file {i + 1}").replace("\\", "/").rstrip("/").rpartition("/")[2]
+        for i, data in enumerate(files)
+    ]
     sources = [f"{name} ({i + 1})" if names.count(name) > 1 else name for i, name in enumerate(names)]
     # Without a robot and without commands in a file, the commanded poses are not known.
     commands = [

@@ -111,6 +111,24 @@ def test_bad_photos_are_named_with_what_they_show_and_cost_only_themselves(
         robacc.read_poses(PoseFile("photos", board="board.yaml", contact_sheet="sheet.pdf"))
 
 
+def test_a_photo_counts_as_the_chip_saw_it_and_another_size_is_of_another_lens(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 7)
+    upright = robacc.estimate(path, robot=robot())
+    first, second, third, fourth, *_ = sorted((tmp_path / "photos").iterdir())
+    content = cv2.imencode(".jpg", cv2.imread(str(first)), [cv2.IMWRITE_JPEG_QUALITY, 100])[1].tobytes()
+    # Exif with nothing but an orientation: a quarter of a turn.
+    turned = b"Exif\0\0II*\0\x08\0\0\0\x01\0\x12\x01\x03\0\x01\0\0\0\x06\0\0\0\0\0\0\0"
+    first.with_suffix(".jpg").write_bytes(content[:2] + b"\xff\xe1\0\x22" + turned + content[2:])
+    first.unlink()
+    cv2.imwrite(str(second), cv2.imread(str(second))[:, 20:])
+    third.rename(third.with_suffix(".HEIC"))
+    cv2.imwrite(str(fourth), 16 * cv2.imread(str(fourth), cv2.IMREAD_GRAYSCALE).astype(np.uint16))
+    result = robacc.estimate(path, robot=robot())
+    expected = f"{second.stem}: another size (1260 x 960 px, most have 1280 x 960)", f"does not read {third.stem}.HEIC"
+    assert not missing("\n".join(result.warnings), *expected)
+    assert (result.n_poses, result.position.rms) == (5, pytest.approx(upright.position.rms, rel=1.0))
+
+
 def test_what_is_lacking_is_said(tmp_path: Path) -> None:
     path = taken(tmp_path, "charuco", 2)
     with pytest.raises(UsageError, match="state the board that they show"):
@@ -120,6 +138,9 @@ def test_what_is_lacking_is_said(tmp_path: Path) -> None:
         robacc.estimate(path, robot=robot())
     (tmp_path / "board.yaml").write_text(BOARDS["charuco"].replace("4X4", "7X7"))
     with pytest.raises(InputError, match=r"none of 2 photos shows the board .* \(IMG_1, IMG_2: another board"):
+        robacc.estimate(path, robot=robot())
+    (tmp_path / "photos/IMG_1.jpg").touch()
+    with pytest.raises(InputError, match=r"IMG_1.jpg and another photo have one name"):
         robacc.estimate(path, robot=robot())
 
 

@@ -189,14 +189,39 @@ def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statement
         ("arm.json", '{"j1": 4}', "images=hand,calibration={}/arm.json", "is no calibration of LeRobot"),
         ("set/data/chunk-000/file-001.parquet", "PAR1", "images=hand", "cannot be read as a data set of LeRobot"),
         ("set/videos/chunk-000/observation.images.hand/episode_000000.mp4", "x", "images=hand", "cannot be decoded"),
+        ("fps", "", "images=hand", "has 30 frames per second, and meta/info.json says 60; one of them is wrong"),
+        ("shorter", "", "images=hand", "has 20 frames, and the joints have one at"),
+        ("names", "", "images=hand", "meta/info.json names 2 values of observation.state, and its frames have 7"),
     ],
 )
 def test_what_a_data_set_lacks_is_said(
     file: str | None, content: str, statements: str | None, message: str, tmp_path: Path
 ) -> None:
     root = data_set(tmp_path)
-    if file is not None:
+    info = json.loads((root / "meta/info.json").read_text())
+    if file == "shorter":
+        video(root / f"videos/chunk-000/{CAMERAS[0]}/episode_000000.mp4", frames()[2][:20])
+    elif file in ("fps", "names"):
+        info |= {"fps": 60} if file == "fps" else {}
+        info["features"]["observation.state"]["names"] = NAMES if file == "fps" else NAMES[:2]
+        (root / "meta/info.json").write_text(json.dumps(info))
+    elif file is not None:
         (tmp_path / file).write_text(content)
     with pytest.raises(InputError) as caught:
         points_of(root, statements and statements.format(tmp_path))
     assert message in str(caught.value)
+
+
+def test_frames_without_joints_are_left_out_and_those_without_images_are_named(tmp_path: Path) -> None:
+    root = data_set(tmp_path, kind="image")
+    file = root / "data/chunk-000/file-000.parquet"
+    table = parquet.read_table(file)
+    states = table.column(0).to_pylist()
+    states[30][2] = states[31][4] = float("nan")
+    parquet.write_table(table.set_column(0, table.column_names[0], pyarrow.array(states)), file)
+    data = points_of(root, "images=hand")
+    said = "2 of 84 frames have no joints in observation.state", "may be degrees or percent; taken as degrees"
+    assert not missing("\n".join(data.warnings), f"{STOPS} stops", *said)
+    parquet.write_table(table.drop([CAMERAS[0]]), file)
+    with pytest.raises(InputError, match=r"file-000.parquet: has no column observation.images.hand"):
+        points_of(root, "images=hand")

@@ -8,6 +8,7 @@ from itertools import chain
 from typing import Any
 
 from robacc.documents.keys import (
+    WARNINGS,
     Document,
     Key,
     array,
@@ -189,6 +190,7 @@ HEALTH = part(
         "detection_limits": LIMITS,
         "hidden": Key(array(text), "Coefficients whose change these poses cannot distinguish from one of the set-up."),
         "history": Key(table(), _ABOUT_KINDS, lambda result: _by_kind(result.changes, result.detection_limits)),
+        **WARNINGS,
     },
     about="Quick test of an arm against the model of its last full test.",
 )

@@ -22,7 +22,7 @@ from robacc.accuracy.estimation import (
 )
 from robacc.errors import InputError, Problem, refuse
 from robacc.fitting.registration import Alignment
-from robacc.geometry import Array, Poses, rotation_about
+from robacc.geometry import Array, Poses, rms_length, rotation_about
 from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
     SAME_COMMAND,
@@ -719,7 +719,10 @@ def _warnings(
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
     # A single pose does not show whether the accuracy of a robot is too bad for an arm.
     is_far = any(
-        too_far(_largest_accuracy(poses), np.column_stack([pose.data.position.mean(axis=1) for pose in poses]))
+        too_far(
+            rms_length(np.column_stack([pose.deviation.mean(axis=1) for pose in poses if pose.deviation is not None])),
+            np.column_stack([pose.data.position.mean(axis=1) for pose in poses]),
+        )
         for poses in poses_by_file
         if len(poses) > 1 and all(pose.deviation is not None for pose in poses)
     )

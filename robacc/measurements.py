@@ -292,11 +292,12 @@ def different(numbers: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(np.bincount(numbers)))
 
 
-def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number ``(N,)`` of each value among the different ones; ``np.unique`` would import ``numpy.ma``."""
-    order = np.argsort(values, kind="stable")
-    number = np.zeros(values.size, dtype=np.int64)
-    number[order[1:]] = np.cumsum(values[order[1:]] != values[order[:-1]])
+def numbered(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the number ``(N,)`` of each row's combination of values; ``np.unique`` would import ``numpy.ma``."""
+    order = np.lexsort(columns[::-1])
+    number = np.zeros(order.size, dtype=np.int64)
+    ordered = [column[order] for column in columns]
+    number[order[1:]] = np.cumsum(np.any([column[1:] != column[:-1] for column in ordered], axis=0))
     return number
 
 

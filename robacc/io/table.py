@@ -48,17 +48,17 @@ class TableOptions:
     is_known: Callable[[str], bool]
     """Whether a name is a documented one."""
     skip_gaps: bool = False
-    """Leave out rows with a missing value, in place of a problem for each."""
+    """Leave out rows with a missing value, with a warning, in place of a problem for each."""
     sheet: str | None = None
-    """Sheet of a workbook; None for its only sheet."""
+    """Name of a workbook's sheet; None for its only sheet."""
     bag: str | None = None
-    """Topics and samples of a recording, as the reader of recordings takes them."""
+    """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
     board: str | None = None
-    """File of the board that photos show, as the reader of photos takes it."""
+    """File of the board that photos show."""
     contact_sheet: str | None = None
-    """File to write with a picture of all photos."""
+    """File to write with a picture of all photos, the points found in them and what is wrong."""
     frame: Any = None
-    """Data frame that is read in place of a file."""
+    """Data frame, or part of a large file, that is read in place of the file; None for the whole file."""
 
 
 class TableBody(NamedTuple):

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array, vector_lengths
 from robacc.io.files import ProblemLog, clip
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, numbered
 from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
@@ -516,24 +516,16 @@ def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]
     order = np.argsort(values[0], kind="stable")
     ends = np.searchsorted(values[0, order], values[0, order] + near, side="right")
     place = np.arange(values.shape[1])
-    pairs = []
     for i, end in enumerate(ends):
-        others = order[i + 1 : end]
-        close = others[np.abs(values[:, others] - values[:, order[i], None]).max(axis=0, initial=0.0) <= near]
-        pairs.append(np.stack([np.full(close.size, order[i]), close]))
-    first, second = np.concatenate(pairs, axis=1)
-    before = None
-    while before is None or not np.array_equal(place, before):
-        # The lowest number spreads along the pairs.
-        before, lowest = place.copy(), np.minimum(place[first], place[second])
-        np.minimum.at(place, first, lowest)
-        np.minimum.at(place, second, lowest)
-    low, high = (np.full(values.shape, start) for start in (np.inf, -np.inf))
-    for row, lower, upper in zip(values, low, high, strict=True):
-        np.minimum.at(lower, place, row)
-        np.maximum.at(upper, place, row)
-    wide = (high - low).max(axis=0) > widest
-    return np.where(wide[place], np.arange(place.size), place)
+        others = order[i:end]
+        close = place[others[np.abs(values[:, others] - values[:, others[:1]]).max(axis=0) <= near]]
+        if close.size > 1:
+            place[np.isin(place, close)] = close.min()
+    rows, number = np.argsort(place, kind="stable"), numbered(place)
+    start = np.flatnonzero(np.diff(place[rows], prepend=-1))
+    extents = [each.reduceat(values[:, rows], start, axis=1) for each in (np.maximum, np.minimum)]
+    wide = (extents[0] - extents[1]).max(axis=0) > widest
+    return np.where(wide[number], np.arange(place.size), place)
 
 
 # Rows of a pose file that repeat an earlier row to the last digit.

@@ -18,8 +18,8 @@ from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
 from robacc.io.files import clip
-from robacc.io.table import Table, TableBody, TableOptions
-from robacc.measurements import IMAGES, Measurements
+from robacc.io.table import Table, TableBody
+from robacc.measurements import IMAGES, Measurements, numbered
 from robacc.poses.cameras import calibrated, photos_of, rays_of, read_cameras, three_points
 from robacc.poses.checks import (
     READ_BACK_TOLERANCE,
@@ -35,7 +35,7 @@ from robacc.poses.checks import (
     with_units,
 )
 from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, listing, read_layout
-from robacc.poses.motion import check_visits, motion_of, numbered, numbered_visits, read_times
+from robacc.poses.motion import check_visits, motion_of, numbered_visits, read_times
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
@@ -61,7 +61,6 @@ from robacc.poses.reading import (
     labelled,
     reading_of,
     source_of,
-    table_options,
 )
 from robacc.poses.reshaped_tables import (
     ReshapedTable,
@@ -182,7 +181,7 @@ def read_poses(
         InputError: Every problem of the file, with line and column.
     """
     reading = reading_of(path)
-    with open_table(os.fspath(path), table_options(path)) as source:
+    with open_table(os.fspath(path), reading) as source:
         table: Table = source
         log, targets = table.log, robot.targets
         kinds = KindTable.of(table, reading) if attained else None
@@ -245,7 +244,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(log.gaps))
+    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line)
 
 
 def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
@@ -301,7 +300,7 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         branches=np.array(branches) if branches else None,
         branch_names=tuple(branch.name for branch in columns),
         rows=values.lines,
-        gaps=values.gaps,
+        gaps=tuple(log.gaps),
         counted=log.counted,
         ordered=ordered,
     )
@@ -609,7 +608,7 @@ def propose_columns(path: str | os.PathLike[str], map_path: str) -> tuple[str, l
         InputError: The file cannot be read as a table.
     """
     name = os.fspath(path)
-    with open_table(name, TableOptions(is_documented)) as plain:
+    with open_table(name, AS_NAMED) as plain:
         plain.names = with_known_names(plain, required=False)
         table = with_poses_of_matrices(plain)
     known = documented_columns(table, Names.of(table.names, UNKNOWN_ROBOT))

@@ -18,7 +18,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
-from robacc.measurements import MOVES_UNUSED
+from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
@@ -37,7 +37,6 @@ from robacc.poses.reading import (
     KnownRobot,
     Meaning,
     Reading,
-    RowKeys,
     heading_of,
     is_point_name,
     labelled,
@@ -667,13 +666,14 @@ class Values(NamedTuple):
     """Takes problems, warnings and notes of the file."""
     header: int | None
     """Line of the columns' names."""
-    gaps: tuple[int, ...] = ()
-    """Lines of rows that were left out because a value is missing."""
 
     @property
-    def keys(self) -> RowKeys:
-        """Names, times and lines of the rows."""
-        return RowKeys(self.texts.get("pose"), self.column("time_s"), self.lines, self.gaps)
+    def keys(self) -> Measurements:
+        """Names, times and lines of the rows, which they are joined to those of another file by."""
+        position, gaps = np.zeros((3, self.lines.size)), tuple(self.log.gaps)
+        return Measurements(
+            position, pose=self.texts.get("pose"), time=self.column("time_s"), rows=self.lines, gaps=gaps
+        )
 
     def column(self, key: str) -> Array | None:
         """Return one column ``(N,)``; None where the file does not have it."""

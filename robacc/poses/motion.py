@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
-from robacc.measurements import commanded_groups, motion_between_rows
+from robacc.measurements import commanded_groups, motion_between_rows, numbered
 from robacc.poses.layout import Values, listing
 from robacc.poses.reading import COMMANDED_AXES, Column
 
@@ -136,12 +136,6 @@ def _seconds(text: str, day_first: bool) -> float | None:
 
 
 Texts = NDArray[Any] | None
-
-
-def numbered(*columns: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number ``(N,)`` of each row's combination of values."""
-    codes = np.stack([np.unique(column, return_inverse=True)[1] for column in columns])
-    return np.unique(codes, axis=1, return_inverse=True)[1].ravel().astype(np.int64)
 
 
 def rank_among_equals(numbers: NDArray[np.int64]) -> NDArray[np.int64]:

@@ -6,13 +6,12 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
@@ -21,6 +20,7 @@ from robacc.io.files import read_text
 from robacc.io.table import TableOptions
 from robacc.io.table_parts import TablePart
 from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
+from robacc.measurements import Measurements
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
@@ -636,22 +636,9 @@ def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str |
 # What the reader of a pose file knows of the robot that the poses are of.
 
 
-class RowKeys(NamedTuple):
-    """What rows of one file are joined to those of another by."""
-
-    names: NDArray[Any] | None
-    """``(N,)`` names of the poses."""
-    time: Array | None
-    """``(N,)`` s"""
-    lines: NDArray[np.int64]
-    """``(N,)`` line or row in the file."""
-    gaps: tuple[int, ...] = ()
-    """Lines of rows that were left out because a value is missing."""
-
-
-KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
-"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, NaN where it has no such row;
-None for what it does not give."""
+KnownPoses = Callable[[Measurements], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, by their names, times and lines,
+NaN where it has no such row; None for what it does not give."""
 
 
 class KnownRobot(NamedTuple):
@@ -687,32 +674,39 @@ UNKNOWN_ROBOT = KnownRobot()
 _UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
 
 
+READING = (
+    "angles",
+    "units",
+    "columns",
+    "skip_gaps",
+    "coverage",
+    "sheet",
+    "commanded",
+    "camera",
+    "board",
+    "bag",
+    "contact_sheet",
+)
+"""Names of the statements of a :class:`Reading`."""
+
+
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(TableOptions):
     """Statements on a pose file that apply where its own names leave a question open."""
 
+    is_known: Callable[[str], bool] = is_documented
     angles: str | None = None
     """Convention of three angles that form an orientation: ``rotvec``, ``fixed-xyz``, ``kuka-abc``, …"""
     units: str | None = None
     """Units of columns whose names have none: ``mm,deg``."""
     columns: Mapping[str, str | None] | None = None
     """Documented name (``x_mm``) of each column by its name in the file; None for a column that is not read."""
-    skip_gaps: bool = False
-    """Leave out rows with a missing value, with a warning."""
     coverage: float | None = None
     """Coverage factor of uncertainties ``U``: 1 for standard, 2 for expanded uncertainties at 95 %."""
-    sheet: str | None = None
-    """Name of a workbook's sheet; None for its only sheet."""
     commanded: str | None = None
     """File with the commands: a robot program, or a table of joints or commanded poses."""
     camera: str | None = None
     """File of the camera, or cameras, that took images of a board."""
-    board: str | None = None
-    """File of the board that photos show."""
-    bag: str | None = None
-    """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
-    contact_sheet: str | None = None
-    """File to write with a picture of all photos, the points found in them and what is wrong."""
 
     def __post_init__(self) -> None:
         """Check the statements.
@@ -755,7 +749,7 @@ class Reading:
 
     def document(self) -> dict[str, Any]:
         """Return the statements that were made, for a result's options."""
-        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values = {name: getattr(self, name) for name in READING}
         return {name: dict(value) if name == "columns" else value for name, value in values.items() if value}
 
 
@@ -783,10 +777,8 @@ class PoseFile(str):
     It stands wherever a path of poses does: ``robacc.estimate(PoseFile("export.csv", units="mm,deg"), robot=…)``.
     """
 
-    __slots__ = ("frame", "reading")
+    __slots__ = ("reading",)
     reading: Reading
-    frame: Any
-    """Data frame, or part of a large file, that is read in place of the file; None for the whole file."""
 
     def __new__(
         cls,
@@ -833,13 +825,13 @@ class PoseFile(str):
             )
         )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
-        result.frame = getattr(path, "frame", None) if is_path else path
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
         files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
         given |= {name: None if file is None else os.fspath(file) for name, file in files.items()}
         stated |= {name: value for name, value in given.items() if value is not None}
-        result.reading = Reading(skip_gaps=skip_gaps, **stated)
+        frame = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
+        result.reading = Reading(skip_gaps=skip_gaps, frame=frame, **stated)
         return result
 
 
@@ -854,20 +846,12 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
 
     def file(part: TablePart) -> PoseFile:
         result = PoseFile(path)
-        result.reading, result.frame = reading, part
+        result.reading = replace(reading, frame=part)
         return result
 
-    return () if named else tuple(map(file, TablePart.divided(path, table_options(path))))
+    return () if named else tuple(map(file, TablePart.divided(path, reading)))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:
     """Return the statements that a path carries."""
     return path.reading if isinstance(path, PoseFile) else AS_NAMED
-
-
-def table_options(path: str | os.PathLike[str]) -> TableOptions:
-    """Return how the table at a path is to be read, with the statements that the path carries."""
-    reading = reading_of(path)
-    frame = path.frame if isinstance(path, PoseFile) else None
-    of_images = reading.board, reading.contact_sheet
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, *of_images, frame)

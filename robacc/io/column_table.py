@@ -26,7 +26,6 @@ from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
 from robacc.io.table_parts import PartTable, TablePart
 from robacc.plug_ins import plug_in, plug_in_names
 
-_UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 
 
@@ -243,15 +242,16 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         for i, item in enumerate(value):
             yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
     else:
-        yield "_".join(sorted("_".join(path).split("_"), key=_UNITS.__contains__)), value
+        yield (
+            "_".join(sorted("_".join(path).split("_"), key=("m", "mm", "um", "rad", "mrad", "deg").__contains__)),
+            value,
+        )
 
 
 # Open a table: a data frame, records, what a plug-in reads, or else text.
 #
 # Other packages add readers of further kinds of files, see :class:`Reader`.
 
-_PARQUET = b"PAR1"
-"""First and last bytes of every Parquet file."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
@@ -267,7 +267,6 @@ _OTHER_FILES = {
 """What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
 _LONGEST = 16
 """Bytes that tell one kind of file from another."""
-_SUFFIXES = frozenset({".parquet", ".pq"})
 _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
 """Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
 
@@ -339,13 +338,13 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         ("", ""),
     )
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
-    if kind or not is_text or first.startswith(_PARQUET) or suffix not in _OF_TEXT:
+    if kind or not is_text or first.startswith(b"PAR1") or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
         if (table := _by_plug_in(path, first, options, stream)) is not None:
             return table
     again = "export it again, or rename it to .csv if it is text"
     refuse(
         (kind, Problem(f"is {kind}, expected a table of poses", file, fix=fix)),
-        (suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
+        (suffix in (".parquet", ".pq"), Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
     )
     return TextTable(stream, file, options)

@@ -147,16 +147,12 @@ BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
-_NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
-"""Bytes that Windows-1252 leaves open."""
 
 
 Block = tuple[int, list[str]]
 """1-based number of the first line, and complete lines of the file without their ends."""
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_FEWEST_ROWS = 5
-"""Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
     {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
@@ -250,7 +246,7 @@ class TextTable(Table):
             return line.decode()
         except UnicodeDecodeError as error:
             self._encoding = "Windows-1252"
-            if len(self._not_text) < 1000 and any(byte in _NO_CHARACTER for byte in line):
+            if len(self._not_text) < 1000 and any(byte in b"\x81\x8d\x8f\x90\x9d" for byte in line):
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self._not_text.append((message, number))
             return line.decode("cp1252", errors="replace")
@@ -281,7 +277,8 @@ class TextTable(Table):
         cells = [self.dialect.split(line)[-1] for line in last if self.dialect.is_row(line) and '"' not in line]
         *above, ending = [len(cell.partition("," if self.dialect.decimal_comma else ".")[2]) for cell in cells] or [0]
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
-        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and ending < min(above):
+        # Five rows at least show how many decimals the column has.
+        if not self._ends_with_line and is_number and len(above) >= 5 and ending < min(above):
             has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
             self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
         self.log.remarks += [

@@ -41,7 +41,6 @@ from robacc.robots.description import Frame, Robot
 # An equilibrium deflection follows from the force at the deflected pose. A rigid-form deflection follows from the force
 # at the pose without deflections, which the arm's geometry moves but no deflection does.
 
-_STEPS = 60
 _CONVERGED = 1e-14
 """rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
 
@@ -87,7 +86,7 @@ class Deflections:
         if not (elastic := _springs(self._of_form(deflected=True), coefficients)):
             return scalars
         deflections, last_change = dict[int, NDArray[Any]](), np.inf
-        for _ in range(_STEPS):
+        for _ in range(60):
             previous, deflections = deflections, self._deflections_at(_moved(scalars, deflections), elastic)
             changes = [np.abs(values - previous.get(motion, 0.0)) for motion, values in deflections.items()]
             change = float(np.max(changes, initial=0.0))
@@ -453,6 +452,10 @@ class Model:
             robot = self.arm.robot
             bases = {name: fixture.base for name, fixture in robot.fixtures.items()} | {"": robot.base}
             scalars = _with_frames(self.arm, scalars, BASE, bases, data.fixture)
+        earlier = None
+        if data.reference is not None and data.kind is not None and data.fixture is not None:
+            between: NDArray[np.bool_] = (data.kind == "distance") & (data.fixture == "")
+            earlier = self.bind(data.reference, validity, fades=fades), between
         return BoundModel(
             self.arm,
             data.n,
@@ -463,17 +466,8 @@ class Model:
             tuple(i for i, terms in enumerate(free) for _ in terms),
             data.kind,
             data.seen,
-            self._at_earlier(data, validity, fades),
+            earlier,
         )
-
-    def _at_earlier(
-        self, data: Measurements, validity: Sequence[Validity] | None, fades: bool
-    ) -> tuple[BoundModel, NDArray[np.bool_]] | None:
-        """Return the model at the poses that distances are measured from, and the rows of such; None if none are."""
-        if data.reference is None or data.kind is None or data.fixture is None:
-            return None
-        rows: NDArray[np.bool_] = (data.kind == "distance") & (data.fixture == "")
-        return self.bind(data.reference, validity, fades=fades), rows
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:
@@ -537,8 +531,6 @@ def observed(kind: NDArray[Any], seen: Array | None, poses: Poses) -> tuple[NDAr
 
 
 NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
-_EQUAL = 0.01
-"""Share by which standard deviations along the axes may differ and count as equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -560,7 +552,7 @@ class Noise:
         ``orientation`` is a standard deviation, rad.
         """
         x, y, z = np.sqrt(position).tolist()
-        differ = max(x, y, z) > (1.0 + _EQUAL) * min(x, y, z)
+        differ = max(x, y, z) > 1.01 * min(x, y, z)
         return cls(float(np.sqrt(np.mean(position))), orientation, source, (x, y, z) if differ else None)
 
 

@@ -44,8 +44,6 @@ from robacc.statistics.intervals import interpolated
 # pass; each has its reason beside it.
 
 TURN = 2 * math.pi
-_LARGEST_ANGLE = 1.01 * TURN
-"""rad; roll, pitch, yaw or a rotation vector never need more than a turn."""
 _FREQUENT = 0.2
 """Share of poses beyond one turn: no joint of an arm reaches it, angles in degrees exceed it at once."""
 EXCESS_TOLERANCE = {"length": 5e-4, "angle": math.radians(0.05)}
@@ -55,10 +53,6 @@ _RANGE = 50.0
 """m; no arm on any track covers more; in mm the smallest cell does."""
 _DISTANCE = 200.0
 """m; beyond a laser tracker's range, so no instrument measures a robot there."""
-_SIGMA_USUAL = (1e-6, 1e-3)
-"""m; an interferometer on the bench reaches the first, a camera over a cell stays below the second."""
-_THOUSAND = (300.0, 3000.0)
-"""Ratio of two ranges of the same poses that only a mix-up of m and mm explains."""
 SMALL_RANGE = 0.05
 """m; below it the range may come from errors and outliers, not from motion."""
 
@@ -108,7 +102,8 @@ def thousandfold(first: Array, second: Array) -> float | None:
     low, high = sorted(ranges)
     # The smaller of the two must be motion: 0.3 mm of scatter about one commanded pose is not another unit.
     is_motion = high >= SMALL_RANGE and low * 1000 > SMALL_RANGE
-    return ranges[0] / ranges[1] if is_motion and _THOUSAND[0] < high / low < _THOUSAND[1] else None
+    # Only a mix-up of m and mm explains such a ratio of two ranges of the same poses.
+    return ranges[0] / ranges[1] if is_motion and 300.0 < high / low < 3000.0 else None
 
 
 def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
@@ -158,16 +153,8 @@ _FITS = 10.0
 _NEAR, _APART = math.log(5.0), math.log(4.0)
 """Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
 ratio by which another reading is worse. Units differ by 25 or more."""
-_LARGEST = 12.0
-"""m; commanded positions of an arm that stands or has a short track do not spread farther."""
 _SAMPLE = 400
 """Rows that are tried at most."""
-_FEWEST_OTHERS = 5
-"""Rows outside a stretch in another unit, at least …"""
-_LEAST_OTHERS = 0.1
-"""… and their least share of all rows."""
-_MOSTLY = 0.8
-"""Least share of the rows of a stretch that show its unit."""
 
 
 def check_units(
@@ -215,17 +202,16 @@ def check_units(
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
         first, last = (0, values.lines.size - 1) if large is None or not large.any() else np.flatnonzero(large)[[0, -1]]
         others = values.lines.size - (last + 1 - first)
-        is_many = others >= max(_FEWEST_OTHERS, _LEAST_OTHERS * values.lines.size)
-        if large is not None and is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
-            # These rows are one part of the file.
+        if large is not None and others >= max(5, 0.1 * values.lines.size) and np.mean(large[first : last + 1]) >= 0.8:
+            # Most rows of this stretch show the unit, and many rows are outside: it is one part of the file.
             wrong.add("part")
             found = f"{found}, from line {values.lines[first]} to {values.lines[last]} only"
             fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
         log.add(found, line, listing(names), fix)
 
     sigma = values.column_set(SIGMAS) if layout.unit_of_position else None
-    if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
-        # Uncertainties that are too large or too small in the unit of the position.
+    # m; an interferometer on the bench reaches the first, a camera over a cell stays below the second.
+    if sigma is not None and not 1e-6 <= float(np.median(sigma)) <= 1e-3:
         column = layout.columns[layout.unit_of_position[0]]
         typical = f"{float(np.median(sigma)) * column.divisor:.3g} {column.unit}"
         message = f"these columns state no unit, and {typical} is not a usual measuring uncertainty"
@@ -261,7 +247,8 @@ def check_units(
         log.add(f"{message}, so one of them is in mm", line, names, fix)
     for keys in (layout.orientation() or (), layout.orientation("cmd_") or ()):
         angles = bare(keys) if len(keys) == 3 else None
-        if angles is not None and (largest := np.max(np.abs(angles))) > _LARGEST_ANGLE:
+        # Roll, pitch, yaw or a rotation vector never need more than a turn.
+        if angles is not None and (largest := np.max(np.abs(angles))) > 1.01 * TURN:
             refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
     for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
         if (sigma := bare(keys)) is None:
@@ -352,7 +339,8 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
         known = (poses.translation, poses.rotation)
     at = commanded if known[0] is None else known[0]
     ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in (measured, at)]
-    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < _LARGEST):
+    # m; commanded positions of an arm that stands or has a short track do not spread farther than 12.
+    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < 12.0):
         return math.inf
     fits = float(measured is not None and unit_of_positions(measured, *known) == "m")
     angles = values.column_set(values.layout.orientation() or ())
@@ -530,14 +518,6 @@ def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]
 
 # Rows of a pose file that repeat an earlier row to the last digit.
 
-_OF_VISIT = frozenset(("pose", "cycle", "visit"))
-"""Columns that number the visits; a measurement is a copy whatever its visit is called."""
-_FEW = 0.1
-"""Largest share of rows that repeat the measurement of another visit for these to be called copies."""
-
-
-_MEASURED = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
-
 
 def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
     """Return the rows ``(N,)`` that repeat an earlier row or its measured values, which noise hardly ever does.
@@ -545,18 +525,20 @@ def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
     A warning names them; None without such rows.
     """
     n, counted = values.lines.size, values.log.counted
-    measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
+    keys = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
+    measured = values.numbers[[values.row_index[key] for key in keys if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
     first, second = _equal_pairs(values.numbers) if same_measured.size else same_measured
     equal, same_visit = np.ones((2, first.size), dtype=bool)
     for name, text in values.texts.items():
-        (same_visit if name in _OF_VISIT else equal)[text[first] != text[second]] = False
+        # A measurement is a copy whatever its visit is called.
+        (same_visit if name in ("pose", "cycle", "visit") else equal)[text[first] != text[second]] = False
     duplicate = equal & same_visit
     if duplicate.any():
         first, second = first[duplicate], second[duplicate]
         where = "an earlier row in every column"
     # Rounded values of many visits repeat by chance; a few to the last digit are copies.
-    elif 0 < np.count_nonzero(equal) <= _FEW * n:
+    elif 0 < np.count_nonzero(equal) <= 0.1 * n:
         first, second = first[equal], second[equal]
         where = "an earlier row of another visit to the last digit"
     elif same_measured.size and "x" in values.row_index and _are_copies(measured[:3], same_measured.shape[1]):
@@ -605,7 +587,6 @@ def _are_copies(position: Array, equal: int) -> bool:
 
 
 QUATERNION_TOLERANCE = 1e-3
-SPEED_TOLERANCE = 1e-6
 ABSOLUTE_ZERO = -273.15
 READ_BACK_TOLERANCE = 0.1
 """rad or m; an arm that stands is never as far from its command."""
@@ -617,7 +598,7 @@ _LARGEST_OF: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "
 
 _RULES: tuple[tuple[str, Callable[[Array], NDArray[np.bool_]], str], ...] = (
     ("dir_", lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1"),
-    ("speed_", lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1"),
+    ("speed_", lambda v: np.abs(v) > 1 + 1e-6, "expected a fraction of full speed, -1 to 1"),
     ("sigma_", lambda v: v <= 0, "expected a standard deviation above 0"),
     ("sigma_", lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"),
     ("payload_kg", lambda v: v < 0, "expected 0 kg or more"),

@@ -46,6 +46,8 @@ from robacc.poses.reading import (
     JOINT_COLUMN,
     OPEN,
     QUATERNION,
+    ROTATION_VECTOR,
+    RPY,
     SIGMAS,
     TEXTS,
     TIME_KEYS,
@@ -275,9 +277,8 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
     if lacking := [branch for branch, column in columns.items() if column is None and branch.loads_joints]:
         names = listing([branch.name for branch in lacking])
         where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
-        has, counts, fix = ("has", "counts", f"add the column {names}")
-        if len(lacking) > 1:
-            has, counts, fix = ("have", "count", "add a column for each")
+        one, many = ("has", "counts", f"add the column {names}"), ("have", "count", "add a column for each")
+        has, counts, fix = many if len(lacking) > 1 else one
         text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}"
         log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
     branches = [np.full(n, branch.position) if column is None else column for branch, column in columns.items()]
@@ -325,9 +326,6 @@ _NAMED_BY = {"point": ("socket",), "plane": ("plane",), "distance": ("anchor", "
 _PIXELS = ("u_px", "v_px")
 _BOARD = ("board_x", "board_y", "board_z")
 _LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
-_TEXTS = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
-_LARGEST = 100.0
-"""m; a larger length is in another unit."""
 _FAR_OFF = 1.0
 """px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
 
@@ -362,7 +360,8 @@ class KindTable(ReshapedTable):
         """Return the table without its columns of other kinds of measurement; None if it has none."""
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}
-        apart = {key: keys[key] for key in (*_TEXTS, *_LENGTHS) if key in keys}
+        texts = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
+        apart = {key: keys[key] for key in (*texts, *_LENGTHS) if key in keys}
         is_other = not {"distance", "socket", "plane", *_PIXELS}.isdisjoint(apart)
         others = [each for each in headings if _key(each) not in (*_BOARD, *_PIXELS)]
         parts = [part for each in others if (part := labelled(each)) and source_of(each.words) >= 0]
@@ -570,8 +569,8 @@ class KindTable(ReshapedTable):
         """Return the numbers ``(N,)`` of a column in m or px, 0 outside the ``rows``; ``default`` is of empty cells."""
         values, cells = np.zeros(data.n), self._column(key)
         unit = "px" if key in _PIXELS else unit
-        # px; no sensor is wider.
-        divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], _LARGEST)
+        # px; no sensor is wider. m; a larger length is in another unit.
+        divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], 100.0)
         for row in np.flatnonzero(rows).tolist():
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):
@@ -593,8 +592,6 @@ class KindTable(ReshapedTable):
 
 # Proposal of a column map: what the reader takes each column of an export for, as a file to correct.
 
-_RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
-"""Documented names of angles about fixed axes."""
 _CERTAIN = ("fixed-xyz",)
 """Conventions of angles whose names leave no other."""
 
@@ -665,5 +662,5 @@ def _meaning(column: Column, found: Layout) -> str:
     """Return the documented name with its unit; angles that are certainly about fixed axes are roll, pitch, yaw."""
     prefix = "cmd_" if column.key.startswith("cmd_") else ""
     stem = column.key.removeprefix(prefix)
-    is_certain = found.angles.get(prefix) == _CERTAIN
-    return replace(column, key=prefix + _RPY.get(stem, stem)).label if is_certain else column.label
+    named = dict(zip(ROTATION_VECTOR, RPY, strict=True)) if found.angles.get(prefix) == _CERTAIN else {}
+    return replace(column, key=prefix + named.get(stem, stem)).label

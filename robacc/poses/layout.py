@@ -50,17 +50,11 @@ from robacc.poses.reshaped_tables import advice_on_points
 _MAX_LISTED = 6
 """Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
-_ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
-_OF_KEY: Mapping[str, tuple[str, ...]] = {
-    "temperature_c": ("temperature",),
-    "payload_kg": ("mass",),
-    **dict.fromkeys(TIME_KEYS, ("time",)),
-}
 QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
 """Quantity of each kind of column that needs a unit; a joint of unknown type turns."""
-_UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
+_UNIT_OF_KEY = {"temperature_c": "degC", "payload_kg": "kg", **dict.fromkeys(("time_s", *TIME_KEYS), "s")}
 
 
 class Names(NamedTuple):
@@ -293,7 +287,7 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
     forms = (
         (True, advice_on_points(layout.unused)),
         (
-            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
+            words & {"az", "azimuth", "hz", "horizontal", "theta"} and words & {"dist", "distance", "range", "d", "r"},
             "the file has angles and distances of an instrument; export X, Y and Z",
         ),
         (
@@ -410,8 +404,6 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
 
 _JOINT = re.compile(r"q\d+")
-_EXTERNAL = re.compile(r"(?:.*[^a-z])?E\d\b.*")
-_STATE = re.compile(r"observation\.state_(\d+)")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
@@ -469,7 +461,7 @@ _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "accelera
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text, joints = heading.name.lower(), [name.lower() for name in names.robot.joint_names or ()]
-    if (match := _STATE.fullmatch(text)) and int(match[1]) <= len(joints):  # LeRobot's list
+    if (match := re.fullmatch(r"observation\.state_(\d+)", text)) and int(match[1]) <= len(joints):  # LeRobot's list
         return f"q{match[1]}"
     keys = (
         f"q{i}"
@@ -558,7 +550,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     free = [(i, name) for i, name in enumerate(table.names) if i not in taken]
     unused = [name for _, name in free if name]
     is_moving = {i: len({row[i : i + 1] for row in table.dialect.sample}) > 1 for i, _ in free}
-    moving = [name for i, name in free if _EXTERNAL.fullmatch(name) and is_moving[i]]
+    moving = [name for i, name in free if re.fullmatch(r"(?:.*[^a-z])?E\d\b.*", name) and is_moving[i]]
     ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
     stated = statement(columns, known.columns)
     for text in (
@@ -596,7 +588,7 @@ def _column(
     heading, meaning = candidate.heading, candidate.meaning
     kind: Kind = "text" if key in TIME_KEYS else names.kind(key)
     quantity = QUANTITY.get(kind, "")
-    fitting = _QUANTITIES.get(kind) or _OF_KEY.get(key, ())
+    fitting = _QUANTITIES.get(kind) or ((UNITS[_UNIT_OF_KEY[key]][0],) if key in _UNIT_OF_KEY else ())
     unit = heading.unit if fitting else None
     if unit and UNITS[unit][0] not in fitting:
         expected = f"expected a unit of {fitting[-1]}"

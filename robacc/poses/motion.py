@@ -23,8 +23,6 @@ from robacc.poses.reading import COMMANDED_AXES, Column
 
 _DAY = 86400.0
 _NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
-_YEAR_LAST = re.compile(r"(\d{1,2})([-/.])(\d{1,2})[-/.](\d{4}|\d{2})")
-_DATE = re.compile(r"\s*\d+[-/.]\d+[-/.]\d")
 _STAMP = re.compile(
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
     r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
@@ -80,7 +78,8 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         return _since_midnight(values / scale, log) if scale else values / columns[key].divisor
     if key == "time" and "date" in texts:
         column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
-    dates = [match for text in column.tolist() if (match := _YEAR_LAST.match(text))]
+    year_last = r"(\d{1,2})([-/.])(\d{1,2})[-/.](\d{4}|\d{2})"
+    dates = [match for text in column.tolist() if (match := re.match(year_last, text))]
     day_first = not dates or any(match[2] == "." or int(match[1]) > 12 for match in dates)
     if not day_first and all(int(match[3]) <= 12 for match in dates):
         log.add(
@@ -91,7 +90,7 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         )
         return np.full(lines.size, np.nan)
     values = each(key, column, partial(_seconds, day_first=day_first), "a date and time, or a time of day")
-    if any(map(_DATE.match, column.tolist())):
+    if any(re.match(r"\s*\d+[-/.]\d+[-/.]\d", text) for text in column.tolist()):
         return _since_midnight(values, log, zone="")
     log.warn(Note("time_s counts from midnight"), of_file=True)
     # A clock that falls by more than half a day has passed midnight.
@@ -140,11 +139,8 @@ Texts = NDArray[Any] | None
 
 def rank_among_equals(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
     """Return how many rows before each row have the same number."""
-    order = np.argsort(numbers, kind="stable")
-    ordered = numbers[order]
-    start = np.searchsorted(ordered, ordered)
-    rank = np.empty(numbers.size, dtype=np.int64)
-    rank[order] = np.arange(numbers.size) - start
+    order, rank = np.argsort(numbers, kind="stable"), np.empty(numbers.size, dtype=np.int64)
+    rank[order] = np.arange(numbers.size) - np.searchsorted(numbers[order], numbers[order])
     return rank
 
 
@@ -178,13 +174,10 @@ def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, A
     Every row has the motion that led to its visit. Visits follow each other in the order of their first rows.
     """
     _, first, number = np.unique(visits, return_index=True, return_inverse=True)
-    if first.size == visits.size:
-        return motion_between_rows(q)
-    order = np.argsort(first)
-    place = np.empty(order.size, dtype=np.int64)
-    place[order] = np.arange(order.size)
-    direction, speed = motion_between_rows(q[:, first[order]])
-    return direction[:, place[number]], speed[:, place[number]]
+    rows = np.sort(first)
+    direction, speed = motion_between_rows(q[:, rows])
+    place = np.searchsorted(rows, first)[number]
+    return direction[:, place], speed[:, place]
 
 
 def check_visits(values: Values, ordered: bool) -> None:

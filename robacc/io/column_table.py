@@ -242,10 +242,9 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         for i, item in enumerate(value):
             yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
     else:
-        yield (
-            "_".join(sorted("_".join(path).split("_"), key=("m", "mm", "um", "rad", "mrad", "deg").__contains__)),
-            value,
-        )
+        # A unit goes last.
+        words = sorted("_".join(path).split("_"), key={"m", "mm", "um", "rad", "mrad", "deg"}.__contains__)
+        yield "_".join(words), value
 
 
 # Open a table: a data frame, records, what a plug-in reads, or else text.

@@ -338,14 +338,7 @@ def _names_in(
         extra = 0 if dialect.separator else len(fields) - width
         fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
     # A column of remarks, which every row may leave out with its separator.
-    if len(fields) == width + 1 and fields[-1].lower() in [
-        "",
-        "comment",
-        "kommentar",
-        "remark",
-        "bemerkung",
-        "commentaire",
-    ]:
+    if len(fields) == width + 1 and re.fullmatch(r"|comment(aire)?|kommentar|remark|bemerkung", fields[-1].lower()):
         fields = fields[:-1]
     # Every row may end with a separator.
     return [*fields, ""] if len(fields) == width - 1 and not row[-1] else fields

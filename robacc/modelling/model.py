@@ -242,6 +242,7 @@ class BoundModel:
     """``(4, N)`` points of a board whose images rows are; see :class:`~robacc.measurements.Measurements`."""
     earlier: tuple[BoundModel, NDArray[np.bool_]] | None = None
     """The same model at the poses that distances are measured from, and the rows ``(N,)`` of such; None if none are."""
+    _layouts: dict[bytes, _Layout] = dataclasses.field(init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -331,10 +332,6 @@ class BoundModel:
             motions = own if is_plain else sorted({*own, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
             self._layouts[key] = (column, requested, motions, is_plain)
         return self._layouts[key]
-
-    @cached_property
-    def _layouts(self) -> dict[bytes, _Layout]:
-        return {}
 
     @cached_property
     def _entries(self) -> tuple[TermPart, ...]:

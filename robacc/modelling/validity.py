@@ -54,14 +54,16 @@ def resolve_campaign(
         if effect.get("effect") == "step"
     ]
     # The robot as the steps left it, without other effects of the campaign.
-    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps)) if steps else None
-    arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
+    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps))
     try:
-        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
+        errors = [
+            _registered_rms(predict(arm, data).translation, data.position)
+            for arm in (robot, with_effects, *([stepped] if steps else []))
+        ]
     except UsageError as error:
         return robot, (f"{start} and are left out: {error}",)
     # Equal but for rounding: a step of the base moves all poses.
-    if stepped is not None and errors[2] <= (1.0 + 1e-6) * min(errors[:2]):
+    if steps and errors[2] <= (1.0 + 1e-6) * min(errors[:2]):
         return stepped, (
             f"{start}; these poses are taken as measured after the step, whatever their time; `campaign` keep applies "
             "the effects by time",

@@ -586,8 +586,6 @@ def _are_copies(position: Array, equal: int) -> bool:
     return float(np.sum(cells * (cells - 1)) / 2) < 25.0 * equal
 
 
-QUATERNION_TOLERANCE = 1e-3
-ABSOLUTE_ZERO = -273.15
 READ_BACK_TOLERANCE = 0.1
 """rad or m; an arm that stands is never as far from its command."""
 SMALLEST_SIGMA = 1e-12
@@ -602,7 +600,7 @@ _RULES: tuple[tuple[str, Callable[[Array], NDArray[np.bool_]], str], ...] = (
     ("sigma_", lambda v: v <= 0, "expected a standard deviation above 0"),
     ("sigma_", lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"),
     ("payload_kg", lambda v: v < 0, "expected 0 kg or more"),
-    ("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more"),
+    ("temperature_c", lambda v: v < -273.15, "expected -273.15 degrees Celsius or more"),
 )
 """Start of the keys of columns, what is wrong with a value, and what is expected."""
 
@@ -675,10 +673,10 @@ def _check_length(values: Values, keys: Sequence[str]) -> None:
     with np.errstate(over="ignore"):
         length = vector_lengths(quaternion)
     values.log.add_rows(
-        np.abs(length - 1) > QUATERNION_TOLERANCE,
+        np.abs(length - 1) > 1e-3,
         values.lines,
         ", ".join(values.layout.columns[key].name for key in keys),
-        lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
+        lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within 0.001",
     )
 
 

@@ -137,13 +137,6 @@ def _seconds(text: str, day_first: bool) -> float | None:
 Texts = NDArray[Any] | None
 
 
-def rank_among_equals(numbers: NDArray[np.int64]) -> NDArray[np.int64]:
-    """Return how many rows before each row have the same number."""
-    order, rank = np.argsort(numbers, kind="stable"), np.empty(numbers.size, dtype=np.int64)
-    rank[order] = np.arange(numbers.size) - np.searchsorted(numbers[order], numbers[order])
-    return rank
-
-
 def numbered_visits(
     groups: NDArray[np.int64], visit: Texts, cycle: Texts, target: Texts, *, ordered: bool = True
 ) -> NDArray[np.int64]:
@@ -165,7 +158,13 @@ def numbered_visits(
     runs = np.cumsum(np.diff(runs, prepend=-1) != 0) if ordered else runs
     if cycle is not None:
         return runs
-    return np.arange(groups.size) if target is None else numbered(runs, rank_among_equals(numbered(runs, target)))
+    if target is None:
+        return np.arange(groups.size)
+    # A row's visit is the number of rows of the same target before it.
+    numbers = numbered(runs, target)
+    order, before = np.argsort(numbers, kind="stable"), np.empty_like(numbers)
+    before[order] = np.arange(numbers.size) - np.searchsorted(numbers[order], numbers[order])
+    return numbered(runs, before)
 
 
 def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, Array]:

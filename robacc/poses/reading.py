@@ -19,17 +19,17 @@ from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
 from robacc.io.table import TableOptions
 from robacc.io.table_parts import TablePart
-from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
+from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
 from robacc.measurements import Measurements
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
-_BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
-_SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])")
-_GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?")
-"""``Grad`` is a degree in German; ``grad`` may be a gradian, 400 to the turn."""
-_CHANNEL = re.compile(r"\d+\s*<(.*)>")
-"""Name of a channel behind its number, as loggers write it: ``101 <Trk X>``."""
+_WITH_UNIT = (
+    re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]"),
+    re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])"),
+    re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?"),
+)
+"""Forms of a name with its unit; ``Grad`` is a degree in German, ``grad`` may be a gradian, 400 to the turn."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
 _COMMANDED = frozenset(
@@ -247,7 +247,6 @@ class Meaning(NamedTuple):
 
 _FAMILIES = {"abc": ("a", "b", "c"), "abg": ("alpha", "beta", "gamma"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
 """Names of three angles that mean an orientation together."""
-_PLACED = re.compile(r"(?:observation)?(p|tvec|rvec|)\d+")
 _COORDINATES: Mapping[str, Meaning] = {
     **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},
     **{name: Meaning(name) for name in (*QUATERNION, *RPY)},
@@ -263,10 +262,10 @@ def heading_of(name: str) -> Heading:
     words = tuple(_TOKEN.findall(stem.lower()))
     if _WHOLE_NAMES.get(" ".join(words)) in TIME_KEYS:  # seconds of a stamp, not a stamp in seconds
         return Heading(name, words, None)
-    matches = filter(None, (form.fullmatch(stem) for form in (_BRACKETED, _SUFFIXED, _GERMAN_DEGREES)))
+    matches = filter(None, (form.fullmatch(stem) for form in _WITH_UNIT))
     if match := next((match for match in matches if match[2] == "Grad" or match[2].lower() in UNIT_NAMES), None):
         stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
-    if match := _CHANNEL.fullmatch(stem):
+    if match := re.fullmatch(r"\d+\s*<(.*)>", stem):  # a channel behind its number, as loggers write it: 101 <Trk X>
         stem = match[1]
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
@@ -350,7 +349,9 @@ def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Mea
     if oriented and joined in ("x", "y", "z", "w"):
         is_quaternion = any("w" in sibling.split() for sibling in siblings)
         return Meaning(f"q{joined}") if is_quaternion else Meaning(f"r{joined}", family="axes")
-    if (match := _PLACED.fullmatch(joined)) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
+    if (
+        match := re.fullmatch(r"(?:observation)?(p|tvec|rvec|)\d+", joined)
+    ) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
         places = sorted(sibling for sibling in siblings if sibling.rpartition(" ")[0] == text.rpartition(" ")[0])
         keys = ROTATION_VECTOR if match[1] == "rvec" else AXES
         if len(places) in (6, 7) and "pose" in core and not {"tcp", "robot", "ee"} & set(core):
@@ -503,8 +504,6 @@ def time_column(name: str, index: int = 0, label: str = "") -> Column | None:
 
 AGREES = np.radians(3.0)
 """rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
-_FEWEST = 4
-"""Comparisons that a decision needs."""
 
 
 def _about(axes: Sequence[int], angles: Array) -> Array:
@@ -560,7 +559,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     fours = np.stack([(first + step) % n for step in steps])
     turned = _turns(known, fours)
     fours, turned = fours[:, turned > 2 * AGREES], turned[turned > 2 * AGREES]
-    if n < len(steps) or turned.size < _FEWEST:
+    if n < len(steps) or turned.size < 4:  # a decision needs four comparisons
         return None
     tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
     return {name: float(np.median(np.abs(difference))) for name, difference in tried.items()}
@@ -583,7 +582,6 @@ def _turns(rotation: Array, fours: Array) -> Array:
 #   "X [mm]": x_mm
 #   Comment:                       # not read
 
-_VERSION = "1"
 OPEN = "unknown"
 """Entry of a statement that the user has to fill in; a command refuses it."""
 
@@ -595,24 +593,22 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         InputError: The file cannot be read, or has problems; with every problem, its line and key.
     """
     name = os.fspath(path)
-    source = Source(name)
-    kinds: dict[str, Callable[[yaml.Node, str], Any]] = {
-        "angles": partial(source.choice, options=tuple(CONVENTIONS)),
-        "units": source.text,
-        "coverage": source.number,
-        "sheet": source.text,
-        "bag": source.text,
-        "columns": partial(_read_columns, source),
+    kinds: dict[str, Callable[[Source, yaml.Node, str], Any]] = {
+        "angles": partial(Source.choice, options=tuple(CONVENTIONS)),
+        "units": Source.text,
+        "coverage": Source.number,
+        "sheet": Source.text,
+        "bag": Source.text,
+        "columns": _read_columns,
     }
-    result: dict[str, Any] = {}
-    if (top := source.section(compose(read_text(name), name), "", ("robacc_columns", *kinds))) is not None:
-        version = top.require("robacc_columns")
-        if version is not None and getattr(version, "value", None) != _VERSION:
-            source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
-        result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
-        if result.get("units") == OPEN:
-            source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-    source.raise_if_any()
+    top = top_section(read_text(name), name, ("robacc_columns", *kinds))
+    version = top.require("robacc_columns")
+    if version is not None and getattr(version, "value", None) != "1":
+        top.report("robacc_columns", f"expected 1, found {describe(version)}")
+    result = {key: read(top.source, node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
+    if result.get("units") == OPEN:
+        top.report("units", "is not filled in", "for example mm,deg")
+    top.source.raise_if_any()
     return result
 
 
@@ -669,9 +665,6 @@ class KnownRobot(NamedTuple):
 
 UNKNOWN_ROBOT = KnownRobot()
 """No robot is known."""
-
-
-_UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
 
 
 READING = (
@@ -735,7 +728,7 @@ class Reading(TableOptions):
         """
         result: dict[str, str] = {}
         for part in (self.units or "").split(",") if self.units else ():
-            unit = _UNIT_WORDS.get(part.strip(), part.strip())
+            unit = {"inch": "in", "°": "deg", "µm": "um"}.get(part.strip(), part.strip())
             quantity = UNITS.get(unit, ("", 0.0))[0]
             refuse(
                 (
@@ -765,10 +758,6 @@ class SupportsColumns(Protocol):
     @property
     def columns(self) -> Any:
         """Names of the columns."""
-
-
-_OF_TABLES = ("columns", "column_names", "__arrow_c_stream__", "__dataframe__")
-"""Attributes by which a data frame is known."""
 
 
 class PoseFile(str):
@@ -817,9 +806,10 @@ class PoseFile(str):
             InputError: The column map cannot be read.
         """
         is_path = isinstance(path, str | os.PathLike)
+        of_tables = ("columns", "column_names", "__arrow_c_stream__", "__dataframe__")
         refuse(
             (
-                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES),
+                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in of_tables),
                 f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
                 "frame of records, or Measurements(position=…, q=…) of arrays",
             )
@@ -828,10 +818,10 @@ class PoseFile(str):
         stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
         files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
-        given |= {name: None if file is None else os.fspath(file) for name, file in files.items()}
+        given |= {name: os.fspath(file) for name, file in files.items() if file is not None}
         stated |= {name: value for name, value in given.items() if value is not None}
-        frame = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
-        result.reading = Reading(skip_gaps=skip_gaps, frame=frame, **stated)
+        stated["frame"] = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
+        result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
 
 

@@ -44,13 +44,12 @@ from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
-from robacc.measurements import Measurements, commanded_groups
+from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
 from robacc.poses.cameras import PHOTO, seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
-from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
     AXES,
     READING,

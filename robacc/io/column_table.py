@@ -22,8 +22,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
-from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
-from robacc.io.table_parts import PartTable, TablePart
+from robacc.io.table import MAX_TEXT, PartTable, Table, TableBody, TableOptions, TablePart, TextTable
 from robacc.plug_ins import plug_in, plug_in_names
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)

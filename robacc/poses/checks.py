@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array, vector_lengths
 from robacc.io.files import ProblemLog, clip
-from robacc.measurements import Measurements, numbered
+from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
 from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
@@ -514,6 +514,77 @@ def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]
     extents = [each.reduceat(values[:, rows], start, axis=1) for each in (np.maximum, np.minimum)]
     wide = (extents[0] - extents[1]).max(axis=0) > widest
     return np.where(wide[number], np.arange(place.size), place)
+
+
+# Direction and speed of the joints' last motion: as given, or derived from the order of visits.
+
+
+def check_visits(values: Values, ordered: bool) -> None:
+    """Log each row that contradicts its ``visit``: other commands, or with ``ordered`` an earlier visit continued."""
+    visit = values.texts.get("visit")
+    if visit is None or visit.size < 2:
+        return
+    _, first, number = np.unique(visit, return_index=True, return_inverse=True)
+    origin = first[number]
+    sets = (values.column_set(keys) for keys in (values.layout.joints(), COMMANDED_AXES))
+    if (commands := next((commands for commands in sets if commands is not None), None)) is not None:
+        values.log.add_rows(
+            # rad or m; largest difference between the commands of the rows of a visit, from joints that were read back.
+            np.max(np.abs(commands - commands[:, origin]), axis=0) > 1e-3,
+            values.lines,
+            "visit",
+            lambda i: (
+                f"visit {clip(str(visit[i]))} has another command than on {values.log.counted} "
+                f"{values.lines[origin[i]]}; a visit is one arrival of the arm, so number each arrival differently"
+            ),
+        )
+    if ordered:
+        values.log.add_rows(
+            np.append(False, visit[1:] != visit[:-1]) & (origin < np.arange(visit.size)),
+            values.lines,
+            "visit",
+            lambda i: (
+                f"visit {clip(str(visit[i]))} continues after another visit began, although rows are said to be in the "
+                "order measured; number each arrival differently, or sort the rows"
+            ),
+        )
+
+
+def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None]:
+    """Return direction and speed ``(J, N)``: as given, derived from the order of visits, or 0 with a warning."""
+    layout, log = values.layout, values.log
+    q, time = values.column_set(layout.joints()), values.column("time_s")
+    derived: Sequence[Array | None] = (None, None)
+    if ordered and q is None:
+        text = "the file has no joint columns, so the order of rows does not give the joints' directions"
+        log.warn(text, of_file=True)
+    elif ordered and q is not None:
+        visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
+        grouping = None if cycle is None and target is None else commanded_groups(pose, q)
+        groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
+        derived = motion_between_visits(q, numbered_visits(groups, visit, cycle, target))
+    if time is not None and np.any(np.diff(time) < 0):
+        line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
+        cause = "the clock was set back, or the rows are not in the order measured"
+        log.warn(f"time_s decreases at {log.counted} {line}: {cause}", of_file=True)
+    result: list[Array | None] = []
+    for keys, motion in zip((layout.joints("dir_"), layout.joints("speed_")), derived, strict=True):
+        missing = [key for key in keys if key not in values.row_index]
+        table = values.column_set(keys)
+        if missing and (motion is not None or len(missing) < len(keys)):
+            table = np.zeros((len(keys), values.lines.size)) if motion is None else motion
+            for row, key in zip(table, keys, strict=True):
+                row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
+            if motion is None:
+                log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
+        result.append(table)
+    for names in zip(layout.joints("dir_"), layout.joints("speed_"), strict=True):
+        pair = values.numbers[[values.row_index[key] for key in names if key in values.row_index]]
+        if len(pair) == 2 and (opposite := pair[0] * pair[1] < 0).any():
+            place = f"{log.counted} {values.lines[np.argmax(opposite)]}"
+            text = f"{' and '.join(names)} have opposite signs at {place}: one of them is wrong"
+            log.warn(text, of_file=True)
+    return result[0], result[1]
 
 
 # Rows of a pose file that repeat an earlier row to the last digit.

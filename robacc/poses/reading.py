@@ -17,8 +17,7 @@ from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
-from robacc.io.table import TableOptions
-from robacc.io.table_parts import TablePart
+from robacc.io.table import TableOptions, TablePart
 from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
 from robacc.measurements import Measurements
 
@@ -815,7 +814,9 @@ class PoseFile(str):
             )
         )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
-        stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
+        stated: dict[str, Any] = (
+            read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
+        )
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
         files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
         given |= {name: os.fspath(file) for name, file in files.items() if file is not None}

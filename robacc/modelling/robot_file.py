@@ -163,8 +163,6 @@ def _check_effects(robot: Robot, text: str, file: str) -> None:
 # Write a fitted robot as a robot file, in the units and the layout of the file that the robot was read from.
 
 _OLD_COMMENTS = "the comments below are those of the robot file before the fit"
-_RELATIVE, _ABSOLUTE = 1e-9, 1e-11
-"""Differences between two documents that rounding to twelve digits explains."""
 
 
 def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
@@ -213,5 +211,6 @@ def _is_close(first: Any, second: Any) -> bool:
         return first.keys() == second.keys() and all(_is_close(first[key], second[key]) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         return len(first) == len(second) and all(map(_is_close, first, second))
-    are_numbers = isinstance(first, float) or isinstance(second, float)
-    return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE) if are_numbers else bool(first == second)
+    if isinstance(first, float) or isinstance(second, float):  # rounded to twelve digits
+        return math.isclose(first, second, rel_tol=1e-9, abs_tol=1e-11)
+    return bool(first == second)

@@ -148,8 +148,6 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
 # Units of columns without a unit in their names: checks, and the choice where one reading is left.
 
 _READINGS = {"length": ("m", "mm", "in", "cm"), "angle": ("rad", "deg")}
-_FITS = 10.0
-"""Advantage of a reading under which the positions, or the orientations, follow the arm."""
 _NEAR, _APART = math.log(5.0), math.log(4.0)
 """Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
 ratio by which another reading is worse. Units differ by 25 or more."""
@@ -331,7 +329,7 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
 def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:
     """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio.
 
-    It is less by :data:`_FITS` where positions, and where orientations, follow the arm.
+    It is less by 10 where positions, and where orientations, follow the arm.
     """
     q, measured, commanded = (values.column_set(keys) for keys in (values.layout.joints(), AXES, COMMANDED_AXES))
     if q is not None and robot.pose_at is not None:
@@ -347,7 +345,7 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
     if angles is not None and len(angles) == 3 and known[1] is not None:
         tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
         fits += float(min((tried or {"": math.inf}).values()) < AGREES)
-    return abs(math.log(ranges[0] / ranges[1])) - _FITS * fits
+    return abs(math.log(ranges[0] / ranges[1])) - 10.0 * fits
 
 
 # Orientations: their representation, and the convention of angles that names leave open.
@@ -486,11 +484,10 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     # Share of the rows that repeat a pose from which a file has repetitions.
     if np.mean(count[place] > 1) < 0.25:
         return data
-    names, number = np.unique(place, return_inverse=True)
-    ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
+    ids = np.array([f"P{k + 1}" for k in numbered(place).tolist()])
     log.warn(
-        f"{data.n} rows are read as {names.size} commanded poses and their repetitions, because joints differ "
-        f"by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
+        f"{data.n} rows are read as {np.count_nonzero(count)} commanded poses and their repetitions, because joints "
+        f"differ by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
         of_file=True,
     )
     return replace(data, pose=ids)

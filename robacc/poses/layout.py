@@ -47,8 +47,6 @@ from robacc.poses.reading import (
 )
 from robacc.poses.reshaped_tables import advice_on_points
 
-_MAX_LISTED = 6
-"""Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
@@ -338,8 +336,7 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
 
 def listing(names: Sequence[str]) -> str:
     """Return the names separated by commas, cut after six."""
-    n_more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 # Positions beside each other: those of the controller and of an instrument, of a body and of its markers.

@@ -105,8 +105,12 @@ class ColumnTable(Table):
         return np.where(infinite, np.nan, values)
 
     def _texts(self, index: int) -> NDArray[np.str_]:
-        texts, name = _as_text(self.column(index)[0]), self.labels[index]
-        is_sparse = index in self.sparse
+        """Return a column as text, empty where the value is missing and need not be there."""
+        column, name, is_sparse = self.column(index)[0], self.labels[index], index in self.sparse
+        if column.dtype.kind == "M":
+            texts = ["" if text == "NaT" else text for text in np.datetime_as_string(column).tolist()]
+        else:
+            texts = ["" if _is_missing(value) else _text(value) for value in column.tolist()]
         if is_sparse or not self.skip_gaps:
             filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in enumerate(texts, 1)]
             return np.array(filled, dtype=str)
@@ -121,13 +125,6 @@ def _is_missing(value: Any) -> bool:
         return bool(value != value)
     except TypeError:  # pandas.NA
         return True
-
-
-def _as_text(column: NDArray[Any]) -> list[str]:
-    """Return entries as text, empty where they are missing."""
-    if column.dtype.kind == "M":
-        return ["" if text == "NaT" else text for text in np.datetime_as_string(column).tolist()]
-    return ["" if _is_missing(value) else _text(value) for value in column.tolist()]
 
 
 def _text(value: Any) -> str:

@@ -21,9 +21,8 @@ from robacc.effects.drivers import is_outside, range_excess
 from robacc.errors import Problem, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, motion_between_visits, numbered_visits
 from robacc.modelling.model import Model
-from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty
 from robacc.prediction.predicting import RADIUS_PROBABILITY, steps_met
 from robacc.robots.arm import (

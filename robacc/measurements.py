@@ -282,11 +282,12 @@ def different(numbers: NDArray[np.int64]) -> int:
     return int(np.count_nonzero(np.bincount(numbers)))
 
 
-def numbered(values: NDArray[Any]) -> NDArray[np.int64]:
-    """Return the number ``(N,)`` of each value among the different ones; ``np.unique`` would import ``numpy.ma``."""
-    order = np.argsort(values, kind="stable")
-    number = np.zeros(values.size, dtype=np.int64)
-    number[order[1:]] = np.cumsum(values[order[1:]] != values[order[:-1]])
+def numbered(*columns: NDArray[Any]) -> NDArray[np.int64]:
+    """Return the number ``(N,)`` of each row's combination of values; ``np.unique`` would import ``numpy.ma``."""
+    order = np.lexsort(columns[::-1])
+    number = np.zeros(order.size, dtype=np.int64)
+    ordered = [column[order] for column in columns]
+    number[order[1:]] = np.cumsum(np.any([column[1:] != column[:-1] for column in ordered], axis=0))
     return number
 
 
@@ -301,6 +302,53 @@ def motion_between_rows(q: Array) -> tuple[Array, Array]:
     largest = np.max(np.abs(speed), axis=0, initial=0.0)
     np.divide(speed, largest, out=speed, where=largest > 0)
     return direction, speed
+
+
+def numbered_visits(
+    groups: NDArray[np.int64],
+    visit: NDArray[Any] | None,
+    cycle: NDArray[Any] | None,
+    target: NDArray[Any] | None,
+    *,
+    ordered: bool = True,
+) -> NDArray[np.int64]:
+    """Return the visit ``(N,)`` of each row.
+
+    A column ``visit`` decides. Without it, rows with the same commanded pose and cycle are a visit. Without cycles, a
+    target that is measured again belongs to the next visit, and so does each row of a file without targets.
+
+    Args:
+        groups: ``(N,)`` commanded pose of each row.
+        visit: ``(N,)`` ids, or None; likewise ``cycle`` and ``target``.
+        cycle: See ``visit``.
+        target: See ``visit``.
+        ordered: Rows are in the order measured: only consecutive rows share a visit.
+    """
+    if visit is not None:
+        return numbered(visit)
+    runs = groups if cycle is None else numbered(groups, cycle)
+    runs = np.cumsum(np.diff(runs, prepend=-1) != 0) if ordered else runs
+    if cycle is not None:
+        return runs
+    if target is None:
+        return np.arange(groups.size)
+    # A row's visit is the number of rows of the same target before it.
+    numbers = numbered(runs, target)
+    order, before = np.argsort(numbers, kind="stable"), np.empty_like(numbers)
+    before[order] = np.arange(numbers.size) - np.searchsorted(numbers[order], numbers[order])
+    return numbered(runs, before)
+
+
+def motion_between_visits(q: Array, visits: NDArray[np.int64]) -> tuple[Array, Array]:
+    """Return direction and relative speed, both ``(J, N)``, of direct moves from each visit to the next.
+
+    Every row has the motion that led to its visit. Visits follow each other in the order of their first rows.
+    """
+    _, first, number = np.unique(visits, return_index=True, return_inverse=True)
+    rows = np.sort(first)
+    direction, speed = motion_between_rows(q[:, rows])
+    place = np.searchsorted(rows, first)[number]
+    return direction[:, place], speed[:, place]
 
 
 def commanded_groups(ids: NDArray[Any] | None, commands: Array | None) -> Grouping | None:

@@ -6,7 +6,7 @@ import math
 import re
 from typing import Literal
 
-from robacc.errors import UsageError
+from robacc.errors import refuse
 
 SIGNIFICANT_DIGITS = 12
 """Significant digits of numbers in files: 1e-12 of an arm's reach is far below the resolution of any instrument, and
@@ -51,14 +51,17 @@ def size(value: float | str, dimension: Dimension, name: str) -> float:
         UsageError: The value is negative or not finite, or its unit is missing or of another dimension.
     """
     quantity = parse_quantity(value) if isinstance(value, str) else (float(value), None)
-    units = ", ".join(UNITS[dimension])
-    if quantity is None or not math.isfinite(quantity[0]) or quantity[1] not in (None, dimension):
-        raise UsageError(f"{name}: expected a number with a unit ({units}), found {value!r}")
-    if quantity[0] < 0:
-        raise UsageError(f"{name}: expected a size that is not negative, found {value!r}")
-    if isinstance(value, str) and quantity[1] is None and quantity[0] != 0:
-        raise UsageError(f"{name}: {value!r} has no unit; add a unit ({units}), for example {_EXAMPLE[dimension]}")
-    return quantity[0]
+    (number, unit), units = quantity or (math.nan, None), ", ".join(UNITS[dimension])
+    is_wrong, is_bare = not math.isfinite(number) or unit not in (None, dimension), isinstance(value, str) and not unit
+    refuse(
+        (is_wrong, f"{name}: expected a number with a unit ({units}), found {value!r}"),
+        (number < 0, f"{name}: expected a size that is not negative, found {value!r}"),
+        (
+            is_bare and number != 0,
+            f"{name}: {value!r} has no unit; add a unit ({units}), for example {_EXAMPLE[dimension]}",
+        ),
+    )
+    return number
 
 
 def optional_size(value: float | str | None, dimension: Dimension, name: str) -> float | None:

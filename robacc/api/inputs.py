@@ -44,25 +44,23 @@ from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_pieces, write_text
-from robacc.measurements import Measurements, commanded_groups
+from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
 from robacc.poses import csv_file
 from robacc.poses.cameras import PHOTO, seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
-from robacc.poses.motion import motion_between_visits, numbered_visits
 from robacc.poses.reading import (
     AXES,
+    READING,
     RPY,
     UNKNOWN_ROBOT,
     KnownRobot,
     PoseFile,
     Reading,
-    RowKeys,
     SupportsColumns,
     parts_of,
     reading_of,
-    table_options,
 )
 from robacc.poses.reshaped_tables import unit_of_positions
 from robacc.robots.arm import build_chain
@@ -71,20 +69,6 @@ from robacc.robots.yaml_robot import robot_to_yaml
 
 Read = TypeVar("Read")
 STDIN = "-"
-READING = (
-    "angles",
-    "units",
-    "columns",
-    "skip_gaps",
-    "coverage",
-    "sheet",
-    "commanded",
-    "camera",
-    "board",
-    "bag",
-    "contact_sheet",
-)
-"""Parameters that state how a file of poses is read."""
 RECORDED_APART = frozenset(
     ("poses", "robot", "scale", "tolerances", "against", "results", "seed", "jobs", "cluster", "progress", *READING)
 )
@@ -253,8 +237,6 @@ class Inputs:
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
             )
             data = replace(data, warnings=(*data.warnings, note))
-        if attained and not isinstance(source, Measurements):
-            data = seen_from_board(data, reading_of(path).camera)
         is_of_photos = data.is_of_images
         if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)
@@ -283,7 +265,7 @@ class Inputs:
         sample, *parts = parts_of(pose_path(source)) or (source,)
         data = self.poses(sample, robot, any_target=any_target, any_kind=any_kind)
         limits = self.arguments["ignore_limits"]
-        read = partial(_read_part, robot=robot, any_target=any_target, ignore_limits=limits)
+        read = partial(read_rows, robot=robot, any_target=any_target, ignore_limits=limits)
         return data, tuple(partial(read, part) for part in parts)
 
     def campaign(
@@ -330,20 +312,15 @@ class Inputs:
         return Provenance(options, inputs, self.arguments.get("seed"), self.outside, tuple(self.warnings))
 
 
-def _read_part(part: PoseFile, **options: Any) -> Measurements:
-    """Return the rows of a part of a large file."""
-    return seen_from_board(read_rows(part, **options), None)
-
-
 def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
     """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
     if poses is None or isinstance(poses, Measurements):
         return [f"q{i + 1}" for i in range(0 if poses is None or poses.q is None else poses.q.shape[0])]
     path = pose_path(poses)
-    if not (os.path.isfile(path) or os.path.isdir(path) or (isinstance(path, PoseFile) and path.frame is not None)):
+    if not (os.path.isfile(path) or os.path.isdir(path) or reading_of(path).frame is not None):
         return []
     # The reader of the poses reports what is wrong with the file.
-    with suppress(InputError, UsageError), open_table(path, table_options(path)) as table:
+    with suppress(InputError, UsageError), open_table(path, reading_of(path)) as table:
         return table.names
     return []
 
@@ -624,8 +601,8 @@ def _read_with_commands(
     else:
         planned = _table(commands, reading, robot, ignore_limits)
 
-    def known_poses(keys: RowKeys) -> tuple[Array | None, Array | None]:
-        given, found, _ = _joined(keys, planned, commands, path)
+    def known_poses(rows: Measurements) -> tuple[Array | None, Array | None]:
+        given, found, _ = _joined(rows, planned, commands, path)
         position, rotation = (
             None if part is None else np.where(found, part, np.nan) for part in _commanded_poses(given, robot)
         )
@@ -638,9 +615,7 @@ def _read_with_commands(
     refuse((has_own, Problem(own, measured.source, fix=fix)))
     if robot is not None:
         check_targets(measured, robot)
-    lines = np.arange(1, measured.n + 1) if measured.rows is None else measured.rows
-    keys = RowKeys(measured.pose, measured.time, lines, measured.gaps)
-    given, found, remarks = _joined(keys, planned, commands, measured.source)
+    given, found, remarks = _joined(measured, planned, commands, measured.source)
     given = given.subset(found)
     names = ("q", "commanded_position", "commanded_rotation", "pose", "direction", "speed", "branches", "branch_names")
     columns = {name: getattr(given, name) for name in names}
@@ -653,7 +628,8 @@ def _read_with_commands(
     texts = (type(remark)(f"{measured.source}: {remark}") for remark in remarks)
     warnings = (*data.warnings, *size_warnings, *planned.warnings, *texts)
     record = InputFile.at(commands, planned.sha256 or "", "commanded")
-    return replace(data, warnings=warnings), {"commanded": record.name, "commanded_sha256": record.sha256}
+    data = seen_from_board(replace(data, warnings=warnings), reading.camera)
+    return data, {"commanded": record.name, "commanded_sha256": record.sha256}
 
 
 def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
@@ -732,12 +708,12 @@ in measured ones the number of a repetition too, as in ``p1_2``; all but the las
 
 
 def _joined(
-    keys: RowKeys, planned: Measurements, path: str, source: str | None
+    rows: Measurements, planned: Measurements, path: str, source: str | None
 ) -> tuple[Measurements, NDArray[np.bool_], tuple[str, ...]]:
     """Return the command of each measured row, the rows that have one, and how the rows were joined.
 
     Args:
-        keys: Names, times and lines of the measured rows.
+        rows: Names, times and lines of the measured rows.
         planned: Commands.
         path: Their file.
         source: File of the measured poses.
@@ -745,7 +721,8 @@ def _joined(
     Raises:
         InputError: Most names or times have no command, a name has two, or the numbers of rows differ.
     """
-    n, names = keys.lines.size, keys.names
+    n, names = rows.n, rows.pose
+    lines = np.arange(1, n + 1) if rows.rows is None else rows.rows
     at, most, poses = np.full(n, -1), 0.0, names
     taught, measured = (np.empty(0, dtype=str) if column is None else column for column in (planned.pose, names))
     is_named = measured.size > 0 and any(not str(name).startswith("line ") for name in taught.tolist())
@@ -756,11 +733,11 @@ def _joined(
             [re.sub(pattern, "", re.sub(r"[\s_.-]+", "_", PHOTO.sub("", str(name).casefold()))) for name in column]
             for pattern, column in zip(form, (taught, measured), strict=True)
         )
-        rows = {name: i for i, name in reversed([*enumerate(given)]) if name}
+        commands = {name: i for i, name in reversed([*enumerate(given)]) if name}
         alike = len({*given}) < len({*taught}) or len({*wanted}) < len({*measured})
-        if form is _NAME_FORMS[-1] and (alike or not {*wanted} - {""} <= rows.keys()):
+        if form is _NAME_FORMS[-1] and (alike or not {*wanted} - {""} <= commands.keys()):
             continue  # one number of two names, or other numbers
-        found = np.array([rows.get(key, -1) for key in wanted])
+        found = np.array([commands.get(key, -1) for key in wanted])
         if (share := float(np.mean(found >= 0))) > most:
             at, most, poses = found, share, names if form[0] == form[1] else taught[found]
             grouping = commanded_groups(np.array(given), planned.commands)
@@ -769,7 +746,7 @@ def _joined(
                 raise InputError(Problem(message, path, fix="give each pose its own name"))
     remark: str = Note(f"commands of {path} joined by the names of the poses")
     # A file that counts from 0 and one that does not have no clock in common.
-    clocks = [time for time in (keys.time, planned.time) if time is not None and time.size > 1]
+    clocks = [time for time in (rows.time, planned.time) if time is not None and time.size > 1]
     if not most and len(clocks) == 2 and (clocks[0].min() == 0) == (clocks[1].min() == 0):
         planned, at = _by_time(clocks[0], clocks[1], planned)
         remark = Note(f"commands of {path} joined by the times of the rows")
@@ -778,18 +755,18 @@ def _joined(
         fix = "set both clocks alike, name the poses in both files, or leave the times out of one of them"
         refuse((np.mean(at >= 0) <= 0.5, Problem(message, source, fix=fix)))
     elif not most:
-        every = np.union1d(keys.lines, np.array(keys.gaps, dtype=np.int64))
+        every = np.union1d(lines, np.array(rows.gaps, dtype=np.int64))
         order = {name: i for i, name in enumerate(dict.fromkeys(measured.tolist()))}
         poses_and_rows = f"{len(order)} measured poses ({n} rows)" if order else f"{n} measured rows"
         message = f"found {poses_and_rows} and {planned.n} commands in {path}, which share no names"
         problem = Problem(message, source, fix="name the poses in both files, in a column pose")
         refuse((planned.n not in (every.size, n, len(order)), problem))
         # Rows that were left out have a command too.
-        at = np.searchsorted(every, keys.lines) if every.size == planned.n else np.arange(n)
+        at = np.searchsorted(every, lines) if every.size == planned.n else np.arange(n)
         if planned.n == len(order) < n:
             at = np.array([order[name] for name in measured.tolist()])
         remark = f"commands of {path} joined by the order of rows: the files share no names"
-    unmatched = [f"line {line}" for line in keys.lines[at < 0]] if names is None else names[at < 0].tolist()
+    unmatched = [f"line {line}" for line in lines[at < 0]] if names is None else names[at < 0].tolist()
     without = list(dict.fromkeys(map(str, unmatched)))
     listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
     message = f"{len(without)} of the measured poses have no command in {path}: {listed}"

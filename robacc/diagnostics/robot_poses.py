@@ -12,9 +12,10 @@ from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, Problem
 from robacc.fitting.levels import SAMPLE
 from robacc.measurements import Measurements, even_rows
+from robacc.poses.cameras import seen_from_board
 from robacc.poses.checks import TURN, central_range, check_scale, thousandfold
 from robacc.poses.csv_file import read_poses
-from robacc.poses.reading import BranchColumn, KnownRobot
+from robacc.poses.reading import BranchColumn, KnownRobot, reading_of
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 
@@ -59,14 +60,17 @@ def read_robot_poses(
 def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
     """Return the validated poses of a file: with a robot by :func:`read_robot_poses`, which has the ``options``.
 
+    Measured poses of a board in a camera on the hand are turned into those of the camera.
+
     Raises:
         InputError: Everything that is wrong with the file.
     """
-    return (
+    data = (
         read_poses(path, ordered=ordered)
         if robot is None
         else read_robot_poses(path, robot, ordered=ordered, **options)
     )
+    return seen_from_board(data, reading_of(path).camera) if options.get("attained", True) else data
 
 
 def joints_of(robot: Robot) -> KnownRobot:

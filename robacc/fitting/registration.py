@@ -25,9 +25,8 @@ from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, rotation_from_rpy, rpy_from_rotation
 from robacc.gravity import LEVEL
-from robacc.measurements import Measurements, different
+from robacc.measurements import Measurements, different, numbered
 from robacc.modelling.model import Model
-from robacc.poses.motion import numbered
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Robot, Vector
 

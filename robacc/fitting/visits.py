@@ -6,9 +6,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW
-from robacc.measurements import Measurements, different
+from robacc.measurements import Measurements, different, numbered_visits
 from robacc.poses.checks import MOST_POSES, close_groups
-from robacc.poses.motion import numbered_visits
 
 
 def visit_numbers(data: Measurements) -> NDArray[np.int64]:

@@ -18,9 +18,8 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
-from robacc.measurements import Measurements, different
+from robacc.measurements import Measurements, different, numbered
 from robacc.modelling.model import Noise
-from robacc.poses.motion import numbered
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.intervals import chi2_sf, f_sf
 

@@ -22,11 +22,9 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
-from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TextTable
-from robacc.io.table_parts import PartTable, TablePart
+from robacc.io.table import MAX_TEXT, PartTable, Table, TableBody, TableOptions, TablePart, TextTable
 from robacc.plug_ins import plug_in, plug_in_names
 
-_UNITS = frozenset({"m", "mm", "um", "rad", "mrad", "deg"})
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 
 
@@ -107,8 +105,12 @@ class ColumnTable(Table):
         return np.where(infinite, np.nan, values)
 
     def _texts(self, index: int) -> NDArray[np.str_]:
-        texts, name = _as_text(self.column(index)[0]), self.labels[index]
-        is_sparse = index in self.sparse
+        """Return a column as text, empty where the value is missing and need not be there."""
+        column, name, is_sparse = self.column(index)[0], self.labels[index], index in self.sparse
+        if column.dtype.kind == "M":
+            texts = ["" if text == "NaT" else text for text in np.datetime_as_string(column).tolist()]
+        else:
+            texts = ["" if _is_missing(value) else _text(value) for value in column.tolist()]
         if is_sparse or not self.skip_gaps:
             filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in enumerate(texts, 1)]
             return np.array(filled, dtype=str)
@@ -123,13 +125,6 @@ def _is_missing(value: Any) -> bool:
         return bool(value != value)
     except TypeError:  # pandas.NA
         return True
-
-
-def _as_text(column: NDArray[Any]) -> list[str]:
-    """Return entries as text, empty where they are missing."""
-    if column.dtype.kind == "M":
-        return ["" if text == "NaT" else text for text in np.datetime_as_string(column).tolist()]
-    return ["" if _is_missing(value) else _text(value) for value in column.tolist()]
 
 
 def _text(value: Any) -> str:
@@ -243,15 +238,15 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         for i, item in enumerate(value):
             yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
     else:
-        yield "_".join(sorted("_".join(path).split("_"), key=_UNITS.__contains__)), value
+        # A unit goes last.
+        words = sorted("_".join(path).split("_"), key={"m", "mm", "um", "rad", "mrad", "deg"}.__contains__)
+        yield "_".join(words), value
 
 
 # Open a table: a data frame, records, what a plug-in reads, or else text.
 #
 # Other packages add readers of further kinds of files, see :class:`Reader`.
 
-_PARQUET = b"PAR1"
-"""First and last bytes of every Parquet file."""
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
 _FOLDER = "export the poses as CSV; of photos of a board, name the folder"
 _OTHER_FILES = {
@@ -268,7 +263,6 @@ _OTHER_FILES = {
 """What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
 _LONGEST = 16
 """Bytes that tell one kind of file from another."""
-_SUFFIXES = frozenset({".parquet", ".pq"})
 _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
 """Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
 
@@ -340,13 +334,13 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         ("", ""),
     )
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
-    if kind or not is_text or first.startswith(_PARQUET) or suffix not in _OF_TEXT:
+    if kind or not is_text or first.startswith(b"PAR1") or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
         if (table := _by_plug_in(path, first, options, stream)) is not None:
             return table
     again = "export it again, or rename it to .csv if it is text"
     refuse(
         (kind, Problem(f"is {kind}, expected a table of poses", file, fix=fix)),
-        (suffix in _SUFFIXES, Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
+        (suffix in (".parquet", ".pq"), Problem("is not a Parquet file: it does not begin with PAR1", file, fix=again)),
     )
     return TextTable(stream, file, options)

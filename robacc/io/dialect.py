@@ -20,8 +20,6 @@ GAPS = frozenset(
 """Entries for a value that was not measured, in small letters."""
 _GROUPED_BEFORE_POINT = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|('\d{3})+(\.\d*)?|( \d{3})+\.\d*)")
 _GROUPED_BEFORE_COMMA = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|('\d{3})+(,\d*)?|( \d{3})+,\d*)")
-_THOUSANDS = re.compile(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?")
-_WITH_UNIT = re.compile(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", re.IGNORECASE)
 _SIGNS = str.maketrans({"\u2212": "-", "\u2019": "'", "\u00a0": " ", "\u202f": " "})
 """Minus, apostrophe and unbreakable blanks of typesetting."""
 
@@ -65,12 +63,13 @@ def from_spreadsheet(text: str) -> str:
 
 def advice(field: str, column: str, decimal_comma: bool) -> str | None:
     """Return what to do about a field that is no number."""
-    bare, may_group = field.replace(",", ""), _THOUSANDS.fullmatch(field) is not None
+    bare, may_group = field.replace(",", ""), re.fullmatch(r"[+-]?\d{1,3}([.,' ]\d{3})+([.,]\d*)?", field)
     has_comma = not decimal_comma and field.count(",") == 1 and bare.lstrip("+-").isdecimal()
     either = f"the comma may separate thousands: write {bare} or {field.replace(',', '.')}"
+    with_unit = re.fullmatch(r"[+-]?\d+([.,]\d*)?\s*(mm|m|um|µm|in|deg|rad|°|%)", field, re.IGNORECASE)
     rules = (
         (field == column, "delete the repeated header row"),
-        (_WITH_UNIT.fullmatch(field), "write the number alone, and the unit in the column's name"),
+        (with_unit, "write the number alone, and the unit in the column's name"),
         (has_comma and may_group, either),
         (has_comma, "write decimals with a point, not a comma"),
         (may_group, "export numbers without a separator of thousands"),
@@ -126,9 +125,6 @@ def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
 
 NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_DECIMAL = re.compile(r"[+-]?\d*[.,]\d+")
-"""Number that is no name of a column, as a plain 1 may be."""
-_COMMENTS = ("#", "//", "%", "!")
 _MARK = re.compile(r"^\s*(#+|//+|%+|!+)\s*")
 """Beginning of a comment."""
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
@@ -139,12 +135,8 @@ _STATISTIC = re.compile(
     re.IGNORECASE,
 )
 """First field of a line below a table that sums it up."""
-_SAMPLED = 100
-"""First lines of the table that are kept as a sample; of numbers without names they show the arm's motion."""
 _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
-_REMARKS = frozenset({"", "comment", "kommentar", "remark", "bemerkung", "commentaire"})
-"""Names of a last column that every row may leave out with its separator."""
 _ABOVE = 3
 """Lines above the first row in which its header is looked for: names, and units in a line of their own."""
 _UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
@@ -268,7 +260,7 @@ def _table(
     lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int
 ) -> tuple[tuple[int, bool, int], TableDialect] | None:
     """Return the longest table with this separator, and its score; None where no line has ``fewest`` numbers."""
-    dialect = TableDialect(separator, comments=_COMMENTS)
+    dialect = TableDialect(separator, comments=("#", "//", "%", "!"))
     grid = [dialect.fields(line) for line in lines]
     if separator != ",":
         rows = (fields for line, fields in zip(lines, grid, strict=True) if dialect.is_row(line))
@@ -309,7 +301,7 @@ def _with_header(
     rows_above = {i for i in as_wide[1:] if any(map(dialect.is_number, grid[i]))}
     for i in [i for i in range(start - 1, -1, -1) if lines[i].strip() and i not in rows_above][:_ABOVE]:
         fields = _names_in(lines[i], grid[i], grid[start], dialect, is_known)
-        if len(fields) != width or _is_gap(fields) or any(map(_DECIMAL.fullmatch, fields)):
+        if len(fields) != width or _is_gap(fields) or any(re.fullmatch(r"[+-]?\d*[.,]\d+", text) for text in fields):
             continue
         if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
             units = fields
@@ -325,7 +317,8 @@ def _with_header(
         stems = [unit.strip("[]()<>{} ") for unit in units]
         names = tuple(f"{name} [{unit}]" if unit.strip("-") else name for name, unit in zip(names, stems, strict=True))
     preamble = tuple(line for i, line in enumerate(lines[:start]) if line.strip() and i != header_line)
-    rows = tuple(tuple(grid[i]) for i in range(start, min(start + _SAMPLED, len(lines))) if dialect.is_row(lines[i]))
+    # Of numbers without names, the first lines show the arm's motion.
+    rows = tuple(tuple(grid[i]) for i in range(start, min(start + 100, len(lines))) if dialect.is_row(lines[i]))
     return dialect._replace(header_line=header_line, first_row=first_row, names=names, preamble=preamble, sample=rows)
 
 
@@ -344,7 +337,8 @@ def _names_in(
         # Words of the first name, or a last column that every row leaves out.
         extra = 0 if dialect.separator else len(fields) - width
         fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
-    if len(fields) == width + 1 and fields[-1].lower() in _REMARKS:
+    # A column of remarks, which every row may leave out with its separator.
+    if len(fields) == width + 1 and re.fullmatch(r"|comment(aire)?|kommentar|remark|bemerkung", fields[-1].lower()):
         fields = fields[:-1]
     # Every row may end with a separator.
     return [*fields, ""] if len(fields) == width - 1 and not row[-1] else fields

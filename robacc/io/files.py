@@ -193,11 +193,11 @@ def _opened(name: str) -> AbstractContextManager[BinaryIO]:
         return open(name, "rb")
     try:
         import fsspec
-    except ImportError as error:
-        raise UsageError(f"{name} needs an optional package; run {install_advice('cluster')}") from error
-    try:
+
         opened: AbstractContextManager[BinaryIO] = fsspec.open(name, "rb")
-    except (ImportError, ValueError) as error:
+    except ModuleNotFoundError as error:
+        raise UsageError(f"{name} needs an optional package; run {install_advice('cluster')}") from error
+    except (ImportError, ValueError) as error:  # fsspec raises ImportError for a missing package of a store
         raise InputError(Problem(f"cannot be read: {error}", name)) from error
     return opened
 

@@ -41,8 +41,10 @@ def json_pieces(document: Mapping[str, Any]) -> Iterator[str]:
 def _pieces(value: Any, indent: str) -> Iterator[str]:
     """Yield the text of a value with items."""
     is_record = isinstance(value, dict | Mapping)
-    if isinstance(value, np.ndarray):
+    if isinstance(value, np.ndarray) and value.ndim < 3 and value.dtype.kind in "fiub" and len(value) > _ROWS_AT_ONCE:
         yield from _array(value, indent)
+    elif isinstance(value, np.ndarray):
+        yield from _pieces(value.tolist(), indent)
     elif not value:
         yield "{}" if is_record else "[]"
     elif is_record or any(map(_is_nested, value)):
@@ -67,43 +69,23 @@ def _is_nested(value: Any) -> bool:
 
 
 def _scalar(value: Any) -> str:
+    """Return the JSON of a string or number; control and bidirectional characters are escaped for terminals."""
     if isinstance(value, float):  # as are NumPy's
         return float.__repr__(value) if math.isfinite(value) else "null"
-    return _text(value.item() if isinstance(value, np.generic) else value)
-
-
-def _text(value: Any) -> str:
-    """Return the JSON of a string or number; control and bidirectional characters are escaped for terminals."""
+    value = value.item() if isinstance(value, np.generic) else value
     text = _ENCODE(value)
     return text if text.isprintable() else json.dumps(value)
 
 
 def _array(array: NDArray[Any], indent: str) -> Iterator[str]:
-    if array.ndim > 2 or array.dtype.kind not in "fiub" or 0 in array.shape[:1]:
-        yield from _pieces(list(array), indent)
-        return
-    inner = indent + "  "
-    opening, between, closing = ("[", ", ", "]") if array.ndim == 1 else (f"[\n{inner}", f",\n{inner}", f"\n{indent}]")
-    dumps = _dumps if len(array) <= _ROWS_AT_ONCE else _fast_dumps
-    for start in range(0, len(array), _ROWS_AT_ONCE):
-        rows = dumps(array[start : start + _ROWS_AT_ONCE])
-        yield opening + rows[1:-1].replace("], [", f"],\n{inner}[")
-        opening = between
-    yield closing
-
-
-def _fast_dumps(array: NDArray[Any]) -> str:
-    """Return what :func:`_dumps` does, by orjson, without spaces in a row."""
+    """Yield the text of a large array of numbers, without spaces in a row of several."""
     import orjson
 
-    text = orjson.dumps(np.ascontiguousarray(array), option=orjson.OPT_SERIALIZE_NUMPY)
-    return text.replace(b"],[", b"], [").decode()
-
-
-def _dumps(array: NDArray[Any]) -> str:
-    """Return an array's rows on one line; numbers that are not finite become null."""
-    if array.dtype.kind == "f" and not np.all(np.isfinite(array)):
-        finite = np.isfinite(array)
-        array = array.astype(object)
-        array[~finite] = None
-    return _text(array.tolist())
+    inner = indent + "  "
+    opening, between, closing = ("[", ", ", "]") if array.ndim == 1 else (f"[\n{inner}", f",\n{inner}", f"\n{indent}]")
+    for start in range(0, len(array), _ROWS_AT_ONCE):
+        rows = np.ascontiguousarray(array[start : start + _ROWS_AT_ONCE])
+        text = orjson.dumps(rows, option=orjson.OPT_SERIALIZE_NUMPY).decode()
+        yield opening + text[1:-1].replace("],[", f"],\n{inner}[")
+        opening = between
+    yield closing

@@ -10,8 +10,10 @@ from __future__ import annotations
 import contextlib
 import csv
 import hashlib
+import io
 import itertools
 import math
+import os
 import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
@@ -33,7 +35,7 @@ from robacc.io.dialect import (
     split_cell,
     units_of_columns,
 )
-from robacc.io.files import ProblemLog, clip
+from robacc.io.files import ProblemLog, clip, opened
 
 MAX_COLUMNS = 2000
 """Largest number of columns of a table."""
@@ -48,17 +50,17 @@ class TableOptions:
     is_known: Callable[[str], bool]
     """Whether a name is a documented one."""
     skip_gaps: bool = False
-    """Leave out rows with a missing value, in place of a problem for each."""
+    """Leave out rows with a missing value, with a warning, in place of a problem for each."""
     sheet: str | None = None
-    """Sheet of a workbook; None for its only sheet."""
+    """Name of a workbook's sheet; None for its only sheet."""
     bag: str | None = None
-    """Topics and samples of a recording, as the reader of recordings takes them."""
+    """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
     board: str | None = None
-    """File of the board that photos show, as the reader of photos takes it."""
+    """File of the board that photos show."""
     contact_sheet: str | None = None
-    """File to write with a picture of all photos."""
+    """File to write with a picture of all photos, the points found in them and what is wrong."""
     frame: Any = None
-    """Data frame that is read in place of a file."""
+    """Data frame, or part of a large file, that is read in place of the file; None for the whole file."""
 
 
 class TableBody(NamedTuple):
@@ -147,16 +149,12 @@ BOM = b"\xef\xbb\xbf"
 _UTF16 = (b"\xff\xfe", b"\xfe\xff")
 _UTF16_LIMIT = 1 << 28
 """Largest UTF-16 file, bytes: it is decoded in one piece."""
-_NO_CHARACTER = b"\x81\x8d\x8f\x90\x9d"
-"""Bytes that Windows-1252 leaves open."""
 
 
 Block = tuple[int, list[str]]
 """1-based number of the first line, and complete lines of the file without their ends."""
 
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_FEWEST_ROWS = 5
-"""Rows at the end of a file, at most and at least, that show how many decimals a column has."""
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
     {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
@@ -250,7 +248,7 @@ class TextTable(Table):
             return line.decode()
         except UnicodeDecodeError as error:
             self._encoding = "Windows-1252"
-            if len(self._not_text) < 1000 and any(byte in _NO_CHARACTER for byte in line):
+            if len(self._not_text) < 1000 and any(byte in b"\x81\x8d\x8f\x90\x9d" for byte in line):
                 message = f"byte {error.start + 1} of the line, 0x{line[error.start]:02x}, is not UTF-8"
                 self._not_text.append((message, number))
             return line.decode("cp1252", errors="replace")
@@ -281,7 +279,8 @@ class TextTable(Table):
         cells = [self.dialect.split(line)[-1] for line in last if self.dialect.is_row(line) and '"' not in line]
         *above, ending = [len(cell.partition("," if self.dialect.decimal_comma else ".")[2]) for cell in cells] or [0]
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
-        if not self._ends_with_line and is_number and len(above) >= _FEWEST_ROWS and ending < min(above):
+        # Five rows at least show how many decimals the column has.
+        if not self._ends_with_line and is_number and len(above) >= 5 and ending < min(above):
             has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
             self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
         self.log.remarks += [
@@ -448,3 +447,97 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
         (all(number_of(name, decimal_comma=False) is not None for name in names), rows),
     )
     return names
+
+
+# Parts of a text table that is too large for the memory: some bytes of it in whole lines, read as a table each.
+
+LARGE = 1 << 26
+"""Bytes from which a table is read in parts: half a million poses, whose columns fill some hundred megabytes."""
+_PART = 1 << 24
+"""Bytes of a part: the columns and errors of its poses are small beside the programs' own memory."""
+_SAMPLES, _SAMPLE = 256, 1 << 13
+"""Places of the file, evenly spread, and bytes at each, that are a sample of it: some ten thousand poses."""
+
+
+class TablePart(NamedTuple):
+    """Lines of a large text table."""
+
+    path: str
+    head: bytes
+    """First lines of the file, up to the names of the columns."""
+    spans: tuple[tuple[int, int, int], ...]
+    """First byte, byte behind the last one, and number of the first line of each piece."""
+    sha256: str
+    """Digest of the whole file."""
+
+    @classmethod
+    def divided(cls, path: str, options: TableOptions) -> tuple[TablePart, ...]:
+        """Return an evenly spread sample of a large file of the documented form, and the parts that are the whole.
+
+        Nothing for any other file.
+
+        The file is read once, for its digest and the numbers of its lines.
+
+        Raises:
+            InputError: The file cannot be read, or is no table.
+        """
+        is_small = "://" not in path and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE)
+        if options.frame is not None or is_small:
+            return ()
+        with opened(path) as stream:
+            if (size := stream.seek(0, os.SEEK_END)) < LARGE:
+                return ()
+            stream.seek(0)
+            lines = stream.read(4 * _BLOCK).split(b"\n")
+            names = next(
+                (i for i, line in enumerate(lines) if line.strip() and not line.removeprefix(BOM).startswith(b"#")),
+                None,
+            )
+            if names is None or b"\0" in lines[0]:
+                return ()
+            head = b"\n".join(lines[: names + 1]) + b"\n"
+            try:
+                table = TextTable(io.BytesIO(head), path, options)
+            except InputError:
+                return ()  # The whole file shows what it is.
+            if not table.dialect.is_documented or not all(map(options.is_known, table.names)):
+                return ()
+            stream.seek(0)
+            ends = np.linspace(len(head), size, 1 + -(-(size - len(head)) // _PART), dtype=np.int64)
+            samples = np.linspace(len(head), size, 2 * _SAMPLES + 1, dtype=np.int64)[1::2]
+            places = {len(head): (len(head), names + 2)}
+            wanted = np.unique((*ends, *samples, *(samples + _SAMPLE))).tolist()[1:]
+            digest, position, number = hashlib.sha256(), 0, 1
+            while block := stream.read(4 * _BLOCK):
+                digest.update(block)
+                while wanted and wanted[0] <= position + len(block):
+                    end = block.find(b"\n", max(wanted[0] - position - 1, 0)) + 1
+                    if not end:
+                        break
+                    places[wanted.pop(0)] = position + end, number + block.count(b"\n", 0, end)
+                position, number = position + len(block), number + block.count(b"\n")
+            places |= dict.fromkeys(wanted, (position, number))
+
+        def part(first: np.int64, last: np.int64) -> tuple[int, int, int]:
+            (start, line), (stop, _) = places[int(first)], places[int(last)]
+            return start, stop, line
+
+        spread = tuple(part(start, start + _SAMPLE) for start in samples)
+        pieces = [spread, *((part(*pair),) for pair in itertools.pairwise(ends))]
+        return tuple(cls(path, head, spans, digest.hexdigest()) for spans in pieces)
+
+
+class PartTable(TextTable):
+    """Table of a part; its rows have the numbers of their lines in the file."""
+
+    def __init__(self, part: TablePart, options: TableOptions) -> None:
+        """Read the names of the columns."""
+        self._part, self.sha256 = part, part.sha256
+        super().__init__(io.BytesIO(part.head), part.path, options)
+
+    def _read_blocks(self, stream: io.BufferedIOBase, number: int = 1) -> Iterator[Block]:  # type: ignore[override]
+        yield from super()._read_blocks(stream, number)  # type: ignore[arg-type]
+        with opened(self._part.path) as whole:
+            for start, stop, first in self._part.spans:
+                whole.seek(start)
+                yield from super()._read_blocks(io.BytesIO(whole.read(stop - start)), first)

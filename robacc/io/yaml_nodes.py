@@ -21,9 +21,6 @@ MAX_NODES = 50_000
 MAX_LENGTH = 4 * 2**20
 """Characters: far above any robot or gate file; a faulty file of this size takes some ten seconds to check."""
 
-_READ_OTHERWISE = frozenset("\t?&*!\ufeff\x85\u2028\u2029")
-"""Characters that PyYAML's two readers read differently, or that the limited one refuses."""
-
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """Decimal numbers only: YAML 1.1 reads 1e-4 as text, 010 as eight and 1:30 as ninety."""
 _POINT = "write decimals with a point, as in 162.5; a comma separates entries"
@@ -61,7 +58,8 @@ def compose(text: str, file: str) -> yaml.Node:
     )
     try:
         loader: Any = yaml.SafeLoader
-        if yaml.__with_libyaml__ and _READ_OTHERWISE.isdisjoint(text):
+        # PyYAML's two readers read these characters differently, or the limited one refuses them.
+        if yaml.__with_libyaml__ and set("\t?&*!\ufeff\x85\u2028\u2029").isdisjoint(text):
             with contextlib.suppress(yaml.scanner.ScannerError, yaml.parser.ParserError):  # the other reader words it
                 _check_events(text, yaml.CSafeLoader)
                 loader = yaml.CSafeLoader

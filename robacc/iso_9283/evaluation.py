@@ -37,8 +37,7 @@ from robacc.iso_9283.criteria import (
     repeatability,
     visits_of,
 )
-from robacc.measurements import Measurements
-from robacc.poses.motion import motion_between_visits, numbered_visits
+from robacc.measurements import Measurements, motion_between_visits, numbered_visits
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
 

@@ -41,7 +41,6 @@ from robacc.robots.description import Frame, Robot
 # An equilibrium deflection follows from the force at the deflected pose. A rigid-form deflection follows from the force
 # at the pose without deflections, which the arm's geometry moves but no deflection does.
 
-_STEPS = 60
 _CONVERGED = 1e-14
 """rad or m: largest change of a deflection by all further sweeps at which the iteration ends."""
 
@@ -57,134 +56,6 @@ MotionGain = tuple[int, int, Any]
 """A column, a motion, and the gain ``(N,)``, or a constant, by which the column's coefficient moves the motion."""
 _Spring = tuple[Weighted, Any]
 """A motion with its loads, and the factor, a number or ``(N,)``, of gravity's force by which the motion deflects."""
-
-
-@dataclass(frozen=True)
-class Deflections:
-    """Elastic parts of a model bound to ``n`` poses of ``arm``."""
-
-    arm: Arm
-    n: int
-    entries: tuple[TermPart, ...]
-
-    @cached_property
-    def counts(self) -> tuple[int, ...]:
-        """Motion counts after which a sweep must keep the frame of a load."""
-        return tuple(sorted({load.after for entry in self.entries for load in entry.part.loads or ()}))
-
-    def _of_form(self, *, deflected: bool) -> list[TermPart]:
-        """Return the parts whose force is evaluated at the deflected pose, or at the undeflected one."""
-        return [entry for entry in self.entries if entry.part.deflected == deflected]
-
-    def deflected(self, scalars: list[Scalar], coefficients: NDArray[Any]) -> list[Scalar]:
-        """Return every scalar of the chain with deflections, from ``scalars`` of the undeflected arm.
-
-        Raises:
-            EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
-        """
-        if first := _springs(self._of_form(deflected=False), coefficients):
-            scalars = _moved(scalars, self._deflections_at(scalars, first))
-        if not (elastic := _springs(self._of_form(deflected=True), coefficients)):
-            return scalars
-        deflections, last_change = dict[int, NDArray[Any]](), np.inf
-        for _ in range(_STEPS):
-            previous, deflections = deflections, self._deflections_at(_moved(scalars, deflections), elastic)
-            changes = [np.abs(values - previous.get(motion, 0.0)) for motion, values in deflections.items()]
-            change = float(np.max(changes, initial=0.0))
-            # Changes shrink at a constant rate. The derivative that a complex step carries lags behind them.
-            rate, is_real = change / last_change, not any(map(np.iscomplexobj, deflections.values()))
-            if change < _CONVERGED or (0.0 < rate < 1.0 and is_real and change * rate < _CONVERGED * (1.0 - rate)):
-                return _moved(scalars, deflections)
-            last_change = change
-        raise EquilibriumError(
-            "the elastic equilibrium does not converge: a compliance is too large for the arm's weight; "
-            "check the unit of the compliance and the masses in the robot file"
-        )
-
-    def _deflections_at(self, scalars: Sequence[Scalar], springs: Sequence[_Spring]) -> dict[int, NDArray[Any]]:
-        """Return the deflections ``(N,)`` by motion under the forces at the pose of ``scalars``."""
-        motions = sorted({weighted.motion for weighted, _ in springs})
-        sweep = self.arm.chain.sweep(scalars, self.n, motions, self.counts)
-        torques = self._forces(sweep, motions, [weighted for weighted, _ in springs])
-        deflections: dict[int, NDArray[Any]] = {}
-        for (weighted, factor), torque in zip(springs, torques, strict=True):
-            deflections[weighted.motion] = deflections.get(weighted.motion, 0.0) + factor * torque
-        return deflections
-
-    def _forces(self, sweep: Sweep, motions: Sequence[int], weighted: Sequence[Weighted]) -> NDArray[Any]:
-        """Return gravity's force along each of the motions at the pose of a sweep over ``motions``."""
-        linear, angular = sweep.twists()
-        at = [motions.index(item.motion) for item in weighted]
-        frames = dict(zip(self.counts, sweep.frames, strict=True))
-        return forces(np.array(self.arm.robot.gravity), weighted, frames, linear[:, at], angular[:, at])
-
-    def derivatives(
-        self,
-        undeflected: Sequence[Scalar],
-        followed: Sweep,
-        motions: Sequence[int],
-        column: Mapping[int, int],
-        coefficients: Array,
-    ) -> tuple[list[MotionGain], Array, Array]:
-        """Return the gains of the compliances, and derivatives ``(6, W, N)`` of the poses, deflections included.
-
-        The first are by motions that a coefficient moves itself, the second by motions that a load deflects: no force
-        at the undeflected pose follows those.
-
-        Args:
-            undeflected: Scalars of the arm without deflections.
-            followed: Sweep of the deflected arm over ``motions``, which include every motion that a part moves.
-            motions: Indices of motions, W of them.
-            column: Term number to column.
-            coefficients: Coefficients of every term.
-        """
-        slot = {motion: i for i, motion in enumerate(motions)}
-        gains: list[MotionGain] = []
-        first: dict[int, Array] = {}
-        deflected: Array = followed.jacobian
-        if at_rest := self._of_form(deflected=False):
-            sweep = self.arm.chain.sweep(undeflected, self.n, motions, self.counts)
-            gains, first = self._gains(at_rest, sweep, slot, column, coefficients)
-        if in_equilibrium := self._of_form(deflected=True):
-            direct, slopes = self._gains(in_equilibrium, followed, slot, column, coefficients)
-            gains += direct
-            deflected = _followed_by(deflected, self._equilibrium_response(slopes, slot), slot)
-        return gains, _followed_by(deflected, first, slot), deflected
-
-    def _gains(
-        self,
-        elastic: Sequence[TermPart],
-        sweep: Sweep,
-        slot: Mapping[int, int],
-        column: Mapping[int, int],
-        coefficients: Array,
-    ) -> tuple[list[MotionGain], dict[int, Array]]:
-        """Return the gains of compliance coefficients and the slopes E of deflections, at the pose of ``sweep``.
-
-        Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
-        """
-        requested = [entry for entry in elastic if entry.number in column]
-        torques = self._forces(sweep, list(slot), [_weighted(entry.part) for entry in requested])
-        gains = [
-            (column[entry.number], entry.part.motion, entry.part.factor * torque)
-            for entry, torque in zip(requested, torques, strict=True)
-        ]
-        slopes: dict[int, Array] = {}
-        frames, gravity = dict(zip(self.counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)
-        for weighted, factor in _springs(elastic, coefficients):
-            slope = force_derivatives(gravity, weighted, frames, tuple(slot), *sweep.twists())
-            slopes[weighted.motion] = slopes.get(weighted.motion, 0.0) + factor * slope
-        return gains, slopes
-
-    def _equilibrium_response(self, slopes: Mapping[int, Array], slot: Mapping[int, int]) -> dict[int, Array]:
-        """Solve X = E + E_FF X for X ``{motion: (W, N)}``: deflections in equilibrium move each other."""
-        if not slopes:
-            return {}
-        motions = tuple(slopes)
-        rhs = np.stack([slopes[motion].T for motion in motions], axis=1)
-        matrix = np.eye(len(motions)) - rhs[:, :, [slot[motion] for motion in motions]]
-        solution = np.linalg.solve(matrix, rhs)
-        return {motion: np.ascontiguousarray(solution[:, row].T) for row, motion in enumerate(motions)}
 
 
 def _followed_by(jacobian: Array, responses: Mapping[int, Array], slot: Mapping[int, int]) -> Array:
@@ -243,6 +114,7 @@ class BoundModel:
     """``(4, N)`` points of a board whose images rows are; see :class:`~robacc.measurements.Measurements`."""
     earlier: tuple[BoundModel, NDArray[np.bool_]] | None = None
     """The same model at the poses that distances are measured from, and the rows ``(N,)`` of such; None if none are."""
+    _layouts: dict[bytes, _Layout] = dataclasses.field(init=False, repr=False, compare=False, default_factory=dict)
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -280,16 +152,16 @@ class BoundModel:
         is that of the position.
         """
         column, requested, motions, is_plain = self._layout(np.arange(len(self.terms)) if columns is None else columns)
-        elastic, coefficients = self._elastic, np.concatenate((self.fixed_values, theta))
-        sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, elastic.counts)
+        coefficients = np.concatenate((self.fixed_values, theta))
+        sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, self._counts)
         rows, wanted = rows if self.kind is None else 6, rows
         jacobian = sweep.jacobian[:rows]
         if not is_plain:
             rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
             gains = [(rigid, sweep.jacobian)]
-            if elastic.entries:
+            if self._elastic:
                 undeflected = self._undeflected(coefficients)
-                loaded, moved, deflected = elastic.derivatives(undeflected, sweep, motions, column, coefficients)
+                loaded, moved, deflected = self._derivatives(undeflected, sweep, motions, column, coefficients)
                 gains = [(loaded, deflected), (rigid, moved)]
             jacobian = np.zeros((rows, len(column), self.n))
             for of_kind, by_motion in gains:
@@ -317,7 +189,7 @@ class BoundModel:
         """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""
         key = columns.tobytes()
         if key not in self._layouts:
-            numbers, elastic = columns.tolist(), self._elastic.entries
+            numbers, elastic = columns.tolist(), self._elastic
             column = {len(self.fixed) + number: i for i, number in enumerate(numbers)}
             requested = [entry for entry in self._entries if entry.number in column]
             # Each coefficient moves a motion by just as much.
@@ -334,17 +206,14 @@ class BoundModel:
         return self._layouts[key]
 
     @cached_property
-    def _layouts(self) -> dict[bytes, _Layout]:
-        return {}
-
-    @cached_property
     def _entries(self) -> tuple[TermPart, ...]:
         """Parts of the fixed terms, then of the free ones."""
         return tuple(TermPart(i, part) for i, term in enumerate((*self.fixed, *self.terms)) for part in term.parts)
 
     @cached_property
-    def _elastic(self) -> Deflections:
-        return Deflections(self.arm, self.n, tuple(e for e in self._entries if e.part.loads is not None))
+    def _elastic(self) -> list[TermPart]:
+        """Parts by which a load deflects a motion."""
+        return [entry for entry in self._entries if entry.part.loads is not None]
 
     @cached_property
     def _regressors(self) -> list[tuple[int, NDArray[np.int64], Array]]:
@@ -374,7 +243,7 @@ class BoundModel:
 
     def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain, deflections included."""
-        return self._elastic.deflected(self._undeflected(coefficients), coefficients)
+        return self._deflected(self._undeflected(coefficients), coefficients)
 
     def _undeflected(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain without deflections."""
@@ -387,6 +256,125 @@ class BoundModel:
                 added = values[number] * part.factor
                 scalars[part.motion] = scalars[part.motion] + (added if isinstance(added, float) else np.array([added]))
         return scalars
+
+    @cached_property
+    def _counts(self) -> tuple[int, ...]:
+        """Motion counts after which a sweep must keep the frame of a load."""
+        return tuple(sorted({load.after for entry in self._elastic for load in entry.part.loads or ()}))
+
+    def _of_form(self, *, deflected: bool) -> list[TermPart]:
+        """Return the parts whose force is evaluated at the deflected pose, or at the undeflected one."""
+        return [entry for entry in self._elastic if entry.part.deflected == deflected]
+
+    def _deflected(self, scalars: list[Scalar], coefficients: NDArray[Any]) -> list[Scalar]:
+        """Return every scalar of the chain with deflections, from ``scalars`` of the undeflected arm.
+
+        Raises:
+            EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
+        """
+        if first := _springs(self._of_form(deflected=False), coefficients):
+            scalars = _moved(scalars, self._deflections_at(scalars, first))
+        if not (elastic := _springs(self._of_form(deflected=True), coefficients)):
+            return scalars
+        deflections, last_change = dict[int, NDArray[Any]](), np.inf
+        for _ in range(60):
+            previous, deflections = deflections, self._deflections_at(_moved(scalars, deflections), elastic)
+            changes = [np.abs(values - previous.get(motion, 0.0)) for motion, values in deflections.items()]
+            change = float(np.max(changes, initial=0.0))
+            # Changes shrink at a constant rate. The derivative that a complex step carries lags behind them.
+            rate, is_real = change / last_change, not any(map(np.iscomplexobj, deflections.values()))
+            if change < _CONVERGED or (0.0 < rate < 1.0 and is_real and change * rate < _CONVERGED * (1.0 - rate)):
+                return _moved(scalars, deflections)
+            last_change = change
+        raise EquilibriumError(
+            "the elastic equilibrium does not converge: a compliance is too large for the arm's weight; "
+            "check the unit of the compliance and the masses in the robot file"
+        )
+
+    def _deflections_at(self, scalars: Sequence[Scalar], springs: Sequence[_Spring]) -> dict[int, NDArray[Any]]:
+        """Return the deflections ``(N,)`` by motion under the forces at the pose of ``scalars``."""
+        motions = sorted({weighted.motion for weighted, _ in springs})
+        sweep = self.arm.chain.sweep(scalars, self.n, motions, self._counts)
+        torques = self._forces(sweep, motions, [weighted for weighted, _ in springs])
+        deflections: dict[int, NDArray[Any]] = {}
+        for (weighted, factor), torque in zip(springs, torques, strict=True):
+            deflections[weighted.motion] = deflections.get(weighted.motion, 0.0) + factor * torque
+        return deflections
+
+    def _forces(self, sweep: Sweep, motions: Sequence[int], weighted: Sequence[Weighted]) -> NDArray[Any]:
+        """Return gravity's force along each of the motions at the pose of a sweep over ``motions``."""
+        linear, angular = sweep.twists()
+        at = [motions.index(item.motion) for item in weighted]
+        frames = dict(zip(self._counts, sweep.frames, strict=True))
+        return forces(np.array(self.arm.robot.gravity), weighted, frames, linear[:, at], angular[:, at])
+
+    def _derivatives(
+        self,
+        undeflected: Sequence[Scalar],
+        followed: Sweep,
+        motions: Sequence[int],
+        column: Mapping[int, int],
+        coefficients: Array,
+    ) -> tuple[list[MotionGain], Array, Array]:
+        """Return the gains of the compliances, and derivatives ``(6, W, N)`` of the poses, deflections included.
+
+        The first are by motions that a coefficient moves itself, the second by motions that a load deflects: no force
+        at the undeflected pose follows those.
+
+        Args:
+            undeflected: Scalars of the arm without deflections.
+            followed: Sweep of the deflected arm over ``motions``, which include every motion that a part moves.
+            motions: Indices of motions, W of them.
+            column: Term number to column.
+            coefficients: Coefficients of every term.
+        """
+        slot = {motion: i for i, motion in enumerate(motions)}
+        gains: list[MotionGain] = []
+        first: dict[int, Array] = {}
+        deflected: Array = followed.jacobian
+        if at_rest := self._of_form(deflected=False):
+            sweep = self.arm.chain.sweep(undeflected, self.n, motions, self._counts)
+            gains, first = self._gains(at_rest, sweep, slot, column, coefficients)
+        if in_equilibrium := self._of_form(deflected=True):
+            direct, slopes = self._gains(in_equilibrium, followed, slot, column, coefficients)
+            gains += direct
+            deflected = _followed_by(deflected, self._equilibrium_response(slopes, slot), slot)
+        return gains, _followed_by(deflected, first, slot), deflected
+
+    def _gains(
+        self,
+        elastic: Sequence[TermPart],
+        sweep: Sweep,
+        slot: Mapping[int, int],
+        column: Mapping[int, int],
+        coefficients: Array,
+    ) -> tuple[list[MotionGain], dict[int, Array]]:
+        """Return the gains of compliance coefficients and the slopes E of deflections, at the pose of ``sweep``.
+
+        Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
+        """
+        requested = [entry for entry in elastic if entry.number in column]
+        torques = self._forces(sweep, list(slot), [_weighted(entry.part) for entry in requested])
+        gains = [
+            (column[entry.number], entry.part.motion, entry.part.factor * torque)
+            for entry, torque in zip(requested, torques, strict=True)
+        ]
+        slopes: dict[int, Array] = {}
+        frames, gravity = dict(zip(self._counts, sweep.frames, strict=True)), np.array(self.arm.robot.gravity)
+        for weighted, factor in _springs(elastic, coefficients):
+            slope = force_derivatives(gravity, weighted, frames, tuple(slot), *sweep.twists())
+            slopes[weighted.motion] = slopes.get(weighted.motion, 0.0) + factor * slope
+        return gains, slopes
+
+    def _equilibrium_response(self, slopes: Mapping[int, Array], slot: Mapping[int, int]) -> dict[int, Array]:
+        """Solve X = E + E_FF X for X ``{motion: (W, N)}``: deflections in equilibrium move each other."""
+        if not slopes:
+            return {}
+        motions = tuple(slopes)
+        rhs = np.stack([slopes[motion].T for motion in motions], axis=1)
+        matrix = np.eye(len(motions)) - rhs[:, :, [slot[motion] for motion in motions]]
+        solution = np.linalg.solve(matrix, rhs)
+        return {motion: np.ascontiguousarray(solution[:, row].T) for row, motion in enumerate(motions)}
 
 
 def _is_rigid(part: Part) -> bool:
@@ -447,12 +435,21 @@ class Model:
             faded(effect, self.arm, held_at_ends(effect, self.arm, data, limit), limit if fades else {})
             for effect, limit in zip(self.free, limits, strict=True)
         ]
-        scalars = _with_targets(self.arm, self.arm.chain.scalars(q), data)
+        scalars, targets = self.arm.chain.scalars(q), self.arm.robot.targets
+        lacking = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
+        refuse((len(targets) > 1 and data.target is None, lacking))
+        if targets:
+            chosen = np.full(data.n, next(iter(targets))) if data.target is None else data.target
+            scalars = _with_frames(self.arm, scalars, TOOL, targets, chosen)
         if data.fixture is not None:
             # The base is where it stands, seen from the socket, plane or anchor of each row.
             robot = self.arm.robot
             bases = {name: fixture.base for name, fixture in robot.fixtures.items()} | {"": robot.base}
             scalars = _with_frames(self.arm, scalars, BASE, bases, data.fixture)
+        earlier = None
+        if data.reference is not None and data.kind is not None and data.fixture is not None:
+            between: NDArray[np.bool_] = (data.kind == "distance") & (data.fixture == "")
+            earlier = self.bind(data.reference, validity, fades=fades), between
         return BoundModel(
             self.arm,
             data.n,
@@ -463,31 +460,13 @@ class Model:
             tuple(i for i, terms in enumerate(free) for _ in terms),
             data.kind,
             data.seen,
-            self._at_earlier(data, validity, fades),
+            earlier,
         )
-
-    def _at_earlier(
-        self, data: Measurements, validity: Sequence[Validity] | None, fades: bool
-    ) -> tuple[BoundModel, NDArray[np.bool_]] | None:
-        """Return the model at the poses that distances are measured from, and the rows of such; None if none are."""
-        if data.reference is None or data.kind is None or data.fixture is None:
-            return None
-        rows: NDArray[np.bool_] = (data.kind == "distance") & (data.fixture == "")
-        return self.bind(data.reference, validity, fades=fades), rows
 
 
 def predict(robot: Robot, data: Measurements) -> Poses:
     """Predict the target poses ``(N)`` at the commanded joints, effects of the robot file included."""
     return Model.of(robot).bind(data).poses(np.zeros(0))
-
-
-def _with_targets(arm: Arm, scalars: list[Scalar], data: Measurements) -> list[Scalar]:
-    """Replace the tool by the measured target of each row."""
-    targets = arm.robot.targets
-    lacking = f"the robot has the targets {', '.join(targets)}; add a column target to the poses"
-    refuse((len(targets) > 1 and data.target is None, lacking))
-    chosen = np.full(data.n, next(iter(targets), "")) if data.target is None else data.target
-    return _with_frames(arm, scalars, TOOL, targets, chosen) if targets else scalars
 
 
 def _with_frames(
@@ -537,8 +516,6 @@ def observed(kind: NDArray[Any], seen: Array | None, poses: Poses) -> tuple[NDAr
 
 
 NoiseSource = Literal["file", "file and misfit", "repeats", "residual", "given"]
-_EQUAL = 0.01
-"""Share by which standard deviations along the axes may differ and count as equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -560,7 +537,7 @@ class Noise:
         ``orientation`` is a standard deviation, rad.
         """
         x, y, z = np.sqrt(position).tolist()
-        differ = max(x, y, z) > (1.0 + _EQUAL) * min(x, y, z)
+        differ = max(x, y, z) > 1.01 * min(x, y, z)
         return cls(float(np.sqrt(np.mean(position))), orientation, source, (x, y, z) if differ else None)
 
 

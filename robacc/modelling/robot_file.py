@@ -7,6 +7,7 @@ import math
 import os
 import re
 from collections.abc import Callable, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import replace
 from functools import cache
 from pathlib import Path, PurePath
@@ -30,8 +31,6 @@ _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", "
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML) or a URDF"
 _DATA = Path(__file__).parents[1] / "data"
-_SHOWN = 4
-"""Names that a message suggests."""
 
 
 @cache
@@ -71,13 +70,11 @@ def find_arm(name: str) -> Mapping[str, Any] | None:
 
 def similar_arms(name: str) -> tuple[str, ...]:
     """Return the names of arms that a name may mean, the likeliest first."""
-    wanted = _plain(name)
+    wanted, most = _plain(name), 4
     by_name = {_plain(name): arm["name"] for arm in library() for name in _names(arm)}
     variants = [key for plain, key in by_name.items() if wanted and wanted in plain]
-    if variants:
-        return tuple(dict.fromkeys(variants))[:_SHOWN]
-    near = [by_name[plain] for plain in difflib.get_close_matches(wanted, by_name, _SHOWN, 0.6)]
-    return tuple(dict.fromkeys(near))
+    near = [by_name[plain] for plain in difflib.get_close_matches(wanted, by_name, most, 0.6)]
+    return tuple(dict.fromkeys(variants or near))[:most]
 
 
 def _names(arm: Mapping[str, Any]) -> tuple[str, str, str]:
@@ -166,8 +163,6 @@ def _check_effects(robot: Robot, text: str, file: str) -> None:
 # Write a fitted robot as a robot file, in the units and the layout of the file that the robot was read from.
 
 _OLD_COMMENTS = "the comments below are those of the robot file before the fit"
-_RELATIVE, _ABSOLUTE = 1e-9, 1e-11
-"""Differences between two documents that rounding to twelve digits explains."""
 
 
 def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
@@ -186,9 +181,11 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     in_units = with_effect_units(robot, units.length, units.angle)
     document = robot_document(in_units, units, rounded=True)
     updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))
-    if _is_read_as(updated, robot):
-        remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
-        return comment_lines((*comments, *remark)) + updated
+    with suppress(InputError):
+        documents = [robot_document(with_effect_units(item)) for item in (parse_robot(updated, robot.name), robot)]
+        if _is_close(*documents):
+            remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
+            return comment_lines((*comments, *remark)) + updated
     # The file states something in a form that no longer holds, such as a parameter that the fit removed.
     return robot_to_yaml(in_units, comments, rounded=True, units=units)
 
@@ -208,21 +205,12 @@ def _complete(document: dict[str, Any], robot: Robot) -> dict[str, Any]:
     return {key: value for key, value in complete.items() if key not in stated}
 
 
-def _is_read_as(text: str, robot: Robot) -> bool:
-    """Return whether a text reads as the robot, within the rounding of its numbers."""
-    try:
-        read = parse_robot(text, robot.name)
-        documents = [robot_document(with_effect_units(item)) for item in (read, robot)]
-    except InputError:
-        return False
-    return _is_close(*documents)
-
-
 def _is_close(first: Any, second: Any) -> bool:
     """Return whether two documents are equal but for the rounding of numbers."""
     if isinstance(first, Mapping) and isinstance(second, Mapping):
         return first.keys() == second.keys() and all(_is_close(first[key], second[key]) for key in first)
     if isinstance(first, list | tuple) and isinstance(second, list | tuple):
         return len(first) == len(second) and all(map(_is_close, first, second))
-    are_numbers = isinstance(first, float) or isinstance(second, float)
-    return math.isclose(first, second, rel_tol=_RELATIVE, abs_tol=_ABSOLUTE) if are_numbers else bool(first == second)
+    if isinstance(first, float) or isinstance(second, float):  # rounded to twelve digits
+        return math.isclose(first, second, rel_tol=1e-9, abs_tol=1e-11)
+    return bool(first == second)

@@ -21,9 +21,6 @@ from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.description import Campaign, Robot
 
-_EQUAL = 1e-6
-"""Share by which registered errors differ that are equal but for rounding: a step of the base moves all poses."""
-
 
 def resolve_campaign(
     robot: Robot, data: Measurements | None, digests: Collection[str], use: Literal["auto", "keep", "drop"]
@@ -57,13 +54,16 @@ def resolve_campaign(
         if effect.get("effect") == "step"
     ]
     # The robot as the steps left it, without other effects of the campaign.
-    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps)) if steps else None
-    arms = (robot, with_effects) if stepped is None else (robot, with_effects, stepped)
+    stepped = dataclasses.replace(robot, effects=(*robot.effects, *steps))
     try:
-        errors = [_registered_rms(predict(arm, data).translation, data.position) for arm in arms]
+        errors = [
+            _registered_rms(predict(arm, data).translation, data.position)
+            for arm in (robot, with_effects, *([stepped] if steps else []))
+        ]
     except UsageError as error:
         return robot, (f"{start} and are left out: {error}",)
-    if stepped is not None and errors[2] <= (1.0 + _EQUAL) * min(errors[:2]):
+    # Equal but for rounding: a step of the base moves all poses.
+    if steps and errors[2] <= (1.0 + 1e-6) * min(errors[:2]):
         return stepped, (
             f"{start}; these poses are taken as measured after the step, whatever their time; `campaign` keep applies "
             "the effects by time",

@@ -29,10 +29,6 @@ _MOST = 1e6
 _STEPS = 100
 """Steps at most; distortion of usual lenses takes ten, the pose of a board five."""
 _SETTLED = 1e-12
-_WIDEST = 100.0
-"""Tangent of the largest angle to the axis of a camera; that of no lens is near it."""
-_TRIM = 6.0
-"""Median errors beyond which a point is no image of its board, as a wrong corner is."""
 PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
 """End of the name of a photo, in small letters."""
 FEWEST_POINTS = 4
@@ -70,7 +66,8 @@ class Camera(NamedTuple):
     def _distortion(self, ray: Array) -> tuple[Array, Array]:
         """Return the factor ``(N,)`` and the shift ``(2, N)`` by which the lens moves rays."""
         k1, k2, p1, p2, k3 = self.distortion
-        ray = np.where(np.abs(ray) < _WIDEST, ray, np.nan)
+        # Tangent of the angle to the axis of a camera: that of no lens is near 100.
+        ray = np.where(np.abs(ray) < 100.0, ray, np.nan)
         (x, y), square = ray, np.sum(np.square(ray), axis=0)
         shift = np.stack((2 * p1 * x * y + p2 * (square + 2 * x * x), p1 * (square + 2 * y * y) + 2 * p2 * x * y))
         return 1 + square * (k1 + square * (k2 + square * k3)), shift
@@ -125,20 +122,17 @@ def _camera(section: YamlSection) -> Camera:
         else 0.0
         for key in _KEYS[:4]
     )
-    lists: dict[str, tuple[float, ...] | None] = {"distortion": None, "size": None}
-    for key, count in (("distortion", 5), ("size", 2)):
-        if (node := section.get(key)) is not None:
-            lists[key] = section.source.numbers(node, section.at(key), count)
+    distortion, size = (
+        None if (node := section.get(key)) is None else section.source.numbers(node, section.at(key), count)
+        for key, count in (("distortion", 5), ("size", 2))
+    )
     mount = section.text("mount", ("hand", "world"), needed=True)
-    if lists["size"] is not None and min(lists["size"]) <= 0:
+    if size is not None and min(size) <= 0:
         section.report("size", "expected a width and a height above 0 px")
-    return Camera((fx, fy), (cx, cy), lists["distortion"] or (0.0,) * 5, lists["size"], mount == "hand")
+    return Camera((fx, fy), (cx, cy), distortion or (0.0,) * 5, size, mount == "hand")
 
 
 # Poses of a board in a camera on the hand, as hand-eye calibrations write them.
-
-_BETTER = 8.0
-"""Factor by which one reading of the poses must follow the arm better than the other, as for any mistake in data."""
 
 
 def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
@@ -159,7 +153,8 @@ def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
         arm, measured = _turns(data.commanded_rotation[..., rows]), data.rotation[..., rows]
         seen = [_turns(rotation) for rotation in (measured, transpose(measured))]
         as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)
-        is_on_hand = bool(_BETTER * inverted < as_given)
+        # One reading must follow the arm much better than the other, as for any mistake in data.
+        is_on_hand = bool(8.0 * inverted < as_given)
     if not is_on_hand:
         return data
     inverse = Poses(data.rotation, data.position).inverse()
@@ -219,7 +214,8 @@ def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> tuple[list[Pho
         each = _fitted(rays, points, rows)
         if each is not None:
             errors = np.linalg.norm(rays[:, rows] - rays_of(each.pose, points[:, rows]), axis=0)
-            near = rows[errors <= max(_TRIM * float(np.median(errors)), _SETTLED)]
+            # Six median errors off, a point is no image of its board, as a wrong corner is.
+            near = rows[errors <= max(6.0 * float(np.median(errors)), _SETTLED)]
             each = each if near.size == rows.size else _fitted(rays, points, near)
         if each is not None:
             found.append(each)

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Note, Problem
 from robacc.geometry import Array, vector_lengths
 from robacc.io.files import ProblemLog, clip
-from robacc.measurements import Measurements
+from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
 from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
@@ -44,8 +44,6 @@ from robacc.statistics.intervals import interpolated
 # pass; each has its reason beside it.
 
 TURN = 2 * math.pi
-_LARGEST_ANGLE = 1.01 * TURN
-"""rad; roll, pitch, yaw or a rotation vector never need more than a turn."""
 _FREQUENT = 0.2
 """Share of poses beyond one turn: no joint of an arm reaches it, angles in degrees exceed it at once."""
 EXCESS_TOLERANCE = {"length": 5e-4, "angle": math.radians(0.05)}
@@ -55,10 +53,6 @@ _RANGE = 50.0
 """m; no arm on any track covers more; in mm the smallest cell does."""
 _DISTANCE = 200.0
 """m; beyond a laser tracker's range, so no instrument measures a robot there."""
-_SIGMA_USUAL = (1e-6, 1e-3)
-"""m; an interferometer on the bench reaches the first, a camera over a cell stays below the second."""
-_THOUSAND = (300.0, 3000.0)
-"""Ratio of two ranges of the same poses that only a mix-up of m and mm explains."""
 SMALL_RANGE = 0.05
 """m; below it the range may come from errors and outliers, not from motion."""
 
@@ -108,7 +102,8 @@ def thousandfold(first: Array, second: Array) -> float | None:
     low, high = sorted(ranges)
     # The smaller of the two must be motion: 0.3 mm of scatter about one commanded pose is not another unit.
     is_motion = high >= SMALL_RANGE and low * 1000 > SMALL_RANGE
-    return ranges[0] / ranges[1] if is_motion and _THOUSAND[0] < high / low < _THOUSAND[1] else None
+    # Only a mix-up of m and mm explains such a ratio of two ranges of the same poses.
+    return ranges[0] / ranges[1] if is_motion and 300.0 < high / low < 3000.0 else None
 
 
 def doubtful_sigma(sigma: Array, kind: str) -> tuple[bool, bool]:
@@ -153,21 +148,11 @@ def check_scale(position: Array, nominal: Array, file: str | None) -> None:
 # Units of columns without a unit in their names: checks, and the choice where one reading is left.
 
 _READINGS = {"length": ("m", "mm", "in", "cm"), "angle": ("rad", "deg")}
-_FITS = 10.0
-"""Advantage of a reading under which the positions, or the orientations, follow the arm."""
 _NEAR, _APART = math.log(5.0), math.log(4.0)
 """Logarithms of the largest ratio of the measured and the commanded range, which differ by the tool, and of the least
 ratio by which another reading is worse. Units differ by 25 or more."""
-_LARGEST = 12.0
-"""m; commanded positions of an arm that stands or has a short track do not spread farther."""
 _SAMPLE = 400
 """Rows that are tried at most."""
-_FEWEST_OTHERS = 5
-"""Rows outside a stretch in another unit, at least …"""
-_LEAST_OTHERS = 0.1
-"""… and their least share of all rows."""
-_MOSTLY = 0.8
-"""Least share of the rows of a stretch that show its unit."""
 
 
 def check_units(
@@ -215,17 +200,16 @@ def check_units(
         fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
         first, last = (0, values.lines.size - 1) if large is None or not large.any() else np.flatnonzero(large)[[0, -1]]
         others = values.lines.size - (last + 1 - first)
-        is_many = others >= max(_FEWEST_OTHERS, _LEAST_OTHERS * values.lines.size)
-        if large is not None and is_many and np.mean(large[first : last + 1]) >= _MOSTLY:
-            # These rows are one part of the file.
+        if large is not None and others >= max(5, 0.1 * values.lines.size) and np.mean(large[first : last + 1]) >= 0.8:
+            # Most rows of this stretch show the unit, and many rows are outside: it is one part of the file.
             wrong.add("part")
             found = f"{found}, from line {values.lines[first]} to {values.lines[last]} only"
             fix = f"these lines seem to be in {likely_unit} and the others in {unit}; convert one part of the file"
         log.add(found, line, listing(names), fix)
 
     sigma = values.column_set(SIGMAS) if layout.unit_of_position else None
-    if sigma is not None and not _SIGMA_USUAL[0] <= float(np.median(sigma)) <= _SIGMA_USUAL[1]:
-        # Uncertainties that are too large or too small in the unit of the position.
+    # m; an interferometer on the bench reaches the first, a camera over a cell stays below the second.
+    if sigma is not None and not 1e-6 <= float(np.median(sigma)) <= 1e-3:
         column = layout.columns[layout.unit_of_position[0]]
         typical = f"{float(np.median(sigma)) * column.divisor:.3g} {column.unit}"
         message = f"these columns state no unit, and {typical} is not a usual measuring uncertainty"
@@ -261,7 +245,8 @@ def check_units(
         log.add(f"{message}, so one of them is in mm", line, names, fix)
     for keys in (layout.orientation() or (), layout.orientation("cmd_") or ()):
         angles = bare(keys) if len(keys) == 3 else None
-        if angles is not None and (largest := np.max(np.abs(angles))) > _LARGEST_ANGLE:
+        # Roll, pitch, yaw or a rotation vector never need more than a turn.
+        if angles is not None and (largest := np.max(np.abs(angles))) > 1.01 * TURN:
             refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
     for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
         if (sigma := bare(keys)) is None:
@@ -344,7 +329,7 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
 def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:
     """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio.
 
-    It is less by :data:`_FITS` where positions, and where orientations, follow the arm.
+    It is less by 10 where positions, and where orientations, follow the arm.
     """
     q, measured, commanded = (values.column_set(keys) for keys in (values.layout.joints(), AXES, COMMANDED_AXES))
     if q is not None and robot.pose_at is not None:
@@ -352,14 +337,15 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
         known = (poses.translation, poses.rotation)
     at = commanded if known[0] is None else known[0]
     ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in (measured, at)]
-    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < _LARGEST):
+    # m; commanded positions of an arm that stands or has a short track do not spread farther than 12.
+    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < 12.0):
         return math.inf
     fits = float(measured is not None and unit_of_positions(measured, *known) == "m")
     angles = values.column_set(values.layout.orientation() or ())
     if angles is not None and len(angles) == 3 and known[1] is not None:
         tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
         fits += float(min((tried or {"": math.inf}).values()) < AGREES)
-    return abs(math.log(ranges[0] / ranges[1])) - _FITS * fits
+    return abs(math.log(ranges[0] / ranges[1])) - 10.0 * fits
 
 
 # Orientations: their representation, and the convention of angles that names leave open.
@@ -498,11 +484,10 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     # Share of the rows that repeat a pose from which a file has repetitions.
     if np.mean(count[place] > 1) < 0.25:
         return data
-    names, number = np.unique(place, return_inverse=True)
-    ids = np.array([f"P{k + 1}" for k in range(names.size)])[number]
+    ids = np.array([f"P{k + 1}" for k in numbered(place).tolist()])
     log.warn(
-        f"{data.n} rows are read as {names.size} commanded poses and their repetitions, because joints differ "
-        f"by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
+        f"{data.n} rows are read as {np.count_nonzero(count)} commanded poses and their repetitions, because joints "
+        f"differ by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
         of_file=True,
     )
     return replace(data, pose=ids)
@@ -516,35 +501,90 @@ def close_groups(values: Array, near: float, widest: float) -> NDArray[np.int64]
     order = np.argsort(values[0], kind="stable")
     ends = np.searchsorted(values[0, order], values[0, order] + near, side="right")
     place = np.arange(values.shape[1])
-    pairs = []
     for i, end in enumerate(ends):
-        others = order[i + 1 : end]
-        close = others[np.abs(values[:, others] - values[:, order[i], None]).max(axis=0, initial=0.0) <= near]
-        pairs.append(np.stack([np.full(close.size, order[i]), close]))
-    first, second = np.concatenate(pairs, axis=1)
-    before = None
-    while before is None or not np.array_equal(place, before):
-        # The lowest number spreads along the pairs.
-        before, lowest = place.copy(), np.minimum(place[first], place[second])
-        np.minimum.at(place, first, lowest)
-        np.minimum.at(place, second, lowest)
-    low, high = (np.full(values.shape, start) for start in (np.inf, -np.inf))
-    for row, lower, upper in zip(values, low, high, strict=True):
-        np.minimum.at(lower, place, row)
-        np.maximum.at(upper, place, row)
-    wide = (high - low).max(axis=0) > widest
-    return np.where(wide[place], np.arange(place.size), place)
+        others = order[i:end]
+        close = place[others[np.abs(values[:, others] - values[:, others[:1]]).max(axis=0) <= near]]
+        if close.size > 1:
+            place[np.isin(place, close)] = close.min()
+    rows, number = np.argsort(place, kind="stable"), numbered(place)
+    start = np.flatnonzero(np.diff(place[rows], prepend=-1))
+    extents = [each.reduceat(values[:, rows], start, axis=1) for each in (np.maximum, np.minimum)]
+    wide = (extents[0] - extents[1]).max(axis=0) > widest
+    return np.where(wide[number], np.arange(place.size), place)
+
+
+# Direction and speed of the joints' last motion: as given, or derived from the order of visits.
+
+
+def check_visits(values: Values, ordered: bool) -> None:
+    """Log each row that contradicts its ``visit``: other commands, or with ``ordered`` an earlier visit continued."""
+    visit = values.texts.get("visit")
+    if visit is None or visit.size < 2:
+        return
+    _, first, number = np.unique(visit, return_index=True, return_inverse=True)
+    origin = first[number]
+    sets = (values.column_set(keys) for keys in (values.layout.joints(), COMMANDED_AXES))
+    if (commands := next((commands for commands in sets if commands is not None), None)) is not None:
+        values.log.add_rows(
+            # rad or m; largest difference between the commands of the rows of a visit, from joints that were read back.
+            np.max(np.abs(commands - commands[:, origin]), axis=0) > 1e-3,
+            values.lines,
+            "visit",
+            lambda i: (
+                f"visit {clip(str(visit[i]))} has another command than on {values.log.counted} "
+                f"{values.lines[origin[i]]}; a visit is one arrival of the arm, so number each arrival differently"
+            ),
+        )
+    if ordered:
+        values.log.add_rows(
+            np.append(False, visit[1:] != visit[:-1]) & (origin < np.arange(visit.size)),
+            values.lines,
+            "visit",
+            lambda i: (
+                f"visit {clip(str(visit[i]))} continues after another visit began, although rows are said to be in the "
+                "order measured; number each arrival differently, or sort the rows"
+            ),
+        )
+
+
+def motion_of(values: Values, ordered: bool) -> tuple[Array | None, Array | None]:
+    """Return direction and speed ``(J, N)``: as given, derived from the order of visits, or 0 with a warning."""
+    layout, log = values.layout, values.log
+    q, time = values.column_set(layout.joints()), values.column("time_s")
+    derived: Sequence[Array | None] = (None, None)
+    if ordered and q is None:
+        text = "the file has no joint columns, so the order of rows does not give the joints' directions"
+        log.warn(text, of_file=True)
+    elif ordered and q is not None:
+        visit, cycle, target, pose = (values.texts.get(name) for name in ("visit", "cycle", "target", "pose"))
+        grouping = None if cycle is None and target is None else commanded_groups(pose, q)
+        groups = np.arange(values.lines.size) if grouping is None else grouping.numbers
+        derived = motion_between_visits(q, numbered_visits(groups, visit, cycle, target))
+    if time is not None and np.any(np.diff(time) < 0):
+        line = values.lines[int(np.argmax(np.diff(time) < 0)) + 1]
+        cause = "the clock was set back, or the rows are not in the order measured"
+        log.warn(f"time_s decreases at {log.counted} {line}: {cause}", of_file=True)
+    result: list[Array | None] = []
+    for keys, motion in zip((layout.joints("dir_"), layout.joints("speed_")), derived, strict=True):
+        missing = [key for key in keys if key not in values.row_index]
+        table = values.column_set(keys)
+        if missing and (motion is not None or len(missing) < len(keys)):
+            table = np.zeros((len(keys), values.lines.size)) if motion is None else motion
+            for row, key in zip(table, keys, strict=True):
+                row[:] = values.numbers[values.row_index[key]] if key in values.row_index else row
+            if motion is None:
+                log.warn(f"no column {listing(missing)}: 0 (not moving) is assumed", of_file=True)
+        result.append(table)
+    for names in zip(layout.joints("dir_"), layout.joints("speed_"), strict=True):
+        pair = values.numbers[[values.row_index[key] for key in names if key in values.row_index]]
+        if len(pair) == 2 and (opposite := pair[0] * pair[1] < 0).any():
+            place = f"{log.counted} {values.lines[np.argmax(opposite)]}"
+            text = f"{' and '.join(names)} have opposite signs at {place}: one of them is wrong"
+            log.warn(text, of_file=True)
+    return result[0], result[1]
 
 
 # Rows of a pose file that repeat an earlier row to the last digit.
-
-_OF_VISIT = frozenset(("pose", "cycle", "visit"))
-"""Columns that number the visits; a measurement is a copy whatever its visit is called."""
-_FEW = 0.1
-"""Largest share of rows that repeat the measurement of another visit for these to be called copies."""
-
-
-_MEASURED = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
 
 
 def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
@@ -553,18 +593,20 @@ def duplicate_rows(values: Values) -> NDArray[np.bool_] | None:
     A warning names them; None without such rows.
     """
     n, counted = values.lines.size, values.log.counted
-    measured = values.numbers[[values.row_index[key] for key in _MEASURED if key in values.row_index]]
+    keys = (*AXES, *QUATERNION, *ROTATION_VECTOR, *RPY)
+    measured = values.numbers[[values.row_index[key] for key in keys if key in values.row_index]]
     same_measured = _equal_pairs(measured if len(measured) else values.numbers)
     first, second = _equal_pairs(values.numbers) if same_measured.size else same_measured
     equal, same_visit = np.ones((2, first.size), dtype=bool)
     for name, text in values.texts.items():
-        (same_visit if name in _OF_VISIT else equal)[text[first] != text[second]] = False
+        # A measurement is a copy whatever its visit is called.
+        (same_visit if name in ("pose", "cycle", "visit") else equal)[text[first] != text[second]] = False
     duplicate = equal & same_visit
     if duplicate.any():
         first, second = first[duplicate], second[duplicate]
         where = "an earlier row in every column"
     # Rounded values of many visits repeat by chance; a few to the last digit are copies.
-    elif 0 < np.count_nonzero(equal) <= _FEW * n:
+    elif 0 < np.count_nonzero(equal) <= 0.1 * n:
         first, second = first[equal], second[equal]
         where = "an earlier row of another visit to the last digit"
     elif same_measured.size and "x" in values.row_index and _are_copies(measured[:3], same_measured.shape[1]):
@@ -612,9 +654,6 @@ def _are_copies(position: Array, equal: int) -> bool:
     return float(np.sum(cells * (cells - 1)) / 2) < 25.0 * equal
 
 
-QUATERNION_TOLERANCE = 1e-3
-SPEED_TOLERANCE = 1e-6
-ABSOLUTE_ZERO = -273.15
 READ_BACK_TOLERANCE = 0.1
 """rad or m; an arm that stands is never as far from its command."""
 SMALLEST_SIGMA = 1e-12
@@ -625,11 +664,11 @@ _LARGEST_OF: Mapping[str, float] = {"length": 1e8, "angle": 1e6, "joint": 1e8, "
 
 _RULES: tuple[tuple[str, Callable[[Array], NDArray[np.bool_]], str], ...] = (
     ("dir_", lambda v: ~np.isin(v, (-1.0, 0.0, 1.0)), "expected -1, 0 or 1"),
-    ("speed_", lambda v: np.abs(v) > 1 + SPEED_TOLERANCE, "expected a fraction of full speed, -1 to 1"),
+    ("speed_", lambda v: np.abs(v) > 1 + 1e-6, "expected a fraction of full speed, -1 to 1"),
     ("sigma_", lambda v: v <= 0, "expected a standard deviation above 0"),
     ("sigma_", lambda v: (v > 0) & (v < SMALLEST_SIGMA), f"expected at least {SMALLEST_SIGMA:g} m or rad"),
     ("payload_kg", lambda v: v < 0, "expected 0 kg or more"),
-    ("temperature_c", lambda v: v < ABSOLUTE_ZERO, f"expected {ABSOLUTE_ZERO} degrees Celsius or more"),
+    ("temperature_c", lambda v: v < -273.15, "expected -273.15 degrees Celsius or more"),
 )
 """Start of the keys of columns, what is wrong with a value, and what is expected."""
 
@@ -702,10 +741,10 @@ def _check_length(values: Values, keys: Sequence[str]) -> None:
     with np.errstate(over="ignore"):
         length = vector_lengths(quaternion)
     values.log.add_rows(
-        np.abs(length - 1) > QUATERNION_TOLERANCE,
+        np.abs(length - 1) > 1e-3,
         values.lines,
         ", ".join(values.layout.columns[key].name for key in keys),
-        lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within {QUATERNION_TOLERANCE:g}",
+        lambda i: f"found a quaternion of length {length[i]:.6g}, expected 1 within 0.001",
     )
 
 

@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+import datetime as dt
 import math
 import os
+import re
 import statistics
 from bisect import bisect_left
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -17,9 +20,9 @@ from robacc.errors import Note
 from robacc.geometry import Array, quaternion_from_rotation
 from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
-from robacc.io.files import clip
-from robacc.io.table import Table, TableBody, TableOptions
-from robacc.measurements import IMAGES, Measurements
+from robacc.io.files import ProblemLog, clip
+from robacc.io.table import Table, TableBody
+from robacc.measurements import IMAGES, Measurements, numbered, numbered_visits
 from robacc.poses.cameras import calibrated, photos_of, rays_of, read_cameras, three_points
 from robacc.poses.checks import (
     READ_BACK_TOLERANCE,
@@ -27,15 +30,16 @@ from robacc.poses.checks import (
     check_rows,
     check_sizes,
     check_units,
+    check_visits,
     conventions,
     duplicate_rows,
     lengths_too_large,
+    motion_of,
     rotations,
     with_repetitions,
     with_units,
 )
 from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, listing, read_layout
-from robacc.poses.motion import check_visits, motion_of, numbered, numbered_visits, read_times
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
@@ -46,6 +50,8 @@ from robacc.poses.reading import (
     JOINT_COLUMN,
     OPEN,
     QUATERNION,
+    ROTATION_VECTOR,
+    RPY,
     SIGMAS,
     TEXTS,
     TIME_KEYS,
@@ -61,7 +67,6 @@ from robacc.poses.reading import (
     labelled,
     reading_of,
     source_of,
-    table_options,
 )
 from robacc.poses.reshaped_tables import (
     ReshapedTable,
@@ -182,7 +187,7 @@ def read_poses(
         InputError: Every problem of the file, with line and column.
     """
     reading = reading_of(path)
-    with open_table(os.fspath(path), table_options(path)) as source:
+    with open_table(os.fspath(path), reading) as source:
         table: Table = source
         log, targets = table.log, robot.targets
         kinds = KindTable.of(table, reading) if attained else None
@@ -245,7 +250,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
-    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line, tuple(log.gaps))
+    return Values(layout, numbers, row_index, by_key, body.lines, log, table.line)
 
 
 def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
@@ -276,9 +281,8 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
     if lacking := [branch for branch, column in columns.items() if column is None and branch.loads_joints]:
         names = listing([branch.name for branch in lacking])
         where = "the robot file's positions" if any(branch.position for branch in lacking) else "zero"
-        has, counts, fix = ("has", "counts", f"add the column {names}")
-        if len(lacking) > 1:
-            has, counts, fix = ("have", "count", "add a column for each")
+        one, many = ("has", "counts", f"add the column {names}"), ("have", "count", "add a column for each")
+        has, counts, fix = many if len(lacking) > 1 else one
         text = f"{names} outside the chain {has} no column and {counts} as fixed at {where}"
         log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
     branches = [np.full(n, branch.position) if column is None else column for branch, column in columns.items()]
@@ -301,10 +305,125 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         branches=np.array(branches) if branches else None,
         branch_names=tuple(branch.name for branch in columns),
         rows=values.lines,
-        gaps=values.gaps,
+        gaps=tuple(log.gaps),
         counted=log.counted,
         ordered=ordered,
     )
+
+
+# Dates and times of day as seconds.
+
+_DAY = 86400.0
+_PLAIN_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
+_STAMP = re.compile(
+    r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
+    r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
+    r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
+)
+"""Date with the year first or last, and time of day with its zone."""
+
+
+def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int64], log: ProblemLog) -> Array:
+    """Return the time ``(N,)`` of each row in s, NaN where a problem was logged; a note says where it begins.
+
+    Times count from the midnight before the first row where the file has dates or clocks; numbers that count by
+    themselves have no beginning.
+
+    Args:
+        stamps: Texts ``(N,)`` of the columns with the keys ``time``, ``date``, ``seconds``, ``nanoseconds``.
+        lines: ``(N,)`` lines of the rows.
+        log: Takes entries that are no times.
+    """
+    columns = {column.key: column for column in stamps}
+    texts = {column.key: text for column, text in stamps.items()}
+
+    def each(key: str, column: NDArray[np.str_], value_of: Callable[[str], float | None], expected: str) -> Array:
+        found = [value_of(text) if text else math.nan for text in column.tolist()]
+        for i in [i for i, value in enumerate(found) if value is None]:
+            log.add(f"found {clip(str(column[i]))}, expected {expected}", int(lines[i]), columns[key].name)
+        return np.array([math.nan if value is None else value for value in found])
+
+    of_numbers = "a time in numbers as in the first rows"
+    if "seconds" in texts:
+        seconds = each("seconds", texts["seconds"], _number, of_numbers)
+        if "nanoseconds" in texts:
+            seconds += each("nanoseconds", texts["nanoseconds"], _number, of_numbers) / 1e9
+        return _since_midnight(seconds, log)
+    key = next((key for key in ("time", "date") if key in texts), None)
+    if key is None:
+        log.add(
+            "nanoseconds without a column of seconds", None, columns["nanoseconds"].name, "leave it out with `columns`"
+        )
+        return np.full(lines.size, np.nan)
+    column = texts[key]
+    if "date" not in texts and all(_PLAIN_NUMBER.fullmatch(text) for text in column[:20]):
+        values = each(key, column, _number, of_numbers)
+        typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
+        scale = (
+            # Numbers above the first are times since 1970 in the unit of which the second make a second.
+            next(
+                (scale for limit, scale in ((1e17, 1e9), (1e14, 1e6), (1e11, 1e3), (1e8, 1.0)) if typical > limit), None
+            )
+            if columns[key].divisor == 1.0
+            else None
+        )
+        return _since_midnight(values / scale, log) if scale else values / columns[key].divisor
+    if key == "time" and "date" in texts:
+        column = np.array([f"{date} {clock}" for date, clock in zip(texts["date"], texts["time"], strict=True)])
+    year_last = r"(\d{1,2})([-/.])(\d{1,2})[-/.](\d{4}|\d{2})"
+    dates = [match for text in column.tolist() if (match := re.match(year_last, text))]
+    day_first = not dates or any(match[2] == "." or int(match[1]) > 12 for match in dates)
+    if not day_first and all(int(match[3]) <= 12 for match in dates):
+        log.add(
+            f"found {clip(str(column[0]))}, in which either number may be the day",
+            int(lines[0]),
+            columns[key].name,
+            "write dates as 2026-11-22, or leave the column out with `columns`",
+        )
+        return np.full(lines.size, np.nan)
+    values = each(key, column, partial(_seconds, day_first=day_first), "a date and time, or a time of day")
+    if any(re.match(r"\s*\d+[-/.]\d+[-/.]\d", text) for text in column.tolist()):
+        return _since_midnight(values, log, zone="")
+    log.warn(Note("time_s counts from midnight"), of_file=True)
+    # A clock that falls by more than half a day has passed midnight.
+    with np.errstate(invalid="ignore"):
+        midnights = np.concatenate([[0], np.cumsum(np.diff(values) < -_DAY / 2)])
+    return values + _DAY * midnights[: values.size]
+
+
+def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Array:
+    start = np.floor(seconds[0] / _DAY) * _DAY if seconds.size and np.isfinite(seconds[0]) else 0.0
+    if start == 0.0 and zone:
+        return seconds
+    day = dt.date(1970, 1, 1) + dt.timedelta(days=start / _DAY) if not zone or start < 4e9 else None
+    log.warn(Note(f"time_s counts from 00:00{zone} of {day}" if day else "time_s counts from a midnight"), of_file=True)
+    return seconds - start
+
+
+def _number(text: str) -> float | None:
+    return float(text.replace(",", ".")) if _PLAIN_NUMBER.fullmatch(text) else None
+
+
+def _seconds(text: str, day_first: bool) -> float | None:
+    """Return seconds since 1970, or since midnight where the text has no date; None for another text."""
+    if (match := _STAMP.fullmatch(text)) is None:
+        return None
+    year, month, day, first, second, last, *clock, fraction, half, zone_h, zone_min = match.groups()
+    hour, minute, second_ = (int(part or 0) for part in clock)
+    if not (year or last or clock[0]) or hour > 24 or minute > 59 or second_ > 60:
+        return None
+    days = 0
+    if year or last:
+        numbers = (year, month, day) if year else (last, *((second, first) if day_first else (first, second)))
+        y, m, d = map(int, numbers)
+        try:
+            days = (dt.date(y + 2000 if y < 100 else y, m, d) - dt.date(1970, 1, 1)).days
+        except ValueError:
+            return None
+    if half:
+        hour = hour % 12 + (12 if half in "pP" else 0)
+    offset = (int(zone_h) * 60 + int(zone_h[0] + zone_min)) * 60.0 if zone_h else 0.0
+    return days * _DAY + hour * 3600 + minute * 60 + second_ + float(f"0.{fraction or 0}") - offset
 
 
 # Other kinds of measurement in a pose file: the target in a socket, on a plane, at a distance, and points in photos.
@@ -326,9 +445,6 @@ _NAMED_BY = {"point": ("socket",), "plane": ("plane",), "distance": ("anchor", "
 _PIXELS = ("u_px", "v_px")
 _BOARD = ("board_x", "board_y", "board_z")
 _LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
-_TEXTS = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
-_LARGEST = 100.0
-"""m; a larger length is in another unit."""
 _FAR_OFF = 1.0
 """px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
 
@@ -363,7 +479,8 @@ class KindTable(ReshapedTable):
         """Return the table without its columns of other kinds of measurement; None if it has none."""
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}
-        apart = {key: keys[key] for key in (*_TEXTS, *_LENGTHS) if key in keys}
+        texts = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
+        apart = {key: keys[key] for key in (*texts, *_LENGTHS) if key in keys}
         is_other = not {"distance", "socket", "plane", *_PIXELS}.isdisjoint(apart)
         others = [each for each in headings if _key(each) not in (*_BOARD, *_PIXELS)]
         parts = [part for each in others if (part := labelled(each)) and source_of(each.words) >= 0]
@@ -571,8 +688,8 @@ class KindTable(ReshapedTable):
         """Return the numbers ``(N,)`` of a column in m or px, 0 outside the ``rows``; ``default`` is of empty cells."""
         values, cells = np.zeros(data.n), self._column(key)
         unit = "px" if key in _PIXELS else unit
-        # px; no sensor is wider.
-        divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], _LARGEST)
+        # px; no sensor is wider. m; a larger length is in another unit.
+        divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], 100.0)
         for row in np.flatnonzero(rows).tolist():
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):
@@ -594,8 +711,6 @@ class KindTable(ReshapedTable):
 
 # Proposal of a column map: what the reader takes each column of an export for, as a file to correct.
 
-_RPY = {"rx": "roll", "ry": "pitch", "rz": "yaw"}
-"""Documented names of angles about fixed axes."""
 _CERTAIN = ("fixed-xyz",)
 """Conventions of angles whose names leave no other."""
 
@@ -609,7 +724,7 @@ def propose_columns(path: str | os.PathLike[str], map_path: str) -> tuple[str, l
         InputError: The file cannot be read as a table.
     """
     name = os.fspath(path)
-    with open_table(name, TableOptions(is_documented)) as plain:
+    with open_table(name, AS_NAMED) as plain:
         plain.names = with_known_names(plain, required=False)
         table = with_poses_of_matrices(plain)
     known = documented_columns(table, Names.of(table.names, UNKNOWN_ROBOT))
@@ -666,5 +781,5 @@ def _meaning(column: Column, found: Layout) -> str:
     """Return the documented name with its unit; angles that are certainly about fixed axes are roll, pitch, yaw."""
     prefix = "cmd_" if column.key.startswith("cmd_") else ""
     stem = column.key.removeprefix(prefix)
-    is_certain = found.angles.get(prefix) == _CERTAIN
-    return replace(column, key=prefix + _RPY.get(stem, stem)).label if is_certain else column.label
+    named = dict(zip(ROTATION_VECTOR, RPY, strict=True)) if found.angles.get(prefix) == _CERTAIN else {}
+    return replace(column, key=prefix + named.get(stem, stem)).label

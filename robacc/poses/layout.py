@@ -18,7 +18,7 @@ from robacc.errors import Note
 from robacc.geometry import Array
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
-from robacc.measurements import MOVES_UNUSED
+from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
@@ -37,7 +37,6 @@ from robacc.poses.reading import (
     KnownRobot,
     Meaning,
     Reading,
-    RowKeys,
     heading_of,
     is_point_name,
     labelled,
@@ -48,20 +47,12 @@ from robacc.poses.reading import (
 )
 from robacc.poses.reshaped_tables import advice_on_points
 
-_MAX_LISTED = 6
-"""Columns that a message lists; it counts the others."""
 _MAX_WARNINGS = 20
-_ANGLES_OF_SIGHT = frozenset({"az", "azimuth", "hz", "horizontal", "theta"})
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
-_OF_KEY: Mapping[str, tuple[str, ...]] = {
-    "temperature_c": ("temperature",),
-    "payload_kg": ("mass",),
-    **dict.fromkeys(TIME_KEYS, ("time",)),
-}
 QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
 """Quantity of each kind of column that needs a unit; a joint of unknown type turns."""
-_UNIT_OF_KEY = {"time_s": "s", "temperature_c": "degC", "payload_kg": "kg"}
+_UNIT_OF_KEY = {"temperature_c": "degC", "payload_kg": "kg", **dict.fromkeys(("time_s", *TIME_KEYS), "s")}
 
 
 class Names(NamedTuple):
@@ -294,7 +285,7 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
     forms = (
         (True, advice_on_points(layout.unused)),
         (
-            words & _ANGLES_OF_SIGHT and words & {"dist", "distance", "range", "d", "r"},
+            words & {"az", "azimuth", "hz", "horizontal", "theta"} and words & {"dist", "distance", "range", "d", "r"},
             "the file has angles and distances of an instrument; export X, Y and Z",
         ),
         (
@@ -345,8 +336,7 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
 
 def listing(names: Sequence[str]) -> str:
     """Return the names separated by commas, cut after six."""
-    n_more = len(names) - _MAX_LISTED
-    return ", ".join(names[:_MAX_LISTED]) + (f" and {n_more} more" if n_more > 0 else "")
+    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 # Positions beside each other: those of the controller and of an instrument, of a body and of its markers.
@@ -411,8 +401,6 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
 # What the names of a foreign table's columns may stand for, and the choice among names that compete for a meaning.
 
 _JOINT = re.compile(r"q\d+")
-_EXTERNAL = re.compile(r"(?:.*[^a-z])?E\d\b.*")
-_STATE = re.compile(r"observation\.state_(\d+)")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
     "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
@@ -470,7 +458,7 @@ _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "accelera
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text, joints = heading.name.lower(), [name.lower() for name in names.robot.joint_names or ()]
-    if (match := _STATE.fullmatch(text)) and int(match[1]) <= len(joints):  # LeRobot's list
+    if (match := re.fullmatch(r"observation\.state_(\d+)", text)) and int(match[1]) <= len(joints):  # LeRobot's list
         return f"q{match[1]}"
     keys = (
         f"q{i}"
@@ -559,7 +547,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     free = [(i, name) for i, name in enumerate(table.names) if i not in taken]
     unused = [name for _, name in free if name]
     is_moving = {i: len({row[i : i + 1] for row in table.dialect.sample}) > 1 for i, _ in free}
-    moving = [name for i, name in free if _EXTERNAL.fullmatch(name) and is_moving[i]]
+    moving = [name for i, name in free if re.fullmatch(r"(?:.*[^a-z])?E\d\b.*", name) and is_moving[i]]
     ways = "1 for a standard uncertainty, 2 for an expanded one with coverage factor 2"
     stated = statement(columns, known.columns)
     for text in (
@@ -597,7 +585,7 @@ def _column(
     heading, meaning = candidate.heading, candidate.meaning
     kind: Kind = "text" if key in TIME_KEYS else names.kind(key)
     quantity = QUANTITY.get(kind, "")
-    fitting = _QUANTITIES.get(kind) or _OF_KEY.get(key, ())
+    fitting = _QUANTITIES.get(kind) or ((UNITS[_UNIT_OF_KEY[key]][0],) if key in _UNIT_OF_KEY else ())
     unit = heading.unit if fitting else None
     if unit and UNITS[unit][0] not in fitting:
         expected = f"expected a unit of {fitting[-1]}"
@@ -667,13 +655,14 @@ class Values(NamedTuple):
     """Takes problems, warnings and notes of the file."""
     header: int | None
     """Line of the columns' names."""
-    gaps: tuple[int, ...] = ()
-    """Lines of rows that were left out because a value is missing."""
 
     @property
-    def keys(self) -> RowKeys:
-        """Names, times and lines of the rows."""
-        return RowKeys(self.texts.get("pose"), self.column("time_s"), self.lines, self.gaps)
+    def keys(self) -> Measurements:
+        """Names, times and lines of the rows, which they are joined to those of another file by."""
+        position, gaps = np.zeros((3, self.lines.size)), tuple(self.log.gaps)
+        return Measurements(
+            position, pose=self.texts.get("pose"), time=self.column("time_s"), rows=self.lines, gaps=gaps
+        )
 
     def column(self, key: str) -> Array | None:
         """Return one column ``(N,)``; None where the file does not have it."""

@@ -6,30 +6,29 @@ import difflib
 import os
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Any, Literal, NamedTuple, Protocol
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
-from robacc.io.table import TableOptions
-from robacc.io.table_parts import TablePart
-from robacc.io.yaml_nodes import Source, compose, describe, is_null, join
+from robacc.io.table import TableOptions, TablePart
+from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
+from robacc.measurements import Measurements
 
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
-_BRACKETED = re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]")
-_SUFFIXED = re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])")
-_GERMAN_DEGREES = re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?")
-"""``Grad`` is a degree in German; ``grad`` may be a gradian, 400 to the turn."""
-_CHANNEL = re.compile(r"\d+\s*<(.*)>")
-"""Name of a channel behind its number, as loggers write it: ``101 <Trk X>``."""
+_WITH_UNIT = (
+    re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]"),
+    re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])"),
+    re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?"),
+)
+"""Forms of a name with its unit; ``Grad`` is a degree in German, ``grad`` may be a gradian, 400 to the turn."""
 _TOKEN = re.compile(r"[^\W\d_]+|\d+")
 
 _COMMANDED = frozenset(
@@ -247,7 +246,6 @@ class Meaning(NamedTuple):
 
 _FAMILIES = {"abc": ("a", "b", "c"), "abg": ("alpha", "beta", "gamma"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
 """Names of three angles that mean an orientation together."""
-_PLACED = re.compile(r"(?:observation)?(p|tvec|rvec|)\d+")
 _COORDINATES: Mapping[str, Meaning] = {
     **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},
     **{name: Meaning(name) for name in (*QUATERNION, *RPY)},
@@ -263,10 +261,10 @@ def heading_of(name: str) -> Heading:
     words = tuple(_TOKEN.findall(stem.lower()))
     if _WHOLE_NAMES.get(" ".join(words)) in TIME_KEYS:  # seconds of a stamp, not a stamp in seconds
         return Heading(name, words, None)
-    matches = filter(None, (form.fullmatch(stem) for form in (_BRACKETED, _SUFFIXED, _GERMAN_DEGREES)))
+    matches = filter(None, (form.fullmatch(stem) for form in _WITH_UNIT))
     if match := next((match for match in matches if match[2] == "Grad" or match[2].lower() in UNIT_NAMES), None):
         stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
-    if match := _CHANNEL.fullmatch(stem):
+    if match := re.fullmatch(r"\d+\s*<(.*)>", stem):  # a channel behind its number, as loggers write it: 101 <Trk X>
         stem = match[1]
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
@@ -350,7 +348,9 @@ def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Mea
     if oriented and joined in ("x", "y", "z", "w"):
         is_quaternion = any("w" in sibling.split() for sibling in siblings)
         return Meaning(f"q{joined}") if is_quaternion else Meaning(f"r{joined}", family="axes")
-    if (match := _PLACED.fullmatch(joined)) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
+    if (
+        match := re.fullmatch(r"(?:observation)?(p|tvec|rvec|)\d+", joined)
+    ) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
         places = sorted(sibling for sibling in siblings if sibling.rpartition(" ")[0] == text.rpartition(" ")[0])
         keys = ROTATION_VECTOR if match[1] == "rvec" else AXES
         if len(places) in (6, 7) and "pose" in core and not {"tcp", "robot", "ee"} & set(core):
@@ -503,8 +503,6 @@ def time_column(name: str, index: int = 0, label: str = "") -> Column | None:
 
 AGREES = np.radians(3.0)
 """rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
-_FEWEST = 4
-"""Comparisons that a decision needs."""
 
 
 def _about(axes: Sequence[int], angles: Array) -> Array:
@@ -560,7 +558,7 @@ def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> 
     fours = np.stack([(first + step) % n for step in steps])
     turned = _turns(known, fours)
     fours, turned = fours[:, turned > 2 * AGREES], turned[turned > 2 * AGREES]
-    if n < len(steps) or turned.size < _FEWEST:
+    if n < len(steps) or turned.size < 4:  # a decision needs four comparisons
         return None
     tried = {name: _turns(CONVENTIONS[name](angles), fours) - turned for name in conventions}
     return {name: float(np.median(np.abs(difference))) for name, difference in tried.items()}
@@ -583,7 +581,6 @@ def _turns(rotation: Array, fours: Array) -> Array:
 #   "X [mm]": x_mm
 #   Comment:                       # not read
 
-_VERSION = "1"
 OPEN = "unknown"
 """Entry of a statement that the user has to fill in; a command refuses it."""
 
@@ -595,24 +592,22 @@ def read_column_map(path: str | os.PathLike[str]) -> dict[str, Any]:
         InputError: The file cannot be read, or has problems; with every problem, its line and key.
     """
     name = os.fspath(path)
-    source = Source(name)
-    kinds: dict[str, Callable[[yaml.Node, str], Any]] = {
-        "angles": partial(source.choice, options=tuple(CONVENTIONS)),
-        "units": source.text,
-        "coverage": source.number,
-        "sheet": source.text,
-        "bag": source.text,
-        "columns": partial(_read_columns, source),
+    kinds: dict[str, Callable[[Source, yaml.Node, str], Any]] = {
+        "angles": partial(Source.choice, options=tuple(CONVENTIONS)),
+        "units": Source.text,
+        "coverage": Source.number,
+        "sheet": Source.text,
+        "bag": Source.text,
+        "columns": _read_columns,
     }
-    result: dict[str, Any] = {}
-    if (top := source.section(compose(read_text(name), name), "", ("robacc_columns", *kinds))) is not None:
-        version = top.require("robacc_columns")
-        if version is not None and getattr(version, "value", None) != _VERSION:
-            source.report(version, "robacc_columns", f"expected {_VERSION}, found {describe(version)}")
-        result = {key: read(node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
-        if result.get("units") == OPEN:
-            source.report(top.get("units"), "units", "is not filled in", "for example mm,deg")
-    source.raise_if_any()
+    top = top_section(read_text(name), name, ("robacc_columns", *kinds))
+    version = top.require("robacc_columns")
+    if version is not None and getattr(version, "value", None) != "1":
+        top.report("robacc_columns", f"expected 1, found {describe(version)}")
+    result = {key: read(top.source, node, key) for key, read in kinds.items() if (node := top.get(key)) is not None}
+    if result.get("units") == OPEN:
+        top.report("units", "is not filled in", "for example mm,deg")
+    top.source.raise_if_any()
     return result
 
 
@@ -636,22 +631,9 @@ def _read_columns(source: Source, node: yaml.Node, path: str) -> dict[str, str |
 # What the reader of a pose file knows of the robot that the poses are of.
 
 
-class RowKeys(NamedTuple):
-    """What rows of one file are joined to those of another by."""
-
-    names: NDArray[Any] | None
-    """``(N,)`` names of the poses."""
-    time: Array | None
-    """``(N,)`` s"""
-    lines: NDArray[np.int64]
-    """``(N,)`` line or row in the file."""
-    gaps: tuple[int, ...] = ()
-    """Lines of rows that were left out because a value is missing."""
-
-
-KnownPoses = Callable[[RowKeys], tuple[Array | None, Array | None]]
-"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, NaN where it has no such row;
-None for what it does not give."""
+KnownPoses = Callable[[Measurements], tuple[Array | None, Array | None]]
+"""Positions ``(3, N)`` and orientations ``(3, 3, N)`` that another file gives to rows, by their names, times and lines,
+NaN where it has no such row; None for what it does not give."""
 
 
 class KnownRobot(NamedTuple):
@@ -684,35 +666,39 @@ UNKNOWN_ROBOT = KnownRobot()
 """No robot is known."""
 
 
-_UNIT_WORDS = {"inch": "in", "°": "deg", "µm": "um"}
+READING = (
+    "angles",
+    "units",
+    "columns",
+    "skip_gaps",
+    "coverage",
+    "sheet",
+    "commanded",
+    "camera",
+    "board",
+    "bag",
+    "contact_sheet",
+)
+"""Names of the statements of a :class:`Reading`."""
 
 
 @dataclass(frozen=True, slots=True)
-class Reading:
+class Reading(TableOptions):
     """Statements on a pose file that apply where its own names leave a question open."""
 
+    is_known: Callable[[str], bool] = is_documented
     angles: str | None = None
     """Convention of three angles that form an orientation: ``rotvec``, ``fixed-xyz``, ``kuka-abc``, …"""
     units: str | None = None
     """Units of columns whose names have none: ``mm,deg``."""
     columns: Mapping[str, str | None] | None = None
     """Documented name (``x_mm``) of each column by its name in the file; None for a column that is not read."""
-    skip_gaps: bool = False
-    """Leave out rows with a missing value, with a warning."""
     coverage: float | None = None
     """Coverage factor of uncertainties ``U``: 1 for standard, 2 for expanded uncertainties at 95 %."""
-    sheet: str | None = None
-    """Name of a workbook's sheet; None for its only sheet."""
     commanded: str | None = None
     """File with the commands: a robot program, or a table of joints or commanded poses."""
     camera: str | None = None
     """File of the camera, or cameras, that took images of a board."""
-    board: str | None = None
-    """File of the board that photos show."""
-    bag: str | None = None
-    """Topics and samples of a recording: ``joints=/joint_states,measured=/tracker/pose,at=rest``."""
-    contact_sheet: str | None = None
-    """File to write with a picture of all photos, the points found in them and what is wrong."""
 
     def __post_init__(self) -> None:
         """Check the statements.
@@ -741,7 +727,7 @@ class Reading:
         """
         result: dict[str, str] = {}
         for part in (self.units or "").split(",") if self.units else ():
-            unit = _UNIT_WORDS.get(part.strip(), part.strip())
+            unit = {"inch": "in", "°": "deg", "µm": "um"}.get(part.strip(), part.strip())
             quantity = UNITS.get(unit, ("", 0.0))[0]
             refuse(
                 (
@@ -755,7 +741,7 @@ class Reading:
 
     def document(self) -> dict[str, Any]:
         """Return the statements that were made, for a result's options."""
-        values = {item.name: getattr(self, item.name) for item in fields(self)}
+        values = {name: getattr(self, name) for name in READING}
         return {name: dict(value) if name == "columns" else value for name, value in values.items() if value}
 
 
@@ -773,20 +759,14 @@ class SupportsColumns(Protocol):
         """Names of the columns."""
 
 
-_OF_TABLES = ("columns", "column_names", "__arrow_c_stream__", "__dataframe__")
-"""Attributes by which a data frame is known."""
-
-
 class PoseFile(str):
     """Path of a pose file, or a data frame, with statements on what its names leave open.
 
     It stands wherever a path of poses does: ``robacc.estimate(PoseFile("export.csv", units="mm,deg"), robot=…)``.
     """
 
-    __slots__ = ("frame", "reading")
+    __slots__ = ("reading",)
     reading: Reading
-    frame: Any
-    """Data frame, or part of a large file, that is read in place of the file; None for the whole file."""
 
     def __new__(
         cls,
@@ -825,20 +805,23 @@ class PoseFile(str):
             InputError: The column map cannot be read.
         """
         is_path = isinstance(path, str | os.PathLike)
+        of_tables = ("columns", "column_names", "__arrow_c_stream__", "__dataframe__")
         refuse(
             (
-                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in _OF_TABLES),
+                not is_path and not isinstance(path, Mapping) and not any(hasattr(path, name) for name in of_tables),
                 f"expected a path, a data frame or Measurements as poses, found {type(path).__name__}; make a data "
                 "frame of records, or Measurements(position=…, q=…) of arrays",
             )
         )
         result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
-        result.frame = getattr(path, "frame", None) if is_path else path
-        stated = read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
+        stated: dict[str, Any] = (
+            read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
+        )
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
         files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
-        given |= {name: None if file is None else os.fspath(file) for name, file in files.items()}
+        given |= {name: os.fspath(file) for name, file in files.items() if file is not None}
         stated |= {name: value for name, value in given.items() if value is not None}
+        stated["frame"] = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
 
@@ -854,20 +837,12 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
 
     def file(part: TablePart) -> PoseFile:
         result = PoseFile(path)
-        result.reading, result.frame = reading, part
+        result.reading = replace(reading, frame=part)
         return result
 
-    return () if named else tuple(map(file, TablePart.divided(path, table_options(path))))
+    return () if named else tuple(map(file, TablePart.divided(path, reading)))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:
     """Return the statements that a path carries."""
     return path.reading if isinstance(path, PoseFile) else AS_NAMED
-
-
-def table_options(path: str | os.PathLike[str]) -> TableOptions:
-    """Return how the table at a path is to be read, with the statements that the path carries."""
-    reading = reading_of(path)
-    frame = path.frame if isinstance(path, PoseFile) else None
-    of_images = reading.board, reading.contact_sheet
-    return TableOptions(is_documented, reading.skip_gaps, reading.sheet, reading.bag, *of_images, frame)

@@ -32,15 +32,6 @@ from robacc.poses.reading import (
 # Tables without a header whose form is known: TUM trajectories, and point lists of SpatialAnalyzer.
 
 _TUM = ("time", "x_m", "y_m", "z_m", "qx", "qy", "qz", "qw")
-_TUM_HEADER = ["timestamp", "tx", "ty", "tz", "qx", "qy", "qz", "qw"]
-_POINT = ("X", "Y", "Z")
-_UNCERTAINTY = ("Ux", "Uy", "Uz")
-_QUATERNION, _ANGLES = ("Q1", "Q2", "Q3", "Q4"), ("Rx", "Ry", "Rz")
-_JOINT_UNITS = (("rad", "m"), ("deg", "mm"))
-_LENGTHS = {"m": 1.0, "mm": 1e3, "cm": 1e2, "in": 1 / 0.0254}
-"""Lengths in a metre."""
-_FEWEST_ROWS = 8
-"""24 coordinates, well above the 15 parameters of the affine fit."""
 
 
 def with_known_names(
@@ -59,7 +50,7 @@ def with_known_names(
         InputError: The rows have no known form, or several forms fit.
     """
     dialect, width = table.dialect, len(table.names)
-    if dialect.separator is None and [name.lower() for name in dialect.names] == _TUM_HEADER:
+    if dialect.separator is None and " ".join(dialect.names).lower() == "timestamp tx ty tz qx qy qz qw":
         return _TUM
     if dialect.is_documented or dialect.names:
         return table.names
@@ -109,13 +100,14 @@ def _of_numbers(
     elif (readings := _readings(rows, robot)) or (commands and attained and not texts.any()):
         found = readings[0] if len(readings) == 1 else {}
     elif width - lead in (3, 6, 7):
-        found = dict(enumerate(_POINT, lead))
+        found = dict(enumerate("XYZ", lead))
     if not found:
         return None
     for i in [i + 1 for i, name in found.items() if name.startswith("Z")]:
         # An orientation follows the position, or, in a list of SpatialAnalyzer, its uncertainty.
         is_list = texts.any() and (rows[:, i : i + 3] > 0).all()
-        angles = _QUATERNION if rows.size and _are_unit(rows[:, i : i + 4]) else _UNCERTAINTY if is_list else _ANGLES
+        is_quaternion = rows.size and _are_unit(rows[:, i : i + 4])
+        angles = ("Q1 Q2 Q3 Q4" if is_quaternion else "Ux Uy Uz" if is_list else "Rx Ry Rz").split()
         if {*range(i, i + len(angles))} <= {*range(width)} - {*found}:
             found |= dict(enumerate(angles, i))
     named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
@@ -132,7 +124,7 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
     if robot.pose_at is None or not joints or rows.shape[1] > 24:
         return []
     turns = np.array([kind != "prismatic" for kind in robot.joint_types or ["revolute"] * joints])[:, None]
-    for first, (angle, length) in itertools.product(range(rows.shape[1] - joints + 1), _JOINT_UNITS):
+    for first, (angle, length) in itertools.product(range(rows.shape[1] - joints + 1), (("rad", "m"), ("deg", "mm"))):
         q = rows[:, first : first + joints].T
         q = np.where(turns, q / UNITS[angle][1], q / UNITS[length][1])
         if not np.isfinite(q).all():
@@ -154,8 +146,9 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
     """
     n, eye = position.shape[1], np.eye(3)
     centred = position - position.mean(axis=1, keepdims=True)
-    # Largest coordinate in any unit: the Earth is 4e7 m round.
-    if translation is None or rotation is None or n < _FEWEST_ROWS or not np.abs(position).max() < 1e9:
+    # 8 rows have 24 coordinates, well above the 15 parameters. No coordinate is larger in any unit: the Earth is 4e7 m
+    # round.
+    if translation is None or rotation is None or n < 8 or not np.abs(position).max() < 1e9:
         return None
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
@@ -167,7 +160,7 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
         return None
     scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
     # Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more.
-    return next((unit for unit, count in _LENGTHS.items() if abs(scale * count - 1) < 0.05), None)
+    return next((unit for unit in ("m", "mm", "cm", "in") if abs(scale * UNITS[unit][1] - 1) < 0.05), None)
 
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.

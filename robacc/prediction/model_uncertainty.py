@@ -32,9 +32,8 @@ from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
-from robacc.measurements import Measurements, different
+from robacc.measurements import Measurements, different, numbered
 from robacc.modelling.model import Model, predict, residuals
-from robacc.poses.motion import numbered
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,

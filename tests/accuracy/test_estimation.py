@@ -402,7 +402,7 @@ BIN = 1 / 4096
 def in_parts(monkeypatch: pytest.MonkeyPatch, size: int = 1 << 15) -> None:
     """Take every file for a large one, of which a part has some two hundred poses."""
     for name, value in (("LARGE", 1), ("_PART", size), ("_SAMPLES", 40), ("_SAMPLE", 1 << 10)):
-        monkeypatch.setattr(f"robacc.io.table_parts.{name}", value)
+        monkeypatch.setattr(f"robacc.io.table.{name}", value)
 
 
 def simulated(path: Path, robot: str = ROBOT_OF_IN_PARTS, n: int = 2000, **options: object) -> str:

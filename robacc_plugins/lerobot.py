@@ -10,6 +10,7 @@ Source: huggingface/lerobot, ``datasets/utils.py`` and ``motors/motors_bus.py``.
 from __future__ import annotations
 
 import hashlib
+import importlib
 import json
 import math
 import os
@@ -230,7 +231,7 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
         InputError: The video cannot be decoded.
     """
     try:
-        import av
+        av: Any = importlib.import_module("av")
     except ImportError:
         av = None
     fix = (
@@ -241,11 +242,8 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
     if av is None:
         os.environ.setdefault("OPENCV_FFMPEG_LOGLEVEL", "-8")  # This error says what the library would.
         capture = cv2.VideoCapture(str(video))
-        _of_rate(capture.get(cv2.CAP_PROP_FPS), fps, video)
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        _check(video, capture.get(cv2.CAP_PROP_FPS), int(capture.get(cv2.CAP_PROP_FRAME_COUNT)), fps, times)
         for time in times:
-            short = f"has {count} frames, and the joints have one at {time:.3f} s"
-            refuse((0 < count <= round(time * fps), Problem(short, str(video), fix="download it again")))
             capture.set(cv2.CAP_PROP_POS_FRAMES, round(time * fps))
             is_read, image = capture.read()
             refuse((not is_read, Problem(f"cannot be decoded at {time:.3f} s", str(video), fix=fix)))
@@ -254,7 +252,7 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
     try:
         with av.open(str(video)) as container:
             stream = container.streams.video[0]
-            _of_rate(float(stream.average_rate or 0.0), fps, video)
+            _check(video, float(stream.average_rate or 0.0), stream.frames, fps, times)
             for time in times:
                 container.seek(max(int((time - 0.5 / fps) / stream.time_base), 0), stream=stream)
                 frames = (each for each in container.decode(stream) if each.time > time - 0.5 / fps)
@@ -263,12 +261,16 @@ def _frames(video: Path, times: Sequence[float], fps: float, cv2: Any) -> Iterat
         raise InputError(Problem(f"cannot be decoded ({error})", str(video), fix=fix)) from error
 
 
-def _of_rate(rate: float, fps: float, video: Path) -> None:
-    """Refuse a video whose frames per second, where it states them, are not those of its data set.
+def _check(video: Path, rate: float, count: int, fps: float, times: Sequence[float]) -> None:
+    """Refuse a video whose frames per second, where it states them, are not those of its data set, or that is shorter.
 
     Raises:
-        InputError: They differ.
+        InputError: It is.
     """
     message = f"has {rate:.4g} frames per second, and {_INFO} says {fps:.4g}"
     is_other = rate > 0.0 and abs(rate - fps) > _OTHER_RATE * fps
-    refuse((is_other, Problem(message, str(video), fix="one of them is wrong; correct fps")))
+    short = f"has {count} frames, and the joints have one at {max(times):.3f} s"
+    refuse(
+        (is_other, Problem(message, str(video), fix="one of them is wrong; correct fps")),
+        (0 < count <= round(max(times) * fps), Problem(short, str(video), fix="download it again")),
+    )

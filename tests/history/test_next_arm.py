@@ -7,9 +7,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from homogeneous import dh, frame
 
 import robacc
-from tests.homogeneous import dh, frame
 
 pytestmark = pytest.mark.slow
 

@@ -5,8 +5,7 @@ import json
 from pathlib import Path
 
 import pytest
-
-from tests.commands import document, run
+from commands import document, run
 
 SAMPLES = Path("sample_data")
 CAMERA = ("--camera", SAMPLES / "photos/camera.yaml")

@@ -729,7 +729,7 @@ def test_a_long_line_deep_in_a_file(read: Reader) -> None:
 def test_files_that_cannot_be_opened_and_statements_that_are_wrong(tmp_path: Path) -> None:
     for path, reason in (
         (tmp_path / "none.csv", "the file does not exist"),
-        (tmp_path, "is a folder, expected a file; name a file, or the folder of a ROS 2 bag"),
+        (tmp_path, "is a folder, expected a file; name a file, or a folder that has photos"),
     ):
         with pytest.raises(InputError, match=rf"{path.name}: {reason}"):
             read_poses(path)

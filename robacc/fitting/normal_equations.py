@@ -48,15 +48,14 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
     A direction without information stays near zero, where an exact solution does not exist. ``damping`` is added to the
     diagonal of the scaled matrix, which is one.
     """
-    from scipy.linalg import cho_factor, cho_solve  # Its import takes as long as an estimate of 100 poses.
+    from scipy.linalg.lapack import dposv  # Its import takes as long as an estimate of 100 poses.
 
     matrix, scale = unit_diagonal(matrix)
     scale = scale.reshape(-1, *(1,) * (rhs.ndim - 1))
     matrix += damping * np.eye(len(matrix))
-    try:
-        result = cho_solve(cho_factor(matrix, check_finite=False), scale * rhs, check_finite=False)
-    except np.linalg.LinAlgError:
-        result = np.asarray(np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0], dtype=np.float64)
+    _, result, is_singular = dposv(matrix, scale * rhs) if rhs.size else (None, rhs, 0)
+    if is_singular:
+        result = np.linalg.lstsq(matrix, scale * rhs, rcond=None)[0]
     return np.asarray(scale * result, dtype=np.float64)
 
 

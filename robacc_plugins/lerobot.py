@@ -66,6 +66,9 @@ def read(path: str, options: TableOptions) -> ColumnTable:
     cv2, stated = opencv(path), BagOptions.of(options.bag)
     try:
         info = json.loads(read_text(Path(path, _INFO)))
+        version = str(info.get("codebase_version", "v3.0"))
+        other = Problem(f"has format {version}, expected 2 or 3", path, fix="convert it with LeRobot")
+        refuse((not version.startswith(("v2.", "v3.")), other))
         camera, fps = _camera(path, info["features"], stated), float(info["fps"])
         if not fps > 0.0:
             raise ValueError(f"fps is {fps:g}")

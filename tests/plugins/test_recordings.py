@@ -186,6 +186,7 @@ def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statement
         (None, "", "images=top", "has no camera top"),
         (None, "", "images=side", "episode_000000.mp4: does not exist; download the data set with its videos"),
         ("set/meta/info.json", "{}", "images=hand", "cannot be read as a data set of LeRobot (KeyError: 'features')"),
+        ("set/meta/info.json", '{"codebase_version": "v1.6"}', "images=hand", "has format v1.6, expected 2 or 3"),
         ("arm.json", '{"j1": 4}', "images=hand,calibration={}/arm.json", "is no calibration of LeRobot"),
         ("set/data/chunk-000/file-001.parquet", "PAR1", "images=hand", "cannot be read as a data set of LeRobot"),
         ("set/videos/chunk-000/observation.images.hand/episode_000000.mp4", "x", "images=hand", "cannot be decoded"),

@@ -55,8 +55,9 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
     names = {effect.name for effect in model.free}
     if data.n > MANY:
         data = data.subset(random_rows(data, MANY))
-    turned = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-    others = [] if data.is_placed_by_images else list(_other_directions(model.arm.robot, turned))
+    robot, frames = model.arm.robot, ("base_frame" in names, "tool_frame" in names)
+    # Images do not show what is level.
+    others = [] if data.is_placed_by_images else list(_other_directions(robot, register_frames(robot, data, *frames)))
     first = _with_springs(model, data, None) if others else None
     if first is None:
         return model

@@ -18,7 +18,7 @@ from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.drivers import is_outside, range_excess
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, applying, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, Poses
 from robacc.measurements import Measurements, motion_between_visits, numbered_visits
@@ -605,7 +605,7 @@ def correction(
     orientation = orientation if fit is not None and fit.unexplained.shape[0] == 6 else None
     before, after = (expected_errors(each, position, orientation, scale, wanted.oriented) for each in errors)
     listed = ", ".join(map(str, setting.left_out))
-    notes = (
+    notes = applying(
         (wanted.given == "joints", "a joint target is taken as the pose that the nominal robot has there"),
         (listed, f"{listed}: an effect of the measurement, not of the arm, is not corrected"),
         (
@@ -618,9 +618,8 @@ def correction(
             f"orientation counts as {1e3 * limits.weight / _DEGREES:.3g} mm",
         ),
     )
-    texts = tuple(text for applies, text in notes if applies)
     to_command = -pose_error(wanted.poses, command, True)
     return Correction(
         *(setting, wanted, q, command, corrected, to_command, errors[0], errors[1], tuple(refused)),
-        *(limits, limits_source, before, after, scale, texts),
+        *(limits, limits_source, before, after, scale, notes),
     )

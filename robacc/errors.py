@@ -71,6 +71,11 @@ def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]], error: type
             raise error(reason) if isinstance(reason, str) else InputError(reason)
 
 
+def applying(*cases: tuple[object, Value]) -> tuple[Value, ...]:
+    """Return the texts, or other values, of the cases that apply; the case ``(True, …)`` always does."""
+    return tuple(value for applies, value in cases if applies)
+
+
 def given(value: Value | None, reason: str | Problem, error: type[Exception] = UsageError) -> Value:
     """Return a value; None raises the error of :func:`refuse` with this reason."""
     if value is None:

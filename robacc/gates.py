@@ -26,7 +26,7 @@ from robacc.comparison.stored_results import (
     pair_poses,
     value_at,
 )
-from robacc.errors import refuse
+from robacc.errors import applying, refuse
 from robacc.quantities import UNITS, Dimension, parse_quantity
 from robacc.statistics.intervals import (
     ASSURANCE,
@@ -876,7 +876,7 @@ def _evaluate_grade(criterion: GateCriterion, document: Mapping[str, Any]) -> Ev
 
 def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
     key, share = criterion.key, 0.0 if ratio is None else ratio
-    warnings = (
+    texts = applying(
         (
             share > MOST_OF_TOLERANCE,
             f"the instrument's expanded uncertainty (k = 2) is {100 * share:.0f} % of the limit, more than the "
@@ -888,4 +888,4 @@ def _warnings(criterion: GateCriterion, ratio: float | None) -> tuple[str, ...]:
             f"{key.replace('.fitted.', '.held_out.')}",
         ),
     )
-    return tuple(f"{criterion.name}: {text}" for applies, text in warnings if applies)
+    return tuple(f"{criterion.name}: {text}" for text in texts)

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
-from robacc.errors import InputError
+from robacc.errors import InputError, applying
 from robacc.geometry import Array, vector_lengths
 from robacc.statistics.intervals import (
     EstimateOrReason,
@@ -124,15 +124,14 @@ def _hotelling(mean: Array, values: Array, axes: Array, rank: int, n: int) -> As
     (n - p) / (p (n - 1)) T^2 ~ F(p, n - p).
     """
     p, directions = values.size, "one direction" if rank == 1 else f"{rank or 3} directions"
-    obstacles = (
+    obstacles = applying(
         (n <= rank or n < 2, f"{_poses(n)}: too few for scatter in {directions}"),
         (p < rank, "the errors do not scatter along every direction of their mean"),
         (rank == 0, "every error is zero"),
     )
     name = "Hotelling's T-squared: the mean is zero"
-    for applies, why in obstacles:
-        if applies:
-            return AssumptionTest(name, None, None, p, why)
+    if obstacles:
+        return AssumptionTest(name, None, None, p, obstacles[0])
     statistic = (n - 1) * float(np.sum(np.square(axes.T @ mean) / values))
     return AssumptionTest(name, statistic, f_sf((n - p) / (p * (n - 1)) * statistic, p, n - p), p)
 
@@ -420,18 +419,15 @@ class _ErrorSample(PoseSampling):
         """
         n, number, once = self.n, self.n_groups, "no commanded pose was repeated"
         together = "all rows are of one commanded pose"
-        obstacles = (
-            (self.is_repeated and self.groups is None, IN_PARTS, f"; {SHARED}"),
-            (number == 1 < n, together, ": the scatter is repeatability and does not describe other poses"),
-            (
-                number == n,
-                once,
-                f", so repeatability cannot be separated from errors that depend on the pose; {SHARED}",
-            ),
+        apart = f", so repeatability cannot be separated from errors that depend on the pose; {SHARED}"
+        obstacles = applying(
+            (self.is_repeated and self.groups is None, (IN_PARTS, f"; {SHARED}")),
+            (number == 1 < n, (together, ": the scatter is repeatability and does not describe other poses")),
+            (number == n, (once, apart)),
         )
-        for applies, why, consequence in obstacles:
-            if applies:
-                return PoseStructure(n, number, None, None, None, None, why + consequence, why)
+        if obstacles:
+            why, consequence = obstacles[0]
+            return PoseStructure(n, number, None, None, None, None, why + consequence, why)
         of_pose = self.of_groups - self.sizes[:, None] * self.means
         explained = float(np.sum(np.square(of_pose[:, 1:4]) / self.sizes[:, None]))
         within = max(n * float(np.trace(self.covariance(False))) - explained, 0.0) / (n - number)
@@ -452,14 +448,13 @@ class _ErrorSample(PoseSampling):
     @property
     def assumption(self) -> str:
         """Assumptions and rejections as a sentence, which names assumptions that cannot be tested."""
-        assumptions = (
-            (self.shape, "the errors are not Gaussian (Mardia)"),
-            (self.zero_mean, "their mean is not zero (Hotelling)"),
-            (not self.is_repeated, "commanded poses were repeated, and repetitions are not independent"),
+        rejections = applying(
+            (not self.shape, "the errors are not Gaussian (Mardia)"),
+            (not self.zero_mean, "their mean is not zero (Hotelling)"),
+            (self.is_repeated, "commanded poses were repeated, and repetitions are not independent"),
         )
-        rejections = "; ".join(text for holds, text in assumptions if not holds)
         if rejections:
-            return f"{rejections}: intervals come from resampling, not from a Gaussian model"
+            return f"{'; '.join(rejections)}: intervals come from resampling, not from a Gaussian model"
         is_tested = all(test.p_value is not None for test in self.tests)
         tested = f"no test rejects it at {100 * SIGNIFICANCE:g} %" if is_tested else "the poses are too few to test it"
         return f"errors assumed Gaussian with zero mean; {tested}"

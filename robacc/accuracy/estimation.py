@@ -25,7 +25,7 @@ from numpy.typing import NDArray
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, refuse
+from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, applying, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements
@@ -554,7 +554,7 @@ def _notes(
     missing = "measured" if data.rotation is None else "commanded"
     n_parameters, of_fit = (0, ()) if alignment is None else (alignment.n_parameters, alignment.notes)
     sigma = 0.0 if data.sigma_position is None else rms_length(data.sigma_position) * 1e3
-    notes = (
+    return applying(
         (
             requested is None and frame == "base",
             "no orientation was commanded, so the errors are in the measuring frame",
@@ -575,7 +575,6 @@ def _notes(
             f"the position errors include the measuring uncertainty, {sigma:.2g} mm rms",
         ),
     )
-    return tuple(note for applies, note in notes if applies)
 
 
 def _moves(data: Measurements) -> bool:
@@ -615,7 +614,7 @@ def _warnings(
     trace, size = "" if data.q is None else "; a trace names the probable mistake", 1.0
     if far and alignment is not None and data.q is not None:
         size = _relative_size(data, alignment)
-    causes = (
+    cause, *_ = applying(
         (
             n_far > 0,
             f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
@@ -639,5 +638,4 @@ def _warnings(
             f"quaternion or the convention of the angles{trace}",
         ),
     )
-    cause = next(text for applies, text in causes if applies)
     return (cause,) if cause else ()

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
-from robacc.errors import refuse
+from robacc.errors import applying, refuse
 from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval, largest_known
 
@@ -255,13 +255,13 @@ class Grade(NamedTuple):
         bounds = ", ".join(f"{name} {_amount(bound, unit)}" for name, bound, unit in known if bound is not None)
         unbounded = [f"{name} has no upper bound ({quantity.why})" for name, quantity in own.items() if quantity.why]
         best = f"grade {self.demonstrated_grade} is confirmed" if self.demonstrated_grade else "no grade is confirmed"
-        confirmations = (
+        confirmation, *_ = applying(
             (self.demonstrated, f"{at_confidence}: the upper bound is within the limit ({bounds})"),
             (bool(unbounded), f"not {at_confidence}: {'; '.join(unbounded)}"),
             (self.rank == len(scale.steps), "no step of the scale is met, so no grade can be confirmed"),
             (True, f"not {at_confidence}: the upper bound is beyond a limit ({bounds}); {best}"),
         )
-        sentences = (
+        sentences = applying(
             (True, "; ".join(self._estimate(name, quantity) for name, quantity in own.items())),
             (self.orientation is None, "orientation was not measured, so the grade covers position only"),
             (
@@ -269,9 +269,9 @@ class Grade(NamedTuple):
                 f"limited by {' and '.join(self.limited_by)}: grade {following.get('grade')} needs "
                 f"{' and '.join(missing)}",
             ),
-            (True, next(text for applies, text in confirmations if applies)),
+            (True, confirmation),
         )
-        return ". ".join(text for applies, text in sentences if applies)
+        return ". ".join(sentences)
 
     def _estimate(self, name: Quantity, quantity: QuantityGrade) -> str:
         steps, unit = self.scale.steps, quantity.unit

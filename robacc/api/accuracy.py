@@ -52,7 +52,7 @@ from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
-from robacc.errors import Note
+from robacc.errors import Note, applying
 from robacc.geometry import vector_lengths
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.reading import PoseFile
@@ -212,10 +212,10 @@ def estimate(
         f"the file was read in {len(parts)} parts: statistics, grade and worst poses are of all rows; frames were "
         f"fitted to {data.n} rows, evenly spread, and the errors that a result lists pose by pose are theirs"
     )
-    notes = ((fitted, "the robot file was fitted to these same poses"), (parts, in_parts))
+    notes = applying((fitted, "the robot file was fitted to these same poses"), (parts, in_parts))
     body = replace(
         body,
-        notes=(*body.notes, *(text for applies, text in notes if applies)),
+        notes=(*body.notes, *notes),
         warnings=(*body.warnings, *fitted, *_doubts(body, arm, data), *inputs.warnings),
     )
     made = inputs.made(align=list(body.alignment.effects if body.alignment else ()), frame=body.errors.frame)

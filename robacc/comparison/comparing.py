@@ -27,7 +27,7 @@ from robacc.comparison.stored_results import (
     pair_poses,
     unit_of,
 )
-from robacc.errors import Problem, given, refuse
+from robacc.errors import Problem, applying, given, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -206,7 +206,7 @@ def _warnings(results: Sequence[ComparedResult], pairing: Sequence[Mapping[str, 
 def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, Any] | None) -> tuple[str, ...]:
     """Return the limitations of the comparison; ``tested`` is true if any difference has a p-value."""
     graded = grade or {"demonstrated_by": (), "confidence": 0.0}
-    notes = (
+    return applying(
         (
             tested,
             "each difference is tested by itself; the ranking's p-values are corrected for the number of pairs (Holm)",
@@ -221,7 +221,6 @@ def _notes(results: Sequence[ComparedResult], tested: bool, grade: Mapping[str, 
             f"each grade by itself is confirmed at {100 * graded['confidence']:g} % confidence, not all together",
         ),
     )
-    return tuple(note for applies, note in notes if applies)
 
 
 RANKED_BY = "position.rms"
@@ -534,13 +533,12 @@ def _loaded(measured: Array, planned: Array) -> dict[str, Any]:
     slope_std = math.sqrt(float(np.sum(np.square(scores))) * n / (n - 1)) / power
     half_width = student_quantile(0.975, n - 1.0) * slope_std
     low, high = slope - half_width, slope + half_width
-    verdicts = (
+    verdict, *_ = applying(
         (low > 0.5, "loaded"),
         (low <= 0.0 and high < 0.5, "not_loaded"),
         (low > 0.0 and high < 0.9, "partly_loaded"),
         (True, "undecided"),
     )
-    verdict = next(name for applies, name in verdicts if applies)
     return {"verdict": verdict, "slope": slope, "lower": low, "upper": high, "planned_rms_m": rms_length(planned)}
 
 

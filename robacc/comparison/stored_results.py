@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.grade import GradeStep, Scale
-from robacc.errors import given, refuse
+from robacc.errors import applying, given, refuse
 from robacc.geometry import Array, vector_lengths
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
@@ -294,7 +294,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
     confidences = sorted({figure.interval.confidence for figure in figures.values() if figure.interval is not None})
     effects = _at(document, "alignment.0.what" if command == "iso9283" else "alignment.what")
     alignment = f"{' and '.join(effects)} registered" if effects else "none"
-    held_out = (
+    held_out, *_ = applying(
         (_at(document, "after.held_out") is None, "nothing (errors of calibration poses)"),
         (document.get("poses_apart") is not None, "separate poses"),
         (True, f"{document.get('n_folds')} groups of poses, each in turn"),
@@ -309,7 +309,7 @@ def read_compared_result(document: Document, name: str, file: str, digest: str) 
         "alignment": "fitted with the model" if command in FITS else alignment,
         "grade scale": _at(document, "grade.scale"),
         "confidence": ", ".join(f"{confidence:g}" for confidence in confidences) or None,
-        "held out": next(text for holds, text in held_out if holds) if command in FITS else None,
+        "held out": held_out if command in FITS else None,
         "robot file": None if fitted_to is None else fitted,
         "targets": None if targets is None else ", ".join(sorted(set(targets))),
     }
@@ -507,7 +507,7 @@ def difference(
     value = float(values[1][0] - values[0][0])
     # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
     fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
-    obstacles = (
+    obstacles = applying(
         (statistic == "max", NO_TEST_OF_MAXIMUM),
         (min(sizes) < 2, "one commanded pose shows no scatter between poses"),
         (
@@ -519,9 +519,9 @@ def difference(
             f"fewer than {fewest} poses: too few to compare standard deviations",
         ),
     )
-    if (why := next((text for applies, text in obstacles if applies), None)) is not None:
+    if obstacles:
         n = n if statistic == "p95" and min(sizes) > 1 else None
-        return Difference(value, Interval.missing(confidence, why), None, paired, n)
+        return Difference(value, Interval.missing(confidence, obstacles[0]), None, paired, n)
     if is_smooth:
         error, method = math.sqrt(float(np.sum(variances))), "Student's t"
     else:

@@ -22,7 +22,7 @@ from typing import Any, BinaryIO, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.errors import Counted, InputError, Problem, refuse
+from robacc.errors import Counted, InputError, Problem, applying, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import (
     GAPS,
@@ -417,14 +417,14 @@ class TextTable(Table):
         is_same = not body_rows and len({width for _, width in self._widths}) == 1 and len(self._widths) > 1
         more = f" here and in the {len(self._widths) - 1} rows below" if is_same else ""
         for line, width in self._widths[:1] if is_same else self._widths:
-            fixes = (
+            fixes = applying(
                 (width > 1.5 * expected, "write decimals with a point, not a comma"),
                 (width < expected and body_rows > 1, "if another table or a footer begins here, delete it"),
                 (is_same, "give each column one name, with the same separator as in the rows"),
             )
-            fix = next((text for applies, text in fixes if applies), None)
             fields = "field" if width == 1 else "fields"
-            self.log.add(f"found {width} {fields}{more}, expected {expected} as in the header", line, fix=fix)
+            message = f"found {width} {fields}{more}, expected {expected} as in the header"
+            self.log.add(message, line, fix=next(iter(fixes), None))
 
 
 def _documented_names(line: str, number: int, file: str) -> list[str]:

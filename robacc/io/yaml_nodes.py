@@ -4,10 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import difflib
+import itertools
 import math
 import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
 from typing import Any, NamedTuple, cast
 
 import yaml
@@ -319,81 +319,76 @@ def edited(text: str, document: Mapping[str, Any], file: str, *, rewritten: Coll
     """
     text = text.removeprefix("\ufeff")
     text = text if text.endswith("\n") else f"{text}\n"
-    edits = _Edits(text, rewritten)
-    edits.mapping(compose(text, file), document)
-    return spliced(text, edits.spans)
+    return spliced(text, _changes(text, compose(text, file), document, rewritten))
 
 
-@dataclass
-class _Edits:
-    """Replacements of spans of a text: first index, index behind the last, new text."""
+Edit = tuple[int, int, str]
+"""First index of a span of the text, index behind its last, and new text."""
 
-    text: str
-    rewritten: Collection[str] = ()
-    spans: list[tuple[int, int, str]] = field(default_factory=list)
 
-    def value(self, node: yaml.Node, value: Any) -> None:
-        """Change a value to another."""
-        if isinstance(node, yaml.MappingNode) and isinstance(value, Mapping):
-            self.mapping(node, value)
-        elif _has_items_for(node, value):
-            for item, new in zip(node.value, value, strict=False):
-                self.value(item, new)
-            column = node.start_mark.column + 2
-            if items := [(_flow(item), f"- {_block(item, column)}") for item in value[len(node.value) :]]:
-                self.add(node, node.value[-1] if node.value else None, items)
-        elif not _is_same(node, value):
-            self.replace(node, value)
+def _changes(text: str, node: yaml.Node, value: Any, rewritten: Collection[str]) -> Iterator[Edit]:
+    """Yield the edits that change a value to another; keys ``rewritten`` of a mapping may be written anew."""
+    if isinstance(node, yaml.MappingNode) and isinstance(value, Mapping):
+        entries, place = {key.value: item for key, item in node.value}, None
+        # New keys stand together behind the key that precedes them.
+        for is_known, keys in itertools.groupby(value, entries.__contains__):
+            if not is_known:
+                added = [key for key in keys if not _is_zero(value[key])]
+                column = node.start_mark.column
+                items = [(_flow({key: value[key]})[1:-1], _entry(key, value[key], column)) for key in added]
+                yield from _added(text, node, place, items)
+                continue
+            for key in keys:
+                place = entries[key]
+                is_new = key in rewritten and not _is_alike(place, value[key], longer=True)
+                change = _changes(text, place, value[key], rewritten)
+                yield from [_replaced(text, place, value[key])] if is_new else change
+    elif _has_items_for(node, value):
+        for item, new in zip(node.value, value, strict=False):
+            yield from _changes(text, item, new, rewritten)
+        column = node.start_mark.column + 2
+        items = [(_flow(item), f"- {_block(item, column)}") for item in value[len(node.value) :]]
+        yield from _added(text, node, node.value[-1] if node.value else None, items)
+    elif not _is_same(node, value):
+        yield _replaced(text, node, value)
 
-    def mapping(self, node: yaml.Node, document: Mapping[str, Any]) -> None:
-        """Change the values of a mapping, and add keys."""
-        entries = {key.value: (key, value) for key, value in node.value}
-        place: yaml.Node | None = None
-        for key, value in document.items():
-            if key in entries:
-                place = entries[key][1]
-                is_new = key in self.rewritten and not _is_alike(place, value, longer=True)
-                (self.replace if is_new else self.value)(place, value)
-            elif not _is_zero(value):
-                self.add(node, place, [(_flow({key: value})[1:-1], _entry(key, value, node.start_mark.column))])
 
-    def replace(self, node: yaml.Node, value: Any) -> None:
-        """Write a value in place of a node."""
-        start, end = node.start_mark.index, self.end(node)
-        if isinstance(node, yaml.ScalarNode) and is_null(node) and start == end:
-            self.spans.append((start, end, f" {_flow(value)}"))
-        elif _is_block(node):
-            # A list may stand at the column of its key, where nothing else may stand.
-            lead = 2 if isinstance(node, yaml.SequenceNode) else 0
-            self.spans.append((start, end, " " * lead + _block(value, node.start_mark.column + lead)))
-        else:
-            self.spans.append((start, end, _flow(value)))
+def _replaced(text: str, node: yaml.Node, value: Any) -> Edit:
+    """Return the edit that writes a value in place of a node."""
+    start, end = node.start_mark.index, _end(text, node)
+    if isinstance(node, yaml.ScalarNode) and is_null(node) and start == end:
+        return start, end, f" {_flow(value)}"
+    if not _is_block(node):
+        return start, end, _flow(value)
+    # A list may stand at the column of its key, where nothing else may stand.
+    lead = 2 if isinstance(node, yaml.SequenceNode) else 0
+    return start, end, " " * lead + _block(value, node.start_mark.column + lead)
 
-    def add(self, node: yaml.Node, place: yaml.Node | None, items: Sequence[tuple[str, str]]) -> None:
-        """Add entries, each as text for one line and as lines of its own, behind the value ``place`` or before all."""
-        between = f"\n{' ' * node.start_mark.column}"
-        if _is_block(node):
-            lines = between.join(text for _, text in items)
-            # Behind a comment in the last line of a value.
-            start = node.start_mark.index if place is None else self.text.index("\n", self.end(place))
-            start -= place is not None and self.text[start - 1] == "\r"
-            text = f"{lines}{between}" if place is None else f"{between}{lines}"
-        else:
-            start = node.start_mark.index + 1 if place is None else self.end(place)
-            text = ", ".join(text for text, _ in items)
-            follows = place is not None or any(span[0] == start for span in self.spans if not node.value)
-            text = f", {text}" if follows else f"{text}, " if node.value else text
-        self.spans.append((start, start, text))
 
-    def end(self, node: yaml.Node) -> int:
-        """Return the index behind the last character of a node; the mark of a block is behind comments that follow."""
-        if _is_block(node):
-            last = node.value[-1]
-            return self.end(last[1] if isinstance(last, tuple) else last)
-        end = node.end_mark.index
-        while end > node.start_mark.index and self.text[end - 1] in " \t\r\n":
-            end -= 1
-        return int(end)
+def _added(text: str, node: yaml.Node, place: yaml.Node | None, items: Sequence[tuple[str, str]]) -> Iterator[Edit]:
+    """Yield the edit that adds entries, each as text for one line and as lines of its own, behind ``place`` or first."""
+    if not items:
+        return
+    between = f"\n{' ' * node.start_mark.column}"
+    if _is_block(node):
+        lines = between.join(text for _, text in items)
+        # Behind a comment in the last line of a value.
+        start = node.start_mark.index if place is None else text.index("\n", _end(text, place))
+        start -= place is not None and text[start - 1] == "\r"
+        yield start, start, f"{lines}{between}" if place is None else f"{between}{lines}"
+    else:
+        start = node.start_mark.index + 1 if place is None else _end(text, place)
+        entries = ", ".join(text for text, _ in items)
+        yield start, start, f", {entries}" if place is not None else f"{entries}, " if node.value else entries
+
+
+def _end(text: str, node: yaml.Node) -> int:
+    """Return the index behind the last character of a node; the mark of a block is behind comments that follow."""
+    if _is_block(node):
+        last = node.value[-1]
+        return _end(text, last[1] if isinstance(last, tuple) else last)
+    end = node.end_mark.index
+    return node.start_mark.index + len(text[node.start_mark.index : end].rstrip(" \t\r\n"))
 
 
 def _is_block(node: yaml.Node) -> bool:

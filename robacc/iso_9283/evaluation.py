@@ -20,7 +20,7 @@ from robacc.accuracy.estimation import (
     register,
     too_far,
 )
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, applying, refuse
 from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses, rms_length, rotation_about
 from robacc.iso_9283 import ORIENTATION_TEXT
@@ -243,7 +243,7 @@ def propose(
         proposal = max(filter(None, proposals), key=lambda one: round(one.margin, 6), default=None)
         if proposal is not None:
             found = kind if orientation is None else None
-            notes = (
+            notes = applying(
                 (
                     target is None and len(robot.targets) > 1,
                     f"for the target {name}, the first of {len(robot.targets)}",
@@ -263,7 +263,7 @@ def propose(
                 proposal,
                 poses=Poses.from_xyz_rpy(np.array(robot.base.xyz)[:, None], np.array(robot.base.rpy)[:, None])
                 @ proposal.poses,
-                notes=tuple(note for applies, note in notes if applies),
+                notes=notes,
                 target=name,
             )
     cube = f"of {1e3 * edge:g} mm" if edge is not None else f"of {1e3 * PREFERRED_EDGES[-1]:.0f} mm or more"
@@ -663,7 +663,7 @@ def _notes(
             sphered.append((axes / np.sqrt(values)).T @ (attained - attained.mean(axis=1, keepdims=True)))
     test = assumption_tests(np.concatenate(sphered, axis=1)).kurtosis if sphered else None
     p_value = 1.0 if test is None or test.p_value is None else test.p_value
-    notes: tuple[tuple[bool, str], ...] = (
+    notes = applying(
         (
             True,
             "RP is how closely the visits of a pose agree with each other; their distance from the commanded pose is "
@@ -703,7 +703,7 @@ def _notes(
             "intervals of RP assume a Gaussian and are too narrow",
         ),
     )
-    return tuple(dict.fromkeys(note for applies, note in notes if applies))
+    return tuple(dict.fromkeys(notes))
 
 
 def _warnings(
@@ -725,7 +725,7 @@ def _warnings(
         for poses in poses_by_file
         if len(poses) > 1 and all(pose.deviation is not None for pose in poses)
     )
-    warnings = (
+    warnings = applying(
         *((True, warning) for data in files for warning in data.warnings),
         (
             move > SAME_COMMAND,
@@ -734,4 +734,4 @@ def _warnings(
         ),
         (is_far, TOO_LARGE if registered else UNREGISTERED),
     )
-    return tuple(dict.fromkeys(warning for applies, warning in warnings if applies))
+    return tuple(dict.fromkeys(warnings))

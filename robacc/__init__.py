@@ -19,22 +19,18 @@ from robacc.api import HOMES as _HOMES
 from robacc.version import __version__ as __version__
 
 if TYPE_CHECKING:
-    from robacc.api.accuracy import Estimate as Estimate, estimate as estimate
-    from robacc.api.correct import Corrected as Corrected, correct as correct
-    from robacc.api.expected import Planned as Planned, Predicted as Predicted, plan as plan, predict as predict
-    from robacc.api.fitting import Calibrated as Calibrated, Traced as Traced, calibrate as calibrate, trace as trace
-    from robacc.api.inputs import (
-        read_poses as read_poses,
-        read_result as read_result,
-        write_poses as write_poses,
-        write_robot as write_robot,
-    )
-    from robacc.api.iso_9283 import (
+    from robacc.api.accuracy import (
+        Estimate as Estimate,
         Iso9283 as Iso9283,
         Iso9283Poses as Iso9283Poses,
+        estimate as estimate,
         iso9283 as iso9283,
         iso9283_poses as iso9283_poses,
     )
+    from robacc.api.correct import Corrected as Corrected, correct as correct
+    from robacc.api.expected import Planned as Planned, Predicted as Predicted, plan as plan, predict as predict
+    from robacc.api.fitting import Calibrated as Calibrated, Traced as Traced, calibrate as calibrate, trace as trace
+    from robacc.api.inputs import read_poses as read_poses, write_poses as write_poses, write_robot as write_robot
     from robacc.api.models import (
         Exported as Exported,
         Simulated as Simulated,
@@ -63,6 +59,7 @@ if TYPE_CHECKING:
         history_show as history_show,
         history_trend as history_trend,
     )
+    from robacc.documents.envelope import read_result as read_result
     from robacc.errors import (
         InputError as InputError,
         Problem as Problem,

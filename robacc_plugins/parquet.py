@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import write_pieces
+from robacc.io.files import write_file
 from robacc.io.table import TableBody, TableOptions
 
 _MOST_ROWS = 50_000_000
@@ -51,7 +51,7 @@ def write(path: str | os.PathLike[str], columns: Mapping[str, Sequence[Any]]) ->
         raise UsageError(f"Parquet needs an optional package; run {install_advice('parquet')}") from error
     stream = BufferOutputStream()
     parquet.write_table(table(dict(columns)), stream)
-    write_pieces(path, (stream.getvalue().to_pybytes(),))
+    write_file(path, stream.getvalue().to_pybytes())
 
 
 class ParquetTable(ColumnTable):

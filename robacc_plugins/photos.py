@@ -17,7 +17,7 @@ from rich.progress import track
 from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.geometry import Array
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import write_pieces
+from robacc.io.files import write_file
 from robacc.io.table import TableOptions
 from robacc.poses.cameras import PHOTO
 
@@ -153,7 +153,7 @@ def table_of(
     shown = track(shots, "reading photos", count, console=console, transient=True, disable=not console.is_terminal)
     photos = _of_one_size([_seen(shot, board, cv2) for shot in shown])
     if sheet is not None:
-        write_pieces(sheet, [bytes(cv2.imencode(form[0], _contact_sheet(photos, cv2))[1])])
+        write_file(sheet, bytes(cv2.imencode(form[0], _contact_sheet(photos, cv2))[1]))
     good = [photo for photo in photos if photo.verdict == "board"]
     bad = _listed([photo for photo in photos if photo.verdict != "board"])
     if not good:

@@ -12,7 +12,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[1] / "robacc"
 
 LAYERS = (
-    ("robacc.errors", "robacc.threads", "robacc.version"),
+    ("robacc.errors", "robacc.version"),
     ("robacc.geometry", "robacc.plug_ins", "robacc.quantities", "robacc.workers"),
     ("robacc.io",),
     ("robacc.measurements", "robacc.statistics"),

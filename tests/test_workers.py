@@ -88,7 +88,7 @@ SCRIPT = """
 import numpy
 from threadpoolctl import threadpool_info
 
-from robacc.threads import single_threaded
+from robacc.workers import single_threaded
 
 
 def threads():

@@ -30,7 +30,7 @@ from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.robots.description import Robot
-from robacc.threads import single_threaded
+from robacc.workers import single_threaded
 
 if TYPE_CHECKING:
     from robacc.fitting.registration import Alignment

@@ -44,7 +44,7 @@ from robacc.fitting.in_parts import fitted_in_parts
 from robacc.fitting.solver import tolerance_priors
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import suspected_mistakes
-from robacc.io.files import write_text
+from robacc.io.files import write_file
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.modelling.robot_file import model_text
@@ -144,7 +144,7 @@ class FitResult(Result):
         fix = "check units, frames and joint signs, fit fewer effects, or measure more poses"
         problem = Problem("the fit did not converge, so no model is written", os.fspath(path), fix=fix)
         refuse((not self.converged, problem))
-        write_text(path, self.model_yaml())
+        write_file(path, self.model_yaml())
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)

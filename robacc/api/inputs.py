@@ -35,15 +35,13 @@ from robacc.api.parameters import (
     Units,
     call,
 )
-from robacc.api.result import Provenance
 from robacc.diagnostics.robot_poses import check_size, read_robot_poses, read_rows
-from robacc.documents import envelope
-from robacc.documents.envelope import InputFile, StoredResult
+from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, rotation_from_quaternion
 from robacc.io.column_table import open_table
-from robacc.io.files import read_text, sha256_of, write_pieces, write_text
+from robacc.io.files import read_text, sha256_of, write_file
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits
 from robacc.modelling.robot_file import read_robot, robot_path
 from robacc.modelling.validity import OutsideValidity, outside_validity, resolve_campaign
@@ -397,7 +395,7 @@ def write_poses(path: StrPath, data: Measurements) -> None:
     Raises:
         InputError: An array is wrong, or the file cannot be written.
     """
-    write_pieces(path, csv_file.pose_pieces(checked_poses(data, check_units=False)))
+    write_file(path, csv_file.pose_pieces(checked_poses(data, check_units=False)))
 
 
 def write_robot(path: StrPath, robot: Robot) -> None:
@@ -406,19 +404,7 @@ def write_robot(path: StrPath, robot: Robot) -> None:
     Raises:
         InputError: The robot's effects cannot be read, or the file cannot be written.
     """
-    write_text(path, robot_to_yaml(with_effect_units(robot)))
-
-
-def read_result(path: StrPath) -> StoredResult:
-    """Read a result that a command or :meth:`~robacc.api.result.Result.save` stored as JSON.
-
-    Returns:
-        ``document``, the JSON document, and ``command``, the name of its command.
-
-    Raises:
-        InputError: The file cannot be read, or is not a result with this version of the schema.
-    """
-    return envelope.read_result(os.fspath(path))
+    write_file(path, robot_to_yaml(with_effect_units(robot)))
 
 
 # Checks of poses that were made of arrays, as the reader of pose files checks columns, and of their targets.

@@ -26,11 +26,12 @@ from robacc.api.parameters import (
     numbers,
     temperatures,
 )
-from robacc.api.result import CsvResult, Provenance, Result, fields_of
+from robacc.api.result import CsvResult, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
+from robacc.documents.envelope import Provenance
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
-from robacc.io.files import read_text, write_text
+from robacc.io.files import read_text, write_file
 from robacc.modelling.validity import resolve_campaign
 from robacc.plug_ins import plug_in, plug_in_names
 from robacc.poses.csv_file import pose_pieces
@@ -212,7 +213,7 @@ class Exported(Result, command="export"):
         Raises:
             InputError: The file cannot be written.
         """
-        write_text(path, self.text)
+        write_file(path, self.text)
 
 
 @call

@@ -32,7 +32,7 @@ from typing import (
 from robacc.errors import refuse
 from robacc.plug_ins import plug_in_names
 from robacc.quantities import optional_size
-from robacc.threads import single_threaded
+from robacc.workers import single_threaded
 
 if TYPE_CHECKING:
     from robacc.measurements import Measurements

@@ -8,13 +8,12 @@ import os
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, fields
-from typing import TYPE_CHECKING, Any, ClassVar, NamedTuple
+from typing import TYPE_CHECKING, Any, ClassVar
 
 from robacc.documents.envelope import (
     GATE_RESULT,
     MODULES,
-    InputFile,
-    envelope,
+    Provenance,
     own_keys,
     pose_columns,
     read_gate,
@@ -24,9 +23,8 @@ from robacc.documents.envelope import (
     significant_document,
 )
 from robacc.errors import UsageError, refuse
-from robacc.io.files import write_pieces, write_text
+from robacc.io.files import write_file
 from robacc.io.json_text import json_text
-from robacc.modelling.validity import OutsideValidity
 
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
@@ -35,25 +33,6 @@ if TYPE_CHECKING:
     from pandas import DataFrame
 
     from robacc.render.text import Section
-
-
-class Provenance(NamedTuple):
-    """Options, input files and seed that a result was computed with."""
-
-    options: Mapping[str, Any]
-    """Options that the figures depend on, by parameter name."""
-    inputs: tuple[InputFile, ...]
-    """Every file that was read, and every object that replaced one."""
-    seed: int | None = None
-    """Seed of the random numbers; None without any."""
-    outside: OutsideValidity | None = None
-    """Poses outside the validity ranges of the robot's model; None without a robot."""
-    warnings: tuple[str, ...] = ()
-    """Warnings about the use of the model on the poses."""
-
-    def document(self, command: str, payload: Mapping[str, Any]) -> dict[str, Any]:
-        """Return the document of a result of ``command`` with its own keys."""
-        return envelope(command, payload, options=self.options, inputs=self.inputs, seed=self.seed)
 
 
 @dataclass(frozen=True, kw_only=True, repr=False)
@@ -136,7 +115,7 @@ class Result:
         Raises:
             InputError: The file cannot be written, or the gate cannot be read.
         """
-        write_text(path, self.to_json(gate=gate))
+        write_file(path, self.to_json(gate=gate))
 
     def _repr_html_(self) -> str:
         """Return the headline and key figures for a notebook."""
@@ -160,7 +139,7 @@ class Result:
 
         texts = identity.items() if isinstance(identity, Mapping) else ()
         pairs = [identity] if isinstance(identity, str) else [f"{key}={text}" for key, text in texts]
-        write_text(path, render([self._plain()], [self.command], read_identity(pairs)))
+        write_file(path, render([self._plain()], [self.command], read_identity(pairs)))
 
     def plot(self, kind: str | None = None, number: int = 1, *, path: str | os.PathLike[str] | None = None) -> Figure:
         """Return a chart of the report as a matplotlib figure, and write it if ``path`` is given.
@@ -228,7 +207,7 @@ class CsvResult(Result):
         Raises:
             InputError: The file cannot be written.
         """
-        write_pieces(path, self.csv_pieces())
+        write_file(path, self.csv_pieces())
 
 
 def fields_of(body: DataclassInstance) -> dict[str, Any]:

@@ -17,7 +17,7 @@ import numpy as np
 
 from robacc.accuracy.estimation import TOO_LARGE, too_far
 from robacc.api.accuracy import estimate
-from robacc.api.inputs import STDIN, Inputs, path_of, read_result, with_measured_targets
+from robacc.api.inputs import STDIN, Inputs, path_of, with_measured_targets
 from robacc.api.parameters import (
     ArmName,
     BaseLink,
@@ -36,10 +36,10 @@ from robacc.api.parameters import (
     TipLink,
     call,
 )
-from robacc.api.result import Provenance, Result, fields_of
+from robacc.api.result import Result, fields_of
 from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import FITS, ComparedResult, read_compared_result
-from robacc.documents.envelope import StoredResult, csv_text, read_gate, understood
+from robacc.documents.envelope import Provenance, StoredResult, csv_text, read_gate, read_result, understood
 from robacc.documents.history import TEST, date_text
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
@@ -450,7 +450,7 @@ class HistoryShown(HistoryResult, command="history-show"):
             InputError: The file cannot be written.
             UsageError: The name ends in .parquet, and pyarrow is not installed.
         """
-        from robacc.io.files import write_text
+        from robacc.io.files import write_file
 
         with opened(self.db) as base:
             columns = dict(zip(COLUMNS, zip(*rows_of(base, self.arm), strict=True), strict=False))
@@ -459,7 +459,7 @@ class HistoryShown(HistoryResult, command="history-show"):
             plug_in("robacc.readers", "parquet").write(path, columns)
             return
         texts = {name: ["" if cell is None else cell for cell in column] for name, column in columns.items()}
-        write_text(path, csv_text(texts))
+        write_file(path, csv_text(texts))
 
 
 @call

@@ -676,8 +676,8 @@ def robots(
 
     Example: robacc show robots ur
     """
-    from robacc.api.result import Provenance
     from robacc.documents.descriptions import ROBOTS
+    from robacc.documents.envelope import Provenance
     from robacc.modelling.robot_file import library, similar_arms
     from robacc.render.views.robot import robots_view
 

@@ -16,8 +16,8 @@ from typer.core import TyperGroup
 
 from robacc.errors import InputError, Problem, RobaccError, UsageError
 from robacc.render.text import say, say_error
-from robacc.threads import VARIABLE
 from robacc.version import __version__
+from robacc.workers import THREADS_VARIABLE
 
 COMMANDS = {
     "estimate": "Compute the Cartesian error of measured poses, its covariances and the accuracy grade.",
@@ -150,7 +150,7 @@ def main() -> None:
     A defect of robacc shows a traceback and exits with 1.
     """
     # Set before NumPy is imported, so that no thread is started.
-    os.environ.setdefault(VARIABLE, "1")
+    os.environ.setdefault(THREADS_VARIABLE, "1")
     # Standard output for reading: a result on it is an error, a result in a file is not.
     for name, mode in (("stdin", "r"), ("stdout", "r"), ("stderr", "w")):
         stream = getattr(sys, name)

@@ -217,8 +217,7 @@ def write(output: str | None, text: str | bytes | Iterable[str] | Callable[[], s
     Raises:
         InputError: the file cannot be written.
     """
-    from robacc.io.files import write_pieces
+    from robacc.io.files import write_file
 
     if output is not None:
-        made = text() if callable(text) else text
-        write_pieces(output, [made] if isinstance(made, str | bytes) else made)
+        write_file(output, text() if callable(text) else text)

@@ -288,7 +288,7 @@ def compare(
         group, _, statistic = key.rpartition(".")
         figures = results[first].figures[key], results[second].figures[key]
         if results[first].digest == results[second].digest:
-            return Difference.same(0.0, confidence, "the same result twice", True, None)
+            return Difference(0.0, Interval.exact(0.0, confidence, "the same result twice"), 1.0, paired=True)
         is_maximum = statistic in ("max", "max_radius95") and not group.startswith("iso9283.")
         if is_maximum or not (results[first].measured and results[second].measured):
             unbuilt = "a prediction describes robots yet to be built, so it has no sampling error to test with"

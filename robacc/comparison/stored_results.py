@@ -454,11 +454,6 @@ class Difference(NamedTuple):
     n_poses: int | None = None
     """Commanded poses of a paired difference."""
 
-    @classmethod
-    def same(cls, value: float, confidence: float, why: str, paired: bool, n_poses: int | None) -> Difference:
-        """Return a difference without uncertainty, and the reason."""
-        return cls(value, Interval(value, value, None, confidence, why), float(value == 0.0), paired, n_poses)
-
     def document(self) -> dict[str, Any]:
         """Return the keys of the document."""
         return {
@@ -532,7 +527,8 @@ def difference(
         error = float(np.std(percentiles[1] - percentiles[0]))
         method = f"Student's t with the bootstrap's standard error ({percentiles[0].size} draws)"
     if error <= _ROUNDING * max(abs(float(part[0])) for part in values):
-        return Difference.same(value, confidence, "the same at every pose", paired, n)
+        exact = Interval.exact(value, confidence, "the same at every pose")
+        return Difference(value, exact, float(value == 0.0), paired, n)
     terms = (float(np.sum(variance)) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))
     dof = float(np.sum(variances)) ** 2 / sum(terms)
     below = above = t = student_quantile(0.5 + 0.5 * confidence, dof)

@@ -51,6 +51,7 @@ from robacc.version import __version__
 
 if TYPE_CHECKING:
     from robacc.gates import Gate
+    from robacc.modelling.validity import OutsideValidity
 
 # Rounding of a document's numbers to significant digits, so that documents agree on all processors.
 
@@ -123,34 +124,34 @@ def schema_version(command: str) -> int:
     return _SCHEMA_VERSIONS.get(command, 1)
 
 
-def envelope(
-    command: str,
-    payload: Mapping[str, Any],
-    *,
-    options: Mapping[str, Any],
-    inputs: Sequence[InputFile],
-    seed: int | None,
-) -> dict[str, Any]:
-    """Return the complete document of a result: its envelope, then the keys of ``payload``.
+class Provenance(NamedTuple):
+    """Options, input files and seed that a result was computed with."""
 
-    The document has no time and no path. On one machine, the same call on the same files gives the same bytes.
+    options: Mapping[str, Any]
+    """Options that the figures depend on, by parameter name."""
+    inputs: tuple[InputFile, ...]
+    """Every file that was read, and every object that replaced one."""
+    seed: int | None = None
+    """Seed of the random numbers; None without any."""
+    outside: OutsideValidity | None = None
+    """Poses outside the validity ranges of the robot's model; None without a robot."""
+    warnings: tuple[str, ...] = ()
+    """Warnings about the use of the model on the poses."""
 
-    Args:
-        command: Name of the command.
-        payload: Keys of the command's result.
-        options: Options that the figures depend on, by their names on the command line.
-        inputs: Input files.
-        seed: Seed of random numbers, if the command uses any.
-    """
-    return {
-        "schema": f"robacc.{command}/{schema_version(command)}",
-        "robacc": __version__,
-        "command": command,
-        "options": dict(options),
-        "inputs": [INPUT.write(file) for file in inputs],
-        "seed": seed,
-        **significant_document(payload),
-    }
+    def document(self, command: str, payload: Mapping[str, Any]) -> dict[str, Any]:
+        """Return the document of a result of ``command``: its envelope, then its own keys.
+
+        The document has no time and no path. On one machine, the same call on the same files gives the same bytes.
+        """
+        return {
+            "schema": f"robacc.{command}/{schema_version(command)}",
+            "robacc": __version__,
+            "command": command,
+            "options": dict(self.options),
+            "inputs": [INPUT.write(file) for file in self.inputs],
+            "seed": self.seed,
+            **significant_document(payload),
+        }
 
 
 # The JSON Schema of a result, made from the declarations of its keys.
@@ -229,20 +230,23 @@ class StoredResult(NamedTuple):
         return InputFile.at(self.name, self.sha256, "result")
 
 
-def read_result(path: str) -> StoredResult:
-    """Return the result in a JSON file.
+def read_result(path: str | os.PathLike[str]) -> StoredResult:
+    """Read a result that a command or :meth:`~robacc.api.result.Result.save` stored as JSON.
 
     Args:
         path: File to read; ``-`` is standard input.
+
+    Returns:
+        ``document``, the JSON document, and ``command``, the name of its command.
 
     Raises:
         InputError: The file cannot be read, is larger than :data:`RESULT_LIMIT`, is not JSON or is truncated, has a
             repeated key or a number that is not finite, is not a result of robacc, has another schema version, or has
             values that are not of the declared kinds.
     """
-    name = "<stdin>" if path == "-" else path
+    name = "<stdin>" if path == "-" else os.fspath(path)
     document = _parsed(read_text(path, RESULT_LIMIT), name)
-    return StoredResult(document, _checked(document, name), sha256_of(path), path)
+    return StoredResult(document, _checked(document, name), sha256_of(path), os.fspath(path))
 
 
 @contextmanager

@@ -19,8 +19,7 @@ from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.robots.arm import BLOCK
-from robacc.threads import single_threaded
-from robacc.workers import Workers
+from robacc.workers import Workers, single_threaded
 
 _GROUPS = 1024
 """Groups of commands: a standard error from them has a relative standard error of 1 / sqrt(2 * 1024), two per cent."""

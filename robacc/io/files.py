@@ -228,11 +228,6 @@ def make_folder(path: str | os.PathLike[str]) -> None:
         raise InputError(Problem(f"cannot be created: {_reason(error)}", os.fspath(path))) from None
 
 
-def write_text(path: str | os.PathLike[str], text: str) -> None:
-    """Write ``text`` as :func:`write_pieces` does."""
-    write_pieces(path, (text,))
-
-
 def target_of(path: str | os.PathLike[str]) -> Path:
     """Return the file that writing to ``path`` creates or replaces, with links followed.
 
@@ -255,16 +250,17 @@ def target_of(path: str | os.PathLike[str]) -> Path:
     return target
 
 
-def write_pieces(path: str | os.PathLike[str], pieces: Iterable[str | bytes]) -> None:
+def write_file(path: str | os.PathLike[str], content: str | bytes | Iterable[str | bytes]) -> None:
     """Write text as UTF-8 or bytes, completely or not at all: to a file beside ``path`` that then replaces it.
 
-    A link is followed, and an existing file keeps its permissions. A pipe or a terminal is written to directly; ``-``
-    is standard output.
+    Content of any length may come in pieces. A link is followed, and an existing file keeps its permissions. A pipe or
+    a terminal is written to directly; ``-`` is standard output.
 
     Raises:
         InputError: The folder does not exist, or the folder or the file is not writable.
     """
-    name, data = os.fspath(path), (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
+    name, pieces = os.fspath(path), (content,) if isinstance(content, str | bytes) else content
+    data = (piece.encode() if isinstance(piece, str) else piece for piece in pieces)
     if name == STANDARD_STREAM:
         for piece in data:
             sys.stdout.write(piece.decode())

@@ -366,7 +366,7 @@ def _replaced(text: str, node: yaml.Node, value: Any) -> Edit:
 
 
 def _added(text: str, node: yaml.Node, place: yaml.Node | None, items: Sequence[tuple[str, str]]) -> Iterator[Edit]:
-    """Yield the edit that adds entries, each as text for one line and as lines of its own, behind ``place`` or first."""
+    """Yield the edit that adds entries, each as text for one line and as lines, behind ``place`` or first."""
     if not items:
         return
     between = f"\n{' ' * node.start_mark.column}"

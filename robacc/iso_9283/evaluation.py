@@ -454,9 +454,7 @@ def _instrument(sigmas: list[Array], repeatability: Characteristic) -> Finding:
     expanded = 2.0 * max(float(np.max(sigma)) for sigma in sigmas)
     # Largest measuring uncertainty as a fraction of the criterion.
     share = expanded / smallest if smallest > 0.0 else np.inf
-    text = (
-        f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP; at most 25 % is allowed"
-    )
+    text = f"expanded (k = 2) {expanded * 1e3:.2g} mm is {100 * share:.0f} % of the smallest RP"
     return "met" if share <= 0.25 else "not_met", f"{text}; at most 25 % is allowed"
 
 

@@ -457,31 +457,19 @@ def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelih
 
 
 def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
-    """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood.
+    """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood."""
+    from scipy.optimize import minimize
 
-    Fisher scoring with the step shortened until the likelihood rises.
-    """
-    eta, free = start.copy(), np.ones(start.size, dtype=bool)
+    bounds = [(_LOG_FACTOR_MIN, _LOG_FACTOR_MAX)] * start.size
     if held is not None:
-        eta[held[0]], free[held[0]] = held[1], False
-    value, score, information = likelihood(eta)
-    for _ in range(200):
-        active = free & ~((eta <= _LOG_FACTOR_MIN) & (score <= 0)) & ~((eta >= _LOG_FACTOR_MAX) & (score >= 0))
-        if not np.any(active):
-            break
-        block = information[np.ix_(active, active)]
-        ridge = np.diag(1e-9 * np.diag(block) + 1e-14)
-        step = np.zeros_like(eta)
-        # A step changes log φ by at most 2.
-        step[active] = np.clip(np.linalg.solve(block + ridge, score[active]), -2.0, 2.0)
-        trials = (np.clip(eta + 0.5**halving * step, _LOG_FACTOR_MIN, _LOG_FACTOR_MAX) for halving in range(30))
-        better = next(((trial, found) for trial in trials if (found := likelihood(trial))[0] > value), None)
-        if better is None:
-            break
-        before, (eta, (value, score, information)) = value, better
-        if value - before < 1e-7:
-            break
-    return eta, value
+        bounds[held[0]] = held[1], held[1]
+
+    def cost(eta: Array) -> tuple[float, Array]:
+        value, score, _ = likelihood(eta)
+        return -value, -score
+
+    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-8})
+    return found.x, -float(found.fun)
 
 
 def _profile_interval(
@@ -491,19 +479,16 @@ def _profile_interval(
 
     The upper one is None if the poses give no upper limit.
     """
-    limits: list[float | None] = []
-    for sign, bound in ((-1.0, _LOG_FACTOR_MIN), (1.0, _LOG_FACTOR_MAX)):
-        inside, start, step, outside = float(eta[index]), eta, 0.5, None
-        while sign * (bound - inside) > 0.0 and (outside is None or abs(outside - inside) > 1e-3):
-            trial = 0.5 * (inside + outside) if outside is not None else inside + sign * step
-            trial = max(min(trial, _LOG_FACTOR_MAX), _LOG_FACTOR_MIN)
-            best_eta, log_likelihood = _maximised(likelihood, start, (index, trial))
-            if 2.0 * (maximum - log_likelihood) > threshold:
-                outside = trial
-            else:
-                inside, start, step = trial, best_eta, 2.0 * step
-        limits.append(None if outside is None else math.exp(0.25 * (inside + outside)))
-    return limits[0] or 0.0, limits[1]
+    from scipy.optimize import brentq
+
+    def excess(log_factor: float) -> float:
+        return 2.0 * (maximum - _maximised(likelihood, eta, (index, log_factor))[1]) - threshold
+
+    lower, upper = (
+        math.exp(0.5 * brentq(excess, eta[index], bound, xtol=1e-6)) if excess(bound) > 0.0 else None
+        for bound in (_LOG_FACTOR_MIN, _LOG_FACTOR_MAX)
+    )
+    return lower or 0.0, upper
 
 
 def _unidentified_reason(names: Sequence[str], information: Array, index: int, dof: float) -> str | None:

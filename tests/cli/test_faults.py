@@ -196,7 +196,7 @@ def test_two_runs_on_one_file_and_one_that_is_killed(tmp_path: Path) -> None:
     code = (
         "import os, signal\nfrom robacc.io import files\n"
         "files.os.fsync = lambda _: os.kill(os.getpid(), signal.SIGKILL)\n"
-        f"files.write_text({str(path)!r}, 'new' * 100000)"
+        f"files.write_file({str(path)!r}, 'new' * 100000)"
     )
     assert subprocess.run((sys.executable, "-c", code), check=False).returncode == -signal.SIGKILL
     assert path.read_text() == whole

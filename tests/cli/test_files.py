@@ -10,7 +10,7 @@ from robot_files import MINIMAL
 from sample_files import saved
 
 from robacc.errors import InputError, UsageError
-from robacc.io.files import read_text, sha256_of, write_text
+from robacc.io.files import read_text, sha256_of, write_file
 from robacc.modelling.robot_file import read_robot
 
 
@@ -69,11 +69,11 @@ def test_text_is_written_whole_and_keeps_permissions_and_links(tmp_path: Path) -
     path.chmod(0o640)
     link = tmp_path / "link"
     link.symlink_to(path)
-    write_text(link, "neu ü\r\n")
+    write_file(link, "neu ü\r\n")
     assert path.read_bytes() == "neu ü\r\n".encode()
     assert link.is_symlink()
     assert stat.S_IMODE(path.stat().st_mode) == 0o640
-    write_text(tmp_path / "fresh", "x")
+    write_file(tmp_path / "fresh", "x")
     mask = os.umask(0)
     os.umask(mask)
     assert stat.S_IMODE((tmp_path / "fresh").stat().st_mode) == 0o666 & ~mask
@@ -88,7 +88,7 @@ def test_a_failed_write_leaves_the_old_file_and_no_other(tmp_path: Path, monkeyp
 
     monkeypatch.setattr(os, "fsync", full)
     with pytest.raises(InputError, match="cannot be written: no space left on device"):
-        write_text(path, "new")
+        write_file(path, "new")
     assert (path.read_text(), list(tmp_path.iterdir())) == ("old", [path])
 
 
@@ -101,17 +101,17 @@ def test_places_that_cannot_be_written(tmp_path: Path, monkeypatch: pytest.Monke
         (tmp_path, "is a folder, not a file; name a file in it"),
     ):
         with pytest.raises(InputError, match=message):
-            write_text(path, "x")
+            write_file(path, "x")
     assert list(tmp_path.iterdir()) == [dangling]
     path = write(tmp_path / "out.txt", "old")
     monkeypatch.setattr(os, "access", lambda *_: False)  # root may write anything, so the mode alone shows nothing
     with pytest.raises(InputError, match="cannot be written: the file is write-protected"):
-        write_text(path, "new")
+        write_file(path, "new")
     assert path.read_text() == "old"
 
 
 def test_what_is_no_plain_file_is_written_to() -> None:
-    write_text(os.devnull, "x")
+    write_file(os.devnull, "x")
     assert Path(os.devnull).is_char_device()
 
 

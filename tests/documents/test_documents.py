@@ -27,7 +27,7 @@ from robacc import __version__
 from robacc.api.result import schema_names
 from robacc.cli.main import COMMANDS, FORMS, RENAMED
 from robacc.documents import envelope as module
-from robacc.documents.envelope import InputFile, csv_text, envelope, read_identity, read_result, schema_version
+from robacc.documents.envelope import InputFile, Provenance, csv_text, read_identity, read_result, schema_version
 from robacc.errors import InputError, UsageError
 from robacc.io.json_text import json_text
 from robacc.render.page import identity_rows
@@ -361,8 +361,8 @@ def test_the_command_prints_the_schema(tmp_path: Path) -> None:
 
 
 def good(**changes: Any) -> dict[str, Any]:
-    inputs = [InputFile("poses.csv", "ab", "poses")]
-    return envelope("estimate", {"n_poses": 3}, options={"frame": "tool"}, inputs=inputs, seed=0) | changes
+    inputs = (InputFile("poses.csv", "ab", "poses"),)
+    return Provenance({"frame": "tool"}, inputs, 0).document("estimate", {"n_poses": 3}) | changes
 
 
 def stored_of_read_result(tmp_path: Path, text: str | bytes) -> str:
@@ -604,7 +604,7 @@ def test_what_has_no_form_in_json_is_a_defect() -> None:
 
 def test_envelope_says_how_the_result_was_made() -> None:
     file = InputFile.at("some/where/poses.csv", "ab" * 32, "poses")
-    document = envelope("estimate", {"n_poses": 3}, options={"frame": "tool"}, inputs=[file], seed=7)
+    document = Provenance({"frame": "tool"}, (file,), 7).document("estimate", {"n_poses": 3})
     assert list(document) == ["schema", "robacc", "command", "options", "inputs", "seed", "n_poses"]
     assert document["schema"] == "robacc.estimate/1"
     assert document["inputs"] == [{"name": "poses.csv", "sha256": "ab" * 32, "kind": "poses"}]
@@ -616,11 +616,11 @@ def test_a_document_has_twelve_digits() -> None:
     array = rng.normal(size=(300, 3)) * 10.0 ** rng.integers(-30, 30, size=(300, 3))
     expected = [[float(f"{value:.11e}") for value in row] for row in array.tolist()]
     payload = {"array": array, "list": [1 / 3, None, "a"], "number": np.float64(2 / 3), "count": 7, "zero": -0.0}
-    document = envelope("estimate", payload, options={}, inputs=[], seed=None)
+    document = Provenance({}, ()).document("estimate", payload)
     np.testing.assert_array_equal(document["array"], expected)
     assert document["list"] == [0.333333333333, None, "a"]
     assert (document["number"], document["count"], str(document["zero"])) == (0.666666666667, 7, "0.0")
-    assert np.isnan(envelope("x", {"a": np.array([np.nan])}, options={}, inputs=[], seed=None)["a"]).all()
+    assert np.isnan(Provenance({}, ()).document("x", {"a": np.array([np.nan])})["a"]).all()
 
 
 def test_cells_of_any_text_read_back() -> None:

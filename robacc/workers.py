@@ -9,13 +9,13 @@ import functools
 import os
 import signal
 from collections import deque
-from collections.abc import Callable, Generator, Iterator, Sequence
+from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
 from contextlib import closing
 from importlib import import_module
 from threading import Thread
 from typing import Any, NamedTuple, NoReturn, ParamSpec, TypeVar
 
-from robacc.errors import InputError, UsageError, install_advice
+from robacc.errors import InputError, Problem, UsageError, install_advice
 
 _GRACE_PERIOD = 5.0
 """s that a process has to clean up after it was asked to end."""
@@ -35,6 +35,31 @@ class WorkerKilled(InputError):
     def __init__(self) -> None:
         """Say what happened."""
         super().__init__("the process was killed, perhaps for lack of memory; try `jobs` 1")
+
+
+class FileOutcome(NamedTuple):
+    """Outcome of a file: its main figures, or the problems that prevented it."""
+
+    name: str
+    """Unique name: the file's, with as many of its folders as needed."""
+    exit_status: int
+    """Exit status of the command on this file alone."""
+    summary: Mapping[str, Any] | None = None
+    """Main figures of the estimate, by their keys in a document."""
+    problems: tuple[Problem, ...] = ()
+    n_problems: int = 0
+    """Number of problems, of which ``problems`` are the first."""
+    warnings: tuple[str, ...] = ()
+    gate: Mapping[str, Any] | None = None
+    written: str | None = None
+    """Name of the file in the folder of results."""
+    seconds: float = 0.0
+    """Elapsed time of the work on this file."""
+
+    @property
+    def failed(self) -> bool:
+        """True where there is no result."""
+        return self.summary is None
 
 
 class Workers(NamedTuple):

@@ -29,7 +29,7 @@ LAYERS = (
     ("robacc.tracing",),
     ("robacc.correction", "robacc.exporters", "robacc.iso_9283", "robacc.prediction"),
     ("robacc.planning",),
-    ("robacc.comparison", "robacc.gates", "robacc.outcomes"),
+    ("robacc.comparison", "robacc.gates"),
     ("robacc.documents",),
     ("robacc.history",),
     ("robacc.render.text",),

@@ -20,9 +20,8 @@ from robacc.api import HOMES
 from robacc.cli import output
 from robacc.cli.output import Outlets
 from robacc.errors import InputError, Problem, RobaccError, refuse
-from robacc.outcomes import FileOutcome
 from robacc.render.text import say, say_error, say_warnings
-from robacc.workers import WorkerKilled, Workers, cores
+from robacc.workers import FileOutcome, WorkerKilled, Workers, cores
 
 if TYPE_CHECKING:
     from robacc.api.inputs import Inputs

@@ -18,8 +18,8 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal, NamedTuple
 import typer
 
 from robacc.api.parameters import Help
-from robacc.outcomes import FileOutcome
 from robacc.render.text import Section, as_options, draw, warnings_below
+from robacc.workers import FileOutcome
 
 if TYPE_CHECKING:
     from robacc.api.result import Result

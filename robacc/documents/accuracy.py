@@ -51,7 +51,7 @@ from robacc.documents.keys import (
 )
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.json_text import json_text
-from robacc.outcomes import FileOutcome
+from robacc.workers import FileOutcome
 
 _WORST = part(
     {

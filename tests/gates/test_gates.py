@@ -41,7 +41,6 @@ from robacc.gates import (
 )
 from robacc.geometry import Array
 from robacc.io.json_text import json_text
-from robacc.outcomes import FileOutcome
 from robacc.render.text import draw
 from robacc.render.views.compare import (
     gate_view,
@@ -52,6 +51,7 @@ from robacc.render.views.compare import (
     words_of,
 )
 from robacc.statistics.intervals import ASSURANCE, Interval
+from robacc.workers import FileOutcome
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "configs" / "gates"
 HEAD = "robacc_gate: 1\nname: g\ncriteria:\n"

@@ -9,7 +9,6 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
-from robacc.outcomes import FileOutcome
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -41,6 +40,7 @@ from robacc.render.text import (
     with_unit,
 )
 from robacc.statistics.intervals import ASSURANCE
+from robacc.workers import FileOutcome
 
 _STATISTICS = {
     "rms": "rms",

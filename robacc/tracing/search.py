@@ -445,6 +445,9 @@ class _Search:
             scores, without = self._scores(state, shortlist)
             if shortlist is None:
                 whole = scores.evidence
+            if self._refined(scores):
+                best = [some.ranking()[:SHORTLIST] for some in (scores, *without)]
+                scores, without = self._scores(state, np.unique(np.concatenate(best)))
             own = [self.pool.number(candidate) for candidate in state.chosen]
             scales = tuple(float(beside.scale[i]) for beside, i in zip(without, own, strict=True))
             state = dataclasses.replace(state, scales=scales)
@@ -468,6 +471,17 @@ class _Search:
             if action == "add" and state.noise.terms:
                 listed.append(whole.beside(whitened(state.noise, state.linear)).ranking()[:SHORTLIST])
             shortlist = None if action == "add" and not state.noise.terms else np.unique(np.concatenate(listed))
+
+    def _refined(self, scores: Scores) -> bool:
+        """Make forms near the best of each effect candidates; return whether there are new ones."""
+        count, best = len(self.pool.all), dict[EffectName, Candidate]()
+        for number in scores.ranking().tolist():
+            if scores.log_odds[number] <= ACCEPTED or len(best) == EXAMPLES:
+                break
+            best.setdefault(self.pool.all[number].effect_name, self.pool.all[number])
+        for candidate in best.values():
+            self.pool.extend(candidate)
+        return len(self.pool.all) > count
 
     def _best_move(
         self,

@@ -36,7 +36,6 @@ from robacc.error_model.covariance import (
     whitened,
     with_gross_errors,
     with_terms_that_gain,
-    without_idle_terms,
 )
 from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
@@ -418,7 +417,7 @@ class _Search:
             state, gain = self._settled(state, STEPS, rival)
             if gain > 0.0:
                 break
-            noise = without_idle_terms(with_terms_that_gain(state.noise, state.linear), state.linear)
+            noise = with_terms_that_gain(state.noise, state.linear)
         return state
 
     def _terms_rival(self, state: State) -> bool:

@@ -182,8 +182,8 @@ class TransmissionError(Periodic):
 
     The order of a slide is 2 pi over the period of its screw, pinion or scale (rad/m).
 
-    With ``shrunk`` the orders are a joint's profile: its terms share a Gaussian prior whose standard
-    deviation is estimated, so that a profile is shrunk if the poses determine little of it.
+    With ``shrunk`` the orders are a joint's profile: the terms of an octave of orders share a Gaussian prior whose
+    standard deviation is estimated, so that a profile is shrunk where the poses determine little of it.
     """
 
     shrunk: bool = setting(False)
@@ -226,10 +226,15 @@ class TransmissionError(Periodic):
         """Return two terms per joint and order."""
         # The orders of a profile together are as large as a single order usually is.
         typical = 1e-4 / (math.sqrt(len(self.orders)) if self.shrunk else 1.0)
+        octaves = [f".{math.floor(math.log2(order))}" for order in self.orders for _ in ("cos", "sin")]
         return tuple(
-            self.joint_term(arm, joint, wave, label, typical, group=f"{self.name}.{joint}" if self.shrunk else None)
+            self.joint_term(
+                arm, joint, wave, label, typical, group=f"{self.name}.{joint}{octave}" if self.shrunk else None
+            )
             for joint in self.joints
-            for label, wave in _waves(self.orders, driven_by(arm, data, joint, self.name))
+            for (label, wave), octave in zip(
+                _waves(self.orders, driven_by(arm, data, joint, self.name)), octaves, strict=True
+            )
         )
 
     def statement(

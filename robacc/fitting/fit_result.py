@@ -336,20 +336,19 @@ def held_out_poses(
     if not size:
         return poses
     most = 4 * BLOCK_NUMBERS // (rows_of * size)
-    blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 32, 1))
+    blocks = _whole_groups(groups, max(data.n if data.n <= most else most // 4, 1))
 
-    def linearised(rows: NDArray[np.int64]) -> tuple[Array, Array]:
-        """Return the Jacobian of the poses ``(K, C, n)``, and the whitened one of the inliers ``(K, M, n)``."""
-        jacobian = fit.jacobian(rows, components)
+    def whitened(jacobian: Array, rows: NDArray[np.int64]) -> Array:
+        """Return the whitened Jacobian of the inliers ``(K, M, n)``, from that of the poses ``(C, K, n)``."""
         white = fit.whitening.subset(rows).apply(observed_jacobian(jacobian, fit.residual[:, rows]).swapaxes(0, 1))
         white *= fit.inliers[rows]
-        return jacobian.swapaxes(0, 1), white
+        return white
 
     # The fit's own normal matrix is that of the step before the last.
-    normal, latest = np.diag(fit.precision), (np.empty(0), np.empty(0))
+    normal, latest = np.diag(fit.precision), np.empty(0)
     for rows in blocks:
-        latest = linearised(rows)
-        white = latest[1].reshape(size, -1)
+        latest = fit.jacobian(rows, components)
+        white = whitened(latest, rows).reshape(size, -1)
         normal = normal + white @ white.T
     scale = 1.0 / np.sqrt(np.diag(normal))
     lower = np.linalg.cholesky(scale[:, None] * normal * scale)
@@ -363,12 +362,11 @@ def held_out_poses(
         models.append((start, directions, whole, residuals(data, start) if absent else fit.residual))
     for rows in blocks:
         # Of (n, C, K) and (n, M, K), in coefficients whose normal matrix is I.
-        scaled, observed = (
-            solve_triangular(
-                lower, np.multiply(each.swapaxes(1, 2), scale[:, None, None], order="C").reshape(size, -1), lower=True
-            ).T.reshape(rows.size, -1, size)
-            for each in (latest if len(blocks) == 1 else linearised(rows))
-        )
+        jacobian = (latest if len(blocks) == 1 else fit.jacobian(rows, components)).swapaxes(0, 1)
+        flat = np.multiply(jacobian, scale[:, None, None], order="C").reshape(size, -1)
+        flat = solve_triangular(lower, flat, lower=True, check_finite=False).reshape(jacobian.shape)
+        observed = np.ascontiguousarray(whitened(flat.swapaxes(0, 1), rows).transpose(2, 1, 0))
+        scaled = np.ascontiguousarray(flat.transpose(2, 1, 0))
         of_block, inside_groups = fit.whitening.subset(rows), blocks_of(groups[rows])
         for predicted, directions, whole, error in models:
             left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T

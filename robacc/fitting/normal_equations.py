@@ -26,7 +26,7 @@ from robacc.effects.frames import JointOffset
 from robacc.fitting.levels import BLOCK_NUMBERS
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, residuals
+from robacc.modelling.model import JacobianByMotion, Model, residuals
 from robacc.robots.arm import BLOCK
 
 # Positive semidefinite systems that rounding or absent data can make singular, solved with a diagonal of one.
@@ -61,7 +61,15 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
 
 def posterior(gram: Array, prior: Array) -> Array:
     """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``."""
-    return solved(gram + np.diag(prior), np.eye(len(gram)))
+    from scipy.linalg.lapack import dpotrf, dpotri
+
+    matrix, scale = unit_diagonal(gram + np.diag(prior))
+    factor, is_singular = dpotrf(matrix.T) if len(gram) else (matrix, 0)
+    if is_singular:
+        return solved(gram + np.diag(prior), np.eye(len(gram)))
+    inverse = np.triu(dpotri(factor)[0]) if len(gram) else matrix
+    inverse += np.triu(inverse, 1).T
+    return np.asarray(inverse * scale[:, None] * scale)
 
 
 # Whitening.
@@ -267,13 +275,41 @@ class PoseEquations:
         # Gram matrices of positions and of orientations, with the residual as the last column.
         grams = np.zeros((2, size + 1, size + 1))
         for rows, part, bound in self._blocks:
-            poses, jacobian = bound.linearise(theta, self.columns, self.components)
+            poses, jacobian = bound.linearise_by_motion(theta, self.columns, self.components)
             residual[:, rows] = residuals(part, poses)
             of_block = white if len(self._blocks) == 1 else white.subset(rows)
-            for number, component in enumerate(of_block.rows(jacobian, residual[:, rows])):
-                grams[number // 3] += component @ component.T
+            grams += _grams(jacobian, residual[:, rows], of_block)
         equations = NormalEquations(theta[self.columns], grams[:, :-1, :-1], grams[:, :-1, -1], grams[:, -1, -1])
         return residual, equations
+
+
+def _grams(jacobian: JacobianByMotion, residual: Array, white: Whitening) -> Array:
+    """Return Gram matrices ``(2, P + 1, P + 1)`` of whitened positions and orientations, the residual as last column.
+
+    Coefficients of one motion share its column: of two such groups with columns a, b and regressors R, S, the block is
+    R diag(a'b) S', for a fraction of the products of whole columns.
+    """
+    size = len(jacobian.factor) + 1
+    if jacobian.source is None or size < 4 * jacobian.motions.shape[1] or any(len(v[0]) > 1 for v, _ in white.blocks):
+        rows = white.rows(jacobian.dense, residual)
+        return np.stack([sum(a @ a.T for a in of_kind) + np.zeros((rows.shape[1],) * 2) for of_kind in (rows[:3], rows[3:])])
+    rows = white.rows(jacobian.motions, residual)
+    source = np.append(jacobian.source, rows.shape[1] - 1)
+    # Groups first, then columns of motions of their own.
+    is_shared = np.bincount(source)[source] > 1
+    order = np.argsort(np.where(is_shared, source, size), kind="stable")
+    source, factor = source[order], np.concatenate((jacobian.factor, np.ones((1, residual.shape[1]))))[order]
+    grams, ordered, shared = np.zeros((2, size, size)), np.zeros((size, size)), int(np.count_nonzero(is_shared))
+    for gram, of_kind in zip(grams, (rows[:3], rows[3:]), strict=True):
+        alone = of_kind[:, source[shared:]] * factor[shared:]
+        ordered[shared:, shared:] = sum(a @ a.T for a in alone)
+        for start in np.unique(source[:shared], return_index=True)[1].tolist():
+            group = slice(start, start + int(np.count_nonzero(source == source[start])))
+            products = np.einsum("mn,mgn->gn", of_kind[:, source[start]], of_kind)
+            block = factor[group] @ (factor[start:] * products[source[start:]]).T
+            ordered[group, start:], ordered[start:, group] = block, block.T
+        gram[np.ix_(order, order)] = ordered
+    return grams
 
 
 def joint_columns(model: Model, data: Measurements) -> Array:

@@ -97,6 +97,40 @@ one motion by just as much, so that its column is that of the motion."""
 
 
 @dataclass(frozen=True)
+class JacobianByMotion:
+    """Jacobian whose columns are those of motions, times regressors."""
+
+    motions: Array
+    """``(M, G, N)`` columns of motions."""
+    source: NDArray[np.int64] | None = None
+    """``(P,)`` the motion of each coefficient; None if each has a motion of its own and no regressor."""
+    factor: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
+    """``(P, N)`` regressor of each coefficient."""
+
+    @property
+    def dense(self) -> Array:
+        """Return the Jacobian ``(M, P, N)``."""
+        return self.motions if self.source is None else self.motions[:, self.source] * self.factor
+
+    @classmethod
+    def of(
+        cls, parts: Sequence[Sequence[tuple[tuple[int, int], Array, Array | float]]], rows: int, n: int
+    ) -> JacobianByMotion:
+        """Return the Jacobian whose columns are sums of ``parts``: key and column of a motion, and a regressor."""
+        places: dict[tuple[int, int], int] = {}
+        motions, source, factor = list[Array](), np.empty(len(parts), dtype=np.int64), np.ones((len(parts), n))
+        for number, own in enumerate(parts):
+            if len(own) == 1 and own[0][0] in places:
+                source[number] = places[own[0][0]]
+            else:
+                source[number] = len(motions)
+                motions.append(own[0][1] if len(own) == 1 else sum((m * f for _, m, f in own), np.zeros((rows, n))))
+            if len(own) == 1:
+                places[own[0][0]], factor[number] = int(source[number]), own[0][2]
+        return cls(np.stack(motions, axis=1) if motions else np.empty((rows, 0, n)), source, factor)
+
+
+@dataclass(frozen=True)
 class BoundModel:
     """Model with regressors evaluated for N poses. ``theta`` ``(P,)`` are the free coefficients."""
 
@@ -151,39 +185,54 @@ class BoundModel:
         ``(K,)`` are the indices of the requested coefficients, in order; by default all. With 3 ``rows``, the Jacobian
         is that of the position.
         """
+        poses, jacobian = self.linearise_by_motion(theta, columns, rows)
+        return poses, jacobian.dense
+
+    def linearise_by_motion(
+        self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6
+    ) -> tuple[Poses, JacobianByMotion]:
+        """Return what :meth:`linearise` does, with the columns of motions and the regressors apart."""
         column, requested, motions, is_plain = self._layout(np.arange(len(self.terms)) if columns is None else columns)
         coefficients = np.concatenate((self.fixed_values, theta))
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, self._counts)
         rows, wanted = rows if self.kind is None else 6, rows
-        jacobian = sweep.jacobian[:rows]
-        if not is_plain:
-            rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
-            gains = [(rigid, sweep.jacobian)]
-            if self._elastic:
-                undeflected = self._undeflected(coefficients)
-                loaded, moved, deflected = self._derivatives(undeflected, sweep, motions, column, coefficients)
-                gains = [(loaded, deflected), (rigid, moved)]
-            jacobian = np.zeros((rows, len(column), self.n))
-            for of_kind, by_motion in gains:
-                for place, motion, factor in of_kind:
-                    jacobian[:, place] += by_motion[:rows, motions.index(motion)] * factor
+        rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
+        gains = [(rigid, sweep.jacobian[:rows])]
+        if self._elastic:
+            undeflected = self._undeflected(coefficients)
+            loaded, moved, deflected = self._derivatives(undeflected, sweep, motions, column, coefficients)
+            gains = [(loaded, deflected[:rows]), (rigid, moved[:rows])]
         poses, scale = sweep.poses, self._scale(coefficients)
         if np.any(scale):
-            jacobian[:3] *= 1.0 + scale
+            stretch = np.ones((rows, 1, self.n))
+            stretch[:3] += scale
+            gains = [(of_kind, by_motion * stretch) for of_kind, by_motion in gains]
             poses = Poses(poses.rotation, poses.translation * (1.0 + scale))
-        for entry in self._scales:
-            if entry.number in column:
-                jacobian[:3, column[entry.number]] += sweep.poses.translation * entry.part.factor
+        jacobian = JacobianByMotion(gains[-1][1])
+        if not is_plain:
+            # The parts of each column: its motion's column, and the regressor.
+            parts: list[list[tuple[tuple[int, int], Array, Array | float]]] = [[] for _ in column]
+            for kind, (of_kind, by_motion) in enumerate(gains):
+                for place, motion, factor in of_kind:
+                    slot = motions.index(motion)
+                    parts[place].append(((kind, slot), by_motion[:, slot], factor))
+            grown = np.concatenate((sweep.poses.translation, np.zeros((rows - 3, self.n))))
+            for entry in self._scales:
+                if entry.number in column:
+                    parts[column[entry.number]].append(((-1, 0), grown, entry.part.factor))
+            jacobian = JacobianByMotion.of(parts, rows, self.n)
         if self.kind is None:
             return poses, jacobian
         position = poses.translation
         if self.earlier is not None:
             other, between = self.earlier
-            start, moved = other.linearise(theta, columns)
-            position, jacobian = position - between * start.translation, jacobian - between * moved
+            start, before = other.linearise(theta, columns)
+            position = position - between * start.translation
+            jacobian = JacobianByMotion(jacobian.dense - between * before)
         position, gradient = observed(self.kind, self.seen, Poses(poses.rotation, position))
-        shown = np.einsum("abn,bpn->apn", gradient, jacobian)
-        return Poses(poses.rotation, position), np.concatenate((shown, jacobian[3:]))[:wanted]
+        shown = np.einsum("abn,bpn->apn", gradient, jacobian.motions)
+        moved = np.concatenate((shown, jacobian.motions[3:]))[:wanted]
+        return Poses(poses.rotation, position), dataclasses.replace(jacobian, motions=moved)
 
     def _layout(self, columns: NDArray[np.int64]) -> _Layout:
         """Return how the columns of requested coefficients follow from a sweep; layouts are kept."""

@@ -33,6 +33,7 @@ from robacc.effects.campaign import (
 from robacc.effects.periodic import (
     HIGHEST_OF_ALL,
     HIGHEST_OF_SLIDE,
+    HIGHEST_ORDER,
     ORDER_STEP,
     TransmissionError,
     high_orders,
@@ -50,8 +51,8 @@ from robacc.statistics.intervals import chi2_sf, f_critical, needed_noncentralit
 
 TYPICAL_CANDIDATES = 80.0
 """Effects times joints on a six-axis arm: the number of candidates that a searched order or place is up against."""
-PROFILE_ORDERS = tuple(float(order) for order in range(1, 37))
-"""Orders of a joint's complete profile in a model file."""
+PROFILE_ORDERS = tuple(float(order) for order in range(1, int(2 * HIGHEST_ORDER) + 1))
+"""Orders of a joint's complete profile in a model file: up to twice the highest order that competes as an effect."""
 
 
 EffectName = tuple[str, tuple[str, ...]]

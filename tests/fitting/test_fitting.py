@@ -173,20 +173,23 @@ def test_priors_are_rows_of_their_own() -> None:
     np.testing.assert_array_less(np.sqrt(np.diag(found.covariance))[:3], deviation[:3])
 
 
-def test_a_profile_is_shrunk_by_its_own_width() -> None:
+def test_a_profile_is_shrunk_by_the_width_of_each_octave() -> None:
     one = arm("puma560")
     rng = np.random.default_rng(2)
     profile = TransmissionError((one.names[1],), tuple(float(n) for n in range(3, 23)), True)
     names = [term.name for term in profile.terms(one, blank("puma560"))]
-    values = dict(zip(names, rng.normal(scale=5e-5, size=len(names)), strict=True))
+    orders = np.repeat(profile.orders, 2)
+    values = dict(zip(names, rng.normal(scale=np.where(orders < 16, 5e-5, 5e-6)).tolist(), strict=True))
     robot = dataclasses.replace(one.robot, effects=(entry_of(profile, values),))
     data = simulate(robot, dataclasses.replace(PLAN, poses=150)).data
     found = fit(
         Model.of(one.robot, [*effects("puma560", "joint_offset"), profile]), data, Options(misfit=(NOISE, NOISE))
     )
-    (width,) = found.group_stds.values()
-    # Forty values known to a part of their size tell it to a tenth.
-    assert width == pytest.approx(np.std(list(values.values())), rel=0.3)
+    assert len(found.group_stds) == 4
+    # Fourteen values or more, known to a part of their size, tell it to a fifth.
+    for octave, width in list(enumerate(found.group_stds.values(), 1))[2:]:
+        own = np.floor(np.log2(orders)) == octave
+        assert width == pytest.approx(np.std(np.array(list(values.values()))[own]), rel=0.4)
     # Shrunk coefficients count for less than one each; the truth, drawn from a prior, lies where the posterior says.
     assert found.degrees_of_freedom > data.n * 6 - found.identifiability.columns.size
     at = [found.names.index(name) for name in names]

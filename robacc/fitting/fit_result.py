@@ -345,7 +345,7 @@ def held_out_poses(
         return white
 
     # The fit's own normal matrix is that of the step before the last.
-    normal, latest = np.diag(fit.precision), np.empty(0)
+    normal, latest = np.diag(fit.precision), np.empty((0, 0, 0))
     for rows in blocks:
         latest = fit.jacobian(rows, components)
         white = whitened(latest, rows).reshape(size, -1)

@@ -286,29 +286,38 @@ class PoseEquations:
 def _grams(jacobian: JacobianByMotion, residual: Array, white: Whitening) -> Array:
     """Return Gram matrices ``(2, P + 1, P + 1)`` of whitened positions and orientations, the residual as last column.
 
-    Coefficients of one motion share its column: of two such groups with columns a, b and regressors R, S, the block is
-    R diag(a'b) S', for a fraction of the products of whole columns.
+    Parts of one motion share its column: of the parts of two motions with columns a, b and regressors R, S, the block
+    is R diag(a'b) S', for a fraction of the products of whole columns.
     """
-    size = len(jacobian.factor) + 1
-    if jacobian.source is None or size < 4 * jacobian.motions.shape[1] or any(len(v[0]) > 1 for v, _ in white.blocks):
+    place, slot, factor = jacobian.place, jacobian.slot, jacobian.factor
+    is_row_by_row = all(len(numbers[0]) == 1 for numbers, _ in white.blocks)
+    if (
+        place is None
+        or slot is None
+        or factor is None
+        or place.size < 4 * jacobian.motions.shape[1]
+        or not is_row_by_row
+    ):
         rows = white.rows(jacobian.dense, residual)
-        return np.stack([sum(a @ a.T for a in of_kind) + np.zeros((rows.shape[1],) * 2) for of_kind in (rows[:3], rows[3:])])
+        return np.stack(
+            [np.sum([a @ a.T for a in kind] or [0.0 * rows[0] @ rows[0].T], axis=0) for kind in (rows[:3], rows[3:])]
+        )
     rows = white.rows(jacobian.motions, residual)
-    source = np.append(jacobian.source, rows.shape[1] - 1)
-    # Groups first, then columns of motions of their own.
-    is_shared = np.bincount(source)[source] > 1
-    order = np.argsort(np.where(is_shared, source, size), kind="stable")
-    source, factor = source[order], np.concatenate((jacobian.factor, np.ones((1, residual.shape[1]))))[order]
-    grams, ordered, shared = np.zeros((2, size, size)), np.zeros((size, size)), int(np.count_nonzero(is_shared))
-    for gram, of_kind in zip(grams, (rows[:3], rows[3:]), strict=True):
-        alone = of_kind[:, source[shared:]] * factor[shared:]
-        ordered[shared:, shared:] = sum(a @ a.T for a in alone)
-        for start in np.unique(source[:shared], return_index=True)[1].tolist():
-            group = slice(start, start + int(np.count_nonzero(source == source[start])))
-            products = np.einsum("mn,mgn->gn", of_kind[:, source[start]], of_kind)
-            block = factor[group] @ (factor[start:] * products[source[start:]]).T
-            ordered[group, start:], ordered[start:, group] = block, block.T
-        gram[np.ix_(order, order)] = ordered
+    place, slot = np.append(place, jacobian.size), np.append(slot, rows.shape[1] - 1)
+    # Parts of one motion stand together, those of motions with one part come last.
+    is_shared = np.bincount(slot)[slot] > 1
+    order = np.argsort(np.where(is_shared, slot, rows.shape[1]), kind="stable")
+    place, slot, factor = place[order], slot[order], np.concatenate((factor, np.ones((1, rows.shape[2]))))[order]
+    grams, alone = np.zeros((2, jacobian.size + 1, jacobian.size + 1)), int(np.count_nonzero(is_shared))
+    for gram, kind in zip(grams, (rows[:3], rows[3:]), strict=True):
+        of_parts = np.zeros((slot.size, slot.size))
+        of_parts[alone:, alone:] = sum(a @ a.T for a in kind[:, slot[alone:]] * factor[alone:])
+        for start in np.unique(slot[:alone], return_index=True)[1].tolist():
+            group = slice(start, start + int(np.count_nonzero(slot == slot[start])))
+            products = np.einsum("mn,mwn->wn", kind[:, slot[start]], kind)
+            block = factor[group] @ (factor[start:] * products[slot[start:]]).T
+            of_parts[group, start:], of_parts[start:, group] = block, block.T
+        np.add.at(gram, (place[:, None], place), of_parts)
     return grams
 
 

@@ -18,8 +18,9 @@ from robacc.quantities import significant
 
 MAX_DEPTH = 32
 MAX_NODES = 50_000
-MAX_LENGTH = 4 * 2**20
-"""Characters: far above any robot or gate file; a faulty file of this size takes some ten seconds to check."""
+MAX_LENGTH = 16 * 2**20
+"""Characters: above a model of a thousand coefficients, whose covariance takes ten million; a faulty file of this size
+takes some forty seconds to check."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """Decimal numbers only: YAML 1.1 reads 1e-4 as text, 010 as eight and 1:30 as ninety."""

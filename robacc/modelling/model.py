@@ -98,36 +98,28 @@ one motion by just as much, so that its column is that of the motion."""
 
 @dataclass(frozen=True)
 class JacobianByMotion:
-    """Jacobian whose columns are those of motions, times regressors."""
+    """Jacobian ``(M, P, N)`` whose columns are sums of parts: columns of motions times regressors."""
 
     motions: Array
-    """``(M, G, N)`` columns of motions."""
-    source: NDArray[np.int64] | None = None
-    """``(P,)`` the motion of each coefficient; None if each has a motion of its own and no regressor."""
-    factor: Array = dataclasses.field(default_factory=lambda: np.empty((0, 0)))
-    """``(P, N)`` regressor of each coefficient."""
+    """``(M, W, N)`` columns of motions; if there are no parts, those of the coefficients."""
+    place: NDArray[np.int64] | None = None
+    """``(Q,)`` number of the coefficient of each part."""
+    slot: NDArray[np.int64] | None = None
+    """``(Q,)`` number of its motion's column."""
+    factor: Array | None = None
+    """``(Q, N)`` its regressor."""
+    size: int = 0
+    """P."""
 
     @property
     def dense(self) -> Array:
-        """Return the Jacobian ``(M, P, N)``."""
-        return self.motions if self.source is None else self.motions[:, self.source] * self.factor
-
-    @classmethod
-    def of(
-        cls, parts: Sequence[Sequence[tuple[tuple[int, int], Array, Array | float]]], rows: int, n: int
-    ) -> JacobianByMotion:
-        """Return the Jacobian whose columns are sums of ``parts``: key and column of a motion, and a regressor."""
-        places: dict[tuple[int, int], int] = {}
-        motions, source, factor = list[Array](), np.empty(len(parts), dtype=np.int64), np.ones((len(parts), n))
-        for number, own in enumerate(parts):
-            if len(own) == 1 and own[0][0] in places:
-                source[number] = places[own[0][0]]
-            else:
-                source[number] = len(motions)
-                motions.append(own[0][1] if len(own) == 1 else sum((m * f for _, m, f in own), np.zeros((rows, n))))
-            if len(own) == 1:
-                places[own[0][0]], factor[number] = int(source[number]), own[0][2]
-        return cls(np.stack(motions, axis=1) if motions else np.empty((rows, 0, n)), source, factor)
+        """The Jacobian."""
+        if self.place is None or self.slot is None or self.factor is None:
+            return self.motions
+        jacobian = np.zeros((len(self.motions), self.size, self.motions.shape[2]))
+        for place, slot, factor in zip(self.place.tolist(), self.slot.tolist(), self.factor, strict=True):
+            jacobian[:, place] += self.motions[:, slot] * factor
+        return jacobian
 
 
 @dataclass(frozen=True)
@@ -196,31 +188,27 @@ class BoundModel:
         coefficients = np.concatenate((self.fixed_values, theta))
         sweep = self.arm.chain.sweep(self._scalars(coefficients), self.n, motions, self._counts)
         rows, wanted = rows if self.kind is None else 6, rows
-        rigid = [(column[e.number], e.part.motion, e.part.factor) for e in requested if _is_rigid(e.part)]
-        gains = [(rigid, sweep.jacobian[:rows])]
+        by_motion, slot = sweep.jacobian, {motion: number for number, motion in enumerate(motions)}
+        parts = [(column[e.number], slot[e.part.motion], e.part.factor) for e in requested if _is_rigid(e.part)]
         if self._elastic:
             undeflected = self._undeflected(coefficients)
             loaded, moved, deflected = self._derivatives(undeflected, sweep, motions, column, coefficients)
-            gains = [(loaded, deflected[:rows]), (rigid, moved[:rows])]
-        poses, scale = sweep.poses, self._scale(coefficients)
-        if np.any(scale):
-            stretch = np.ones((rows, 1, self.n))
-            stretch[:3] += scale
-            gains = [(of_kind, by_motion * stretch) for of_kind, by_motion in gains]
-            poses = Poses(poses.rotation, poses.translation * (1.0 + scale))
-        jacobian = JacobianByMotion(gains[-1][1])
+            parts = [*((place, slot[motion] + len(slot), factor) for place, motion, factor in loaded), *parts]
+            by_motion = np.concatenate((moved, deflected), axis=1)
+        poses, by_motion = sweep.poses, by_motion[:rows]
+        if self._scales:
+            stretch = 1.0 + self._scale(coefficients)
+            grown = np.concatenate((poses.translation, np.zeros((rows - 3, self.n))))[:, None]
+            parts += [(column[e.number], by_motion.shape[1], e.part.factor) for e in self._scales if e.number in column]
+            by_motion = np.concatenate((by_motion[:3] * stretch, by_motion[3:]))
+            by_motion = by_motion if is_plain else np.concatenate((by_motion, grown), axis=1)
+            poses = Poses(poses.rotation, poses.translation * stretch)
+        jacobian = JacobianByMotion(by_motion)
         if not is_plain:
-            # The parts of each column: its motion's column, and the regressor.
-            parts: list[list[tuple[tuple[int, int], Array, Array | float]]] = [[] for _ in column]
-            for kind, (of_kind, by_motion) in enumerate(gains):
-                for place, motion, factor in of_kind:
-                    slot = motions.index(motion)
-                    parts[place].append(((kind, slot), by_motion[:, slot], factor))
-            grown = np.concatenate((sweep.poses.translation, np.zeros((rows - 3, self.n))))
-            for entry in self._scales:
-                if entry.number in column:
-                    parts[column[entry.number]].append(((-1, 0), grown, entry.part.factor))
-            jacobian = JacobianByMotion.of(parts, rows, self.n)
+            places, slots, factors = ([part[k] for part in parts] for k in range(3))
+            factor = np.array([np.broadcast_to(each, self.n) for each in factors]).reshape(len(parts), self.n)
+            numbers = np.array(places, dtype=np.int64), np.array(slots, dtype=np.int64)
+            jacobian = JacobianByMotion(by_motion, *numbers, factor, len(column))
         if self.kind is None:
             return poses, jacobian
         position = poses.translation

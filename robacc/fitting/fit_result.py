@@ -345,7 +345,8 @@ def held_out_poses(
         return white
 
     # The fit's own normal matrix is that of the step before the last.
-    normal, latest = np.diag(fit.precision), np.empty((0, 0, 0))
+    normal: Array = np.diag(fit.precision)
+    latest = np.empty((0, 0, 0))
     for rows in blocks:
         latest = fit.jacobian(rows, components)
         white = whitened(latest, rows).reshape(size, -1)
@@ -364,9 +365,9 @@ def held_out_poses(
         # Of (n, C, K) and (n, M, K), in coefficients whose normal matrix is I.
         jacobian = (latest if len(blocks) == 1 else fit.jacobian(rows, components)).swapaxes(0, 1)
         flat = np.multiply(jacobian, scale[:, None, None], order="C").reshape(size, -1)
-        flat = solve_triangular(lower, flat, lower=True, check_finite=False).reshape(jacobian.shape)
-        observed = np.ascontiguousarray(whitened(flat.swapaxes(0, 1), rows).transpose(2, 1, 0))
-        scaled = np.ascontiguousarray(flat.transpose(2, 1, 0))
+        solved_for = solve_triangular(lower, flat, lower=True, check_finite=False).reshape(jacobian.shape)
+        observed = np.ascontiguousarray(whitened(solved_for.swapaxes(0, 1), rows).transpose(2, 1, 0))
+        scaled = np.ascontiguousarray(solved_for.transpose(2, 1, 0))
         of_block, inside_groups = fit.whitening.subset(rows), blocks_of(groups[rows])
         for predicted, directions, whole, error in models:
             left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T

@@ -289,26 +289,20 @@ def _grams(jacobian: JacobianByMotion, residual: Array, white: Whitening) -> Arr
     Parts of one motion share its column: of the parts of two motions with columns a, b and regressors R, S, the block
     is R diag(a'b) S', for a fraction of the products of whole columns.
     """
-    place, slot, factor = jacobian.place, jacobian.slot, jacobian.factor
+    grams = np.zeros((2, jacobian.size + 1, jacobian.size + 1))
     is_row_by_row = all(len(numbers[0]) == 1 for numbers, _ in white.blocks)
-    if (
-        place is None
-        or slot is None
-        or factor is None
-        or place.size < 4 * jacobian.motions.shape[1]
-        or not is_row_by_row
-    ):
-        rows = white.rows(jacobian.dense, residual)
-        return np.stack(
-            [np.sum([a @ a.T for a in kind] or [0.0 * rows[0] @ rows[0].T], axis=0) for kind in (rows[:3], rows[3:])]
-        )
+    if jacobian.parts is None or jacobian.size < 4 * jacobian.motions.shape[1] or not is_row_by_row:
+        for number, component in enumerate(white.rows(jacobian.dense, residual)):
+            grams[number // 3] += component @ component.T
+        return grams
     rows = white.rows(jacobian.motions, residual)
+    place, slot, factor = jacobian.parts
     place, slot = np.append(place, jacobian.size), np.append(slot, rows.shape[1] - 1)
     # Parts of one motion stand together, those of motions with one part come last.
     is_shared = np.bincount(slot)[slot] > 1
     order = np.argsort(np.where(is_shared, slot, rows.shape[1]), kind="stable")
     place, slot, factor = place[order], slot[order], np.concatenate((factor, np.ones((1, rows.shape[2]))))[order]
-    grams, alone = np.zeros((2, jacobian.size + 1, jacobian.size + 1)), int(np.count_nonzero(is_shared))
+    alone = int(np.count_nonzero(is_shared))
     for gram, kind in zip(grams, (rows[:3], rows[3:]), strict=True):
         of_parts = np.zeros((slot.size, slot.size))
         of_parts[alone:, alone:] = sum(a @ a.T for a in kind[:, slot[alone:]] * factor[alone:])

@@ -101,23 +101,19 @@ class JacobianByMotion:
     """Jacobian ``(M, P, N)`` whose columns are sums of parts: columns of motions times regressors."""
 
     motions: Array
-    """``(M, W, N)`` columns of motions; if there are no parts, those of the coefficients."""
-    place: NDArray[np.int64] | None = None
-    """``(Q,)`` number of the coefficient of each part."""
-    slot: NDArray[np.int64] | None = None
-    """``(Q,)`` number of its motion's column."""
-    factor: Array | None = None
-    """``(Q, N)`` its regressor."""
-    size: int = 0
+    """``(M, W, N)`` columns of motions; without parts, those of the coefficients."""
+    size: int
     """P."""
+    parts: tuple[NDArray[np.int64], NDArray[np.int64], Array] | None = None
+    """Number of the coefficient of each part ``(Q,)``, number of its motion's column, and its regressor ``(Q, N)``."""
 
     @property
     def dense(self) -> Array:
         """The Jacobian."""
-        if self.place is None or self.slot is None or self.factor is None:
+        if self.parts is None:
             return self.motions
         jacobian = np.zeros((len(self.motions), self.size, self.motions.shape[2]))
-        for place, slot, factor in zip(self.place.tolist(), self.slot.tolist(), self.factor, strict=True):
+        for place, slot, factor in zip(*self.parts, strict=True):
             jacobian[:, place] += self.motions[:, slot] * factor
         return jacobian
 
@@ -203,12 +199,12 @@ class BoundModel:
             by_motion = np.concatenate((by_motion[:3] * stretch, by_motion[3:]))
             by_motion = by_motion if is_plain else np.concatenate((by_motion, grown), axis=1)
             poses = Poses(poses.rotation, poses.translation * stretch)
-        jacobian = JacobianByMotion(by_motion)
+        jacobian = JacobianByMotion(by_motion, len(column))
         if not is_plain:
             places, slots, factors = ([part[k] for part in parts] for k in range(3))
             factor = np.array([np.broadcast_to(each, self.n) for each in factors]).reshape(len(parts), self.n)
             numbers = np.array(places, dtype=np.int64), np.array(slots, dtype=np.int64)
-            jacobian = JacobianByMotion(by_motion, *numbers, factor, len(column))
+            jacobian = dataclasses.replace(jacobian, parts=(*numbers, factor))
         if self.kind is None:
             return poses, jacobian
         position = poses.translation
@@ -216,7 +212,7 @@ class BoundModel:
             other, between = self.earlier
             start, before = other.linearise(theta, columns)
             position = position - between * start.translation
-            jacobian = JacobianByMotion(jacobian.dense - between * before)
+            jacobian = JacobianByMotion(jacobian.dense - between * before, jacobian.size)
         position, gradient = observed(self.kind, self.seen, Poses(poses.rotation, position))
         shown = np.einsum("abn,bpn->apn", gradient, jacobian.motions)
         moved = np.concatenate((shown, jacobian.motions[3:]))[:wanted]

@@ -251,7 +251,7 @@ def iso9283(
     *poses: Annotated[
         PosesSource,
         Help(
-            "Measured poses: CSV, export, workbook, Parquet, ROS bag or folder of photos, one per robot; - reads "
+            "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or of Parquet, one per robot; - reads "
             "standard input.",
             "POSES [POSES …]",
             "Or poses read before.",

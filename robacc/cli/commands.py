@@ -39,7 +39,7 @@ from robacc.render.text import draw, say_warnings, warnings_below
 PoseFiles = Annotated[
     list[str],
     Help(
-        "Measured poses: CSV, export, workbook, Parquet, ROS bag or folder of photos; - reads standard input.",
+        "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or of Parquet; - reads standard input.",
         "POSES [POSES …]",
         holds="measured poses",
     ),

@@ -22,7 +22,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
-from robacc.io.table import MAX_TEXT, PartTable, Table, TableBody, TableOptions, TablePart, TextTable
+from robacc.io.table import MAX_TEXT, Part, Table, TableBody, TableOptions, TablePart, TextTable
 from robacc.plug_ins import plug_in, plug_in_names
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -71,7 +71,12 @@ class ColumnTable(Table):
         for row, i in zip(table, numbers, strict=True):
             row[:] = self._numbers(*self.column(i), self.labels[i])
         columns = [self._texts(i) for i in texts]
-        return TableBody(table, columns, np.arange(1, self.n + 1, dtype=np.int64)).without(self.log.gaps)
+        return TableBody(table, columns, self.places).without(self.log.gaps)
+
+    @property
+    def places(self) -> NDArray[np.int64]:
+        """Number of each row in the file."""
+        return np.arange(1, self.n + 1, dtype=np.int64)
 
     def column(self, index: int) -> tuple[NDArray[Any], NDArray[np.bool_]]:
         """Return a column, and where its values are missing."""
@@ -82,7 +87,7 @@ class ColumnTable(Table):
 
     def _numbers(self, column: NDArray[Any], missing: NDArray[np.bool_], name: str) -> Array:
         """Return a column as numbers, with NaN where a problem was logged."""
-        rows = np.arange(1, column.size + 1)
+        rows = self.places
         if column.dtype.kind not in "fiuO":
             self.log.add(f"the column holds {column.dtype}, expected numbers", None, name)
             return np.full(column.size, np.nan)
@@ -95,7 +100,7 @@ class ColumnTable(Table):
                 values[i] = float(column[i])
             except (TypeError, ValueError, OverflowError):
                 fix = "convert the column to numbers" if isinstance(column[i], str) else None
-                self.log.add(f"found {clip(str(column[i]))}, expected a number", i + 1, name, fix)
+                self.log.add(f"found {clip(str(column[i]))}, expected a number", int(rows[i]), name, fix)
         infinite = np.isinf(values) if is_object else ~np.isfinite(values) & ~missing
         if self.skip_gaps:
             self.log.gaps.update(rows[missing | infinite].tolist())
@@ -112,9 +117,10 @@ class ColumnTable(Table):
         else:
             texts = ["" if _is_missing(value) else _text(value) for value in column.tolist()]
         if is_sparse or not self.skip_gaps:
-            filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in enumerate(texts, 1)]
+            rows = zip(self.places.tolist(), texts, strict=True)
+            filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in rows]
             return np.array(filled, dtype=str)
-        self.log.gaps.update(i for i, text in enumerate(texts, 1) if not text)
+        self.log.gaps.update(i for i, text in zip(self.places.tolist(), texts, strict=True) if not text)
         return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
 
 
@@ -299,6 +305,24 @@ def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO
     return None if reader is None else reader.read(path, options)
 
 
+def is_of_files(path: str) -> bool:
+    """Return whether a path names files by a pattern, or a folder in an object store."""
+    return "*" in path or ("://" in path and path.endswith("/"))
+
+
+def divided(path: str, options: TableOptions) -> Sequence[Part]:
+    """Return a sample of a large table, and the parts that are the whole; nothing for a table that is read at once.
+
+    Raises:
+        InputError: A file cannot be read, or is no table.
+        UsageError: A file is Parquet, and the extra ``parquet`` is not installed.
+    """
+    if path.endswith((".parquet", ".pq")) or os.path.isdir(path) or is_of_files(path):
+        parts: Sequence[Part] = plug_in("robacc.readers", "parquet").divided(path, options)
+        return parts
+    return TablePart.divided(path, options)
+
+
 @contextmanager
 def open_table(path: str, options: TableOptions) -> Iterator[Table]:
     """Open the file, or standard input for ``-``, as a table.
@@ -307,13 +331,17 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         InputError: The file cannot be opened or read.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
-    if isinstance(options.frame, TablePart):
-        yield PartTable(options.frame, options)
+    if isinstance(options.frame, Part):
+        yield options.frame.table(options)
     elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
-    elif os.path.isdir(path):
-        fix = "name a file, or a folder that has photos (.jpg, .png), meta/info.json (LeRobot) or metadata.yaml (ROS 2)"
-        yield given(_by_plug_in(path, b"", options), Problem("is a folder, expected a file", path, fix=fix))
+    elif os.path.isdir(path) or is_of_files(path):
+        fix = (
+            "name a file, or a folder of photos (.jpg, .png) or of Parquet files alone, or one that has meta/info.json "
+            "(LeRobot) or metadata.yaml (ROS 2)"
+        )
+        message = "is a folder, expected a file" if os.path.isdir(path) else "found no files of poses there"
+        yield given(_by_plug_in(path, b"", options), Problem(message, path, fix=fix))
     else:
         with opened(path) as stream:
             yield _table(stream, "<stdin>" if path == STANDARD_STREAM else path, options)

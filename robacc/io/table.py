@@ -459,7 +459,16 @@ _SAMPLES, _SAMPLE = 256, 1 << 13
 """Places of the file, evenly spread, and bytes at each, that are a sample of it: some ten thousand poses."""
 
 
-class TablePart(NamedTuple):
+class Part:
+    """Some rows of a large table; a reader has a class of its own."""
+
+    def table(self, options: TableOptions) -> Table:
+        """Return the rows as a table."""
+        raise NotImplementedError
+
+
+@dataclass(frozen=True, slots=True)
+class TablePart(Part):
     """Lines of a large text table."""
 
     path: str
@@ -469,6 +478,10 @@ class TablePart(NamedTuple):
     """First byte, byte behind the last one, and number of the first line of each piece."""
     sha256: str
     """Digest of the whole file."""
+
+    def table(self, options: TableOptions) -> Table:
+        """Return the lines as a table."""
+        return PartTable(self, options)
 
     @classmethod
     def divided(cls, path: str, options: TableOptions) -> tuple[TablePart, ...]:
@@ -482,7 +495,7 @@ class TablePart(NamedTuple):
             InputError: The file cannot be read, or is no table.
         """
         is_small = "://" not in path and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE)
-        if options.frame is not None or is_small:
+        if is_small:
             return ()
         with opened(path) as stream:
             if (size := stream.seek(0, os.SEEK_END)) < LARGE:

@@ -15,9 +15,10 @@ import yaml
 
 from robacc.errors import refuse
 from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rotation_from_rpy
+from robacc.io.column_table import divided
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
-from robacc.io.table import TableOptions, TablePart
+from robacc.io.table import Part, TableOptions
 from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
 from robacc.measurements import Measurements
 
@@ -834,13 +835,14 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
     """
     reading = reading_of(path)
     named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
+    is_apart = bool(named) or reading.frame is not None
 
-    def file(part: TablePart) -> PoseFile:
+    def file(part: Part) -> PoseFile:
         result = PoseFile(path)
         result.reading = replace(reading, frame=part)
         return result
 
-    return () if named else tuple(map(file, TablePart.divided(path, reading)))
+    return () if is_apart else tuple(map(file, divided(path, reading)))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:

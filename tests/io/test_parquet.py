@@ -15,8 +15,10 @@ import pytest
 from commands import document, output, run
 from sample_files import POSES, ROBOT, saved
 
+import robacc
 from robacc.errors import InputError, UsageError
 from robacc.io import table
+from robacc.io.json_text import json_text
 from robacc.poses.csv_file import read_poses
 from robacc_plugins import parquet
 
@@ -223,3 +225,101 @@ def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: py
     expected = r"is Parquet, which needs an optional package; run pip install '\.\[parquet\]' in a checkout"
     with pytest.raises(UsageError, match=expected):
         read_poses(path)
+
+
+# A campaign in several files, and in parts of the rows of all of them.
+
+
+def campaign(folder: Path, n: int = 1500) -> tuple[str, str]:
+    """The same poses in one file, and in three files of a folder whose names have numbers."""
+    data = robacc.simulate(ROBOT, poses=n, seed=3, noise="0.1mm").data
+    columns: dict[str, Any] = {f"q{i + 1}": row for i, row in enumerate(data.q)}
+    columns |= {f"{axis}_m": row for axis, row in zip("xyz", data.position, strict=True)}
+    columns["pose"] = [f"p{i}" for i in range(n)]
+    whole = written(folder / "whole.parquet", columns, row_group_size=200)
+    parts = folder / "parts"
+    parts.mkdir()
+    (parts / "_SUCCESS").touch()
+    for name, rows, size in (("2", slice(0, 400), 130), ("10", slice(400, 410), 3), ("11", slice(410, n), 1000)):
+        written(parts / f"part-{name}.parquet", {key: row[rows] for key, row in columns.items()}, row_group_size=size)
+    return whole, str(parts)
+
+
+def in_parts(monkeypatch: pytest.MonkeyPatch) -> None:
+    for name, value in (("LARGE", 1), ("_PART", 190), ("_SAMPLES", 60), ("_SAMPLE", 5), ("_BATCH", 64)):
+        monkeypatch.setattr(parquet, name, value)
+
+
+def figures(result: robacc.Result) -> str:
+    document = dict(result.document())
+    return json_text({key: document[key] for key in document.keys() - {"inputs", "options", "warnings"}})
+
+
+def test_files_of_a_folder_are_one_table(tmp_path: Path) -> None:
+    whole, parts = campaign(tmp_path, 450)
+    own, others = (robacc.estimate(path, robot=ROBOT) for path in (whole, parts))
+    assert (figures(own), [pose.line for pose in own.worst_position]) == (
+        figures(others),
+        [pose.line for pose in others.worst_position],
+    )
+    (record,) = (entry for entry in others.made.inputs if entry.kind == "poses")
+    digest = hashlib.sha256(b"".join((tmp_path / f"parts/part-{n}.parquet").read_bytes() for n in (2, 10, 11)))
+    assert record.sha256 == digest.hexdigest()
+    assert document("estimate", f"{parts}/*.parquet", "--robot", str(ROBOT))["n_poses"] == 450
+
+
+@pytest.mark.parametrize("jobs", [1, 2])
+def test_a_campaign_in_parts_is_one_file_to_the_last_byte(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, jobs: int
+) -> None:
+    whole, parts = campaign(tmp_path)
+    plain = robacc.estimate(whole, robot=ROBOT)
+    in_parts(monkeypatch)
+    own, others = (robacc.estimate(path, robot=ROBOT, jobs=jobs) for path in (whole, parts))
+    assert figures(own) == figures(others)
+    assert own.per_pose_csv() == others.per_pose_csv()
+    assert any("read in 8 parts" in note for note in own.notes)
+    assert own.position.rms == pytest.approx(plain.position.rms, rel=1e-12)
+    lines = [[pose.line for pose in each.worst_position] for each in (plain, others)]
+    assert lines[0] == lines[1]
+
+
+def test_a_fit_in_parts_is_that_of_one_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    whole, parts = campaign(tmp_path)
+    in_parts(monkeypatch)
+    fits = [robacc.calibrate(path, robot=ROBOT, fit="base_frame,joint_offset[j2]") for path in (whole, parts)]
+    assert figures(fits[0]) == figures(fits[1])
+
+
+def test_a_campaign_in_an_object_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    fsspec = pytest.importorskip("fsspec")
+    whole, parts = campaign(tmp_path)
+    for file in Path(parts).glob("*.parquet"):
+        with fsspec.open(f"memory://campaign/{file.name}", "wb") as stream:
+            stream.write(file.read_bytes())
+    in_parts(monkeypatch)
+    own = robacc.estimate(whole, robot=ROBOT)
+    for path in ("memory://campaign/", "memory://campaign/part-*.parquet"):
+        assert figures(robacc.estimate(path, robot=ROBOT)) == figures(own)
+    with pytest.raises(InputError, match="found no files of poses there"):
+        robacc.estimate("memory://nothing/", robot=ROBOT)
+
+
+def test_a_wrong_value_has_its_row_in_the_campaign(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    _, parts = campaign(tmp_path)
+    last = tmp_path / "parts" / "part-11.parquet"
+    table = pq.read_table(last).to_pydict()
+    table["q2"][790] = float("nan")
+    written(last, table)
+    in_parts(monkeypatch)
+    with pytest.raises(InputError, match=r"parts, row 1201, q2: found 'nan'"):
+        robacc.estimate(parts, robot=ROBOT)
+
+
+def test_files_of_a_campaign_have_the_same_columns(tmp_path: Path) -> None:
+    _, parts = campaign(tmp_path, 450)
+    table = pq.read_table(tmp_path / "parts" / "part-11.parquet").to_pydict()
+    table.pop("q2")
+    last = written(tmp_path / "parts" / "part-11.parquet", table)
+    with pytest.raises(InputError, match=rf"{last}: {parts}/part-2\.parquet has other columns: q2"):
+        robacc.estimate(parts, robot=ROBOT)

@@ -251,8 +251,8 @@ def iso9283(
     *poses: Annotated[
         PosesSource,
         Help(
-            "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or of Parquet, one per robot; - reads "
-            "standard input.",
+            "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or Parquet, one per robot; - "
+            "reads standard input.",
             "POSES [POSES …]",
             "Or poses read before.",
             holds="measured poses",

@@ -217,7 +217,7 @@ _ROBOT = Help(
 Poses = Annotated[
     "PosesSource",
     Help(
-        "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or of Parquet; - reads standard input.",
+        "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or Parquet; - reads standard input.",
         "POSES",
         "Or poses read before, made of arrays, or a data frame.",
         holds="measured poses",

@@ -8,10 +8,11 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from functools import partial
 from hashlib import sha256
 from itertools import groupby
 from pathlib import PurePath
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 import numpy as np
 
@@ -21,15 +22,18 @@ from robacc.api.inputs import STDIN, Inputs, path_of, with_measured_targets
 from robacc.api.parameters import (
     ArmName,
     BaseLink,
+    Cluster,
     Confidence,
     Database,
     Help,
     IgnoreLimits,
+    Jobs,
     NeededRobot,
     OptionalRobot,
     Ordered,
     Poses,
     PosesSource,
+    Progress,
     RobotSource,
     Seed,
     StrPath,
@@ -39,12 +43,21 @@ from robacc.api.parameters import (
 from robacc.api.result import Result, fields_of
 from robacc.comparison.comparing import PairedTargets, compare as compare_results, noise_doubts, paired_targets
 from robacc.comparison.stored_results import FITS, ComparedResult, read_compared_result
-from robacc.documents.envelope import Provenance, StoredResult, csv_text, read_gate, read_result, understood
+from robacc.documents.envelope import (
+    InputFile,
+    Provenance,
+    StoredResult,
+    csv_text,
+    read_gate,
+    read_result,
+    understood,
+)
 from robacc.documents.history import TEST, date_text
 from robacc.errors import InputError, Problem, UsageError, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import (
     COLUMNS,
+    ArmFit,
     Entry,
     Spread,
     add,
@@ -73,6 +86,7 @@ from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.version import __version__
+from robacc.workers import Workers, cores
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -710,6 +724,38 @@ class Fleet(HistoryResult, command="fleet"):
         return robot_to_yaml(typical_robot(robot, self.coefficients), [text])
 
 
+class _Member(NamedTuple):
+    """What a fleet takes from the result of one of its arms."""
+
+    record: InputFile
+    arm: ArmFit
+    model: str
+    """Name of the robot file."""
+    is_shrunk: bool
+
+
+_WORTH = 64
+"""Results whose reading takes as long as a process takes to start."""
+
+
+def _member(source: StrPath | StoredResult) -> _Member:
+    """Return what a fleet takes from a result.
+
+    Raises:
+        InputError: The result cannot be read.
+        UsageError: It is not one of calibrate or trace.
+    """
+    stored = stored_result(source)
+    other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
+    refuse((stored.command not in FITS, other))
+    document = stored.document
+    with understood(stored.name, stored.command):
+        arm = arm_fit(document, arm_of(document))
+    return _Member(
+        stored.record, arm, str((document.get("robot") or {}).get("name")), bool(document["options"].get("shrink"))
+    )
+
+
 @call
 def fleet(
     *results: Annotated[
@@ -722,6 +768,9 @@ def fleet(
     robot: OptionalRobot = None,
     base_link: BaseLink = None,
     tip_link: TipLink = None,
+    jobs: Jobs = None,
+    cluster: Cluster = None,
+    progress: Progress = None,
 ) -> Fleet:
     """Compute mean and standard deviation of each coefficient over many arms, and name the arms unlike the others.
 
@@ -743,30 +792,27 @@ def fleet(
     """
     refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
     inputs = Inputs({"base_link": base_link, "tip_link": tip_link})
-    documents: dict[str, Mapping[str, Any]] = {}
+    # A result just computed becomes what its file would be, which another process can be given.
+    sources = [stored_result(source) if isinstance(source, Result) else source for source in results]
     if db is not None:
         with opened(os.fspath(db)) as base:
             latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
-            documents = {name: document_of(base, test) for name, test in latest.items()}
-    for number, source in enumerate(results, 1):
-        stored = stored_result(source)
-        inputs.records.append(stored.record)
-        other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
-        refuse((stored.command not in FITS, other))
-        name = arm_of(stored.document)
-        documents[name if name not in documents else f"{name} ({number})"] = stored.document
+            sources = [StoredResult(document_of(base, test), test["command"], "", arm) for arm, test in latest.items()]
+    workers = Workers(jobs or max(1, min(cores(), len(sources) // _WORTH)), cluster)
+    shown = partial(progress or (lambda label, done, total: None), "reading results")
+    members = [*workers.in_order(_member, sources, shown)]
+    inputs.records += [member.record for member in members if db is None]
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)
     refuse(
-        (len(documents) < 2, f"a fleet needs at least two arms, found {len(documents)}"),
+        (len(members) < 2, f"a fleet needs at least two arms, found {len(members)}"),
         (is_twice, "a result is named twice; name one of each arm"),
     )
-    models = {str((document.get("robot") or {}).get("name")) for document in documents.values()}
-    arms = []
-    for name, document in documents.items():
-        with understood(name, document["command"]):
-            arms.append(arm_fit(document, name))
-    coefficients, strangers, covariance = fleet_of(arms)
-    shrunk = sum(bool(document["options"].get("shrink")) for document in documents.values())
+    arms: dict[str, ArmFit] = {}
+    for number, (record, arm, *_) in enumerate(members, 1):
+        name = arm.arm if db is None else record.name
+        arms[name if name not in arms else f"{name} ({number})"] = arm
+    coefficients, strangers, covariance = fleet_of([arm._replace(arm=name) for name, arm in arms.items()])
+    models, shrunk = {member.model for member in members}, sum(member.is_shrunk for member in members)
     notes = (
         f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
         * bool(shrunk),

@@ -39,7 +39,7 @@ from robacc.render.text import draw, say_warnings, warnings_below
 PoseFiles = Annotated[
     list[str],
     Help(
-        "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or of Parquet; - reads standard input.",
+        "Measured poses: CSV, export, workbook, Parquet, ROS bag, folder of photos or Parquet; - reads standard input.",
         "POSES [POSES …]",
         holds="measured poses",
     ),
@@ -607,7 +607,8 @@ def fleet(
 
     Example: robacc fleet fit1.json fit2.json --write-tolerances as_built.yaml
     """
-    result = call(*(results or ()))
+    with progress_bar() as progress:
+        result = call(*(results or ()), progress=progress)
     write(write_tolerances, result.tolerances_yaml)
     write(write_robot, result.robot_yaml)
     deliver(outlets, result)

@@ -282,6 +282,16 @@ def test_a_fleet_has_tolerances_and_names_the_stranger(fleet_results, tmp_path):
     assert "none" not in output("fleet", *fleet_results).split("Arms out of family")[1]
 
 
+def test_a_fleet_is_the_same_bytes_whoever_read_its_results(fleet_results, tmp_path):
+    distributed = pytest.importorskip("distributed")
+    own = output("fleet", *fleet_results, "--format", "json")
+    assert output("fleet", *fleet_results, "--format", "json", "--jobs", 2) == own
+    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+        assert output("fleet", *fleet_results, "--format", "json", "--cluster", cluster.scheduler_address) == own
+    broken = saved(tmp_path / "broken.json", fleet_results[0].read_text()[:3000])
+    assert "truncated" in refused("fleet", *fleet_results, broken, "--jobs", 2, status=3)
+
+
 def test_a_fleet_of_a_database_takes_the_latest_fit_of_each_arm(fleet_results, tests, tmp_path):
     path = tmp_path / "fleet.db"
     for result in fleet_results[:3]:

@@ -16,7 +16,6 @@ values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical 
 
 from __future__ import annotations
 
-import itertools
 import json
 import math
 import os
@@ -64,6 +63,10 @@ SETUP = ("base_frame.", "tool_frame.")
 Entry = Mapping[str, Any]
 """Change, limit, coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
 _SHAPES = ("step", "ramp", "single test")
+_MANY = 8
+"""Tests from which series are searched together first."""
+_SAFE = 0.999
+"""Share of a critical value above which a series is searched on its own, so that rounding hides no change."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -105,10 +108,11 @@ class Spread(NamedTuple):
             return cls(1.0, 0.0)
         n = np.array([len(one.values) for one in several])
         half = (n - 1.0) ** 2 / (3.0 * n - 4.0)
-        squares = [
-            float(np.mean(np.square(np.diff(one.values)) / (np.square(one.stds[1:]) + np.square(one.stds[:-1]))))
-            for one in several
-        ]
+        values, variances = (np.concatenate([getattr(one, name) for one in several]) for name in ("values", "stds"))
+        variances = np.square(variances)
+        ratios = np.square(np.diff(values, append=0.0)) / (variances + np.append(variances[1:], 0.0))
+        ratios[np.cumsum(n) - 1] = 0.0  # from one series to the next
+        squares = np.add.reduceat(ratios, np.cumsum(n) - n) / (n - 1)
         logs = np.log(np.maximum(squares, _TINY)) - digamma(half) + np.log(half)
         excess = float(np.var(logs, ddof=1) - np.mean(polygamma(1, half)))
         if excess <= 0.0:
@@ -118,34 +122,47 @@ class Spread(NamedTuple):
 
 
 class _Fit:
-    """Weighted least squares of a series with the columns ``x (n, b)``."""
+    """Weighted least squares of ``values (…, n)`` with standard deviations ``stds`` and columns ``x (…, b, n)``."""
 
-    def __init__(self, series: ArmSeries, x: Array, spread: Spread) -> None:
-        self.weights = 1.0 / np.square(series.stds)
-        self.weighted = x * self.weights[:, None]
-        self.inverse = np.linalg.inv(x.T @ self.weighted)
-        self.coefficients = self.inverse @ (self.weighted.T @ series.values)
-        self.rest = series.values - x @ self.coefficients
-        self.dof = len(x) - x.shape[1] + spread.dof
-        squares = float(self.weights @ np.square(self.rest))
+    def __init__(self, values: Array, stds: Array, x: Array, spread: Spread) -> None:
+        self.weights = 1.0 / np.square(stds)
+        self.weighted = x * self.weights[..., None, :]
+        self.inverse = np.linalg.inv(self.weighted @ np.swapaxes(x, -1, -2))
+        self.coefficients = (self.inverse @ (self.weighted @ values[..., None]))[..., 0]
+        self.rest = values - (self.coefficients[..., None, :] @ x)[..., 0, :]
+        n = x.shape[-1]
+        self.dof = n - x.shape[-2] + spread.dof
+        squares = np.sum(self.weights * np.square(self.rest), axis=-1)
         has_own = math.isfinite(self.dof) and self.dof > 0.0
         factor = (spread.dof * spread.factor + squares) / self.dof if has_own else spread.factor
         rest = self.rest * np.sqrt(self.weights)
-        lag, n = float(rest[1:] @ rest[:-1]) / max(float(rest @ rest), _TINY), len(x)
+        lag = np.sum(rest[..., 1:] * rest[..., :-1], axis=-1) / np.maximum(np.sum(np.square(rest), axis=-1), _TINY)
         # White errors have a correlation of up to 1.6 / sqrt(n) by chance.
-        lag = min(lag, 1.0 - 1.0 / n) if lag > normal_quantile(0.95) / math.sqrt(n) else 0.0
-        self.factor = max(1.0, factor) * (1.0 + lag) / (1.0 - lag)
+        lag = np.where(lag > normal_quantile(0.95) / math.sqrt(n), np.minimum(lag, 1.0 - 1.0 / n), 0.0)
+        self.factor: Array = np.maximum(1.0, factor) * (1.0 + lag) / (1.0 - lag)
 
-    def std(self, column: int) -> float:
-        return math.sqrt(self.factor * float(self.inverse[column, column]))
+    def stds(self) -> Array:
+        """Return the standard deviations of the coefficients ``(…, b)``."""
+        return np.sqrt(self.factor[..., None] * np.diagonal(self.inverse, axis1=-2, axis2=-1))
+
+    def ratios(self) -> Array:
+        """Return the sizes of the coefficients over their standard deviations ``(…, b)``."""
+        return np.abs(self.coefficients) / self.stds()
+
+    def row(self, i: int) -> _Fit:
+        """Return the fit of one series among several."""
+        fit = object.__new__(_Fit)
+        for name, value in vars(self).items():
+            setattr(fit, name, value if name == "dof" else value[i])
+        return fit
 
     def p_value(self, column: int) -> float:
         """Return the probability of a coefficient as far from 0 without a change."""
-        ratio = float(self.coefficients[column]) / self.std(column)
-        return 2.0 * normal_cdf(-abs(ratio)) if math.isinf(self.dof) else f_sf(ratio**2, 1.0, self.dof)
+        ratio = float(self.ratios()[column])
+        return 2.0 * normal_cdf(-ratio) if math.isinf(self.dof) else f_sf(ratio**2, 1.0, self.dof)
 
     def gains(self, times: Array) -> Array:
-        """Return the fall of the weighted sum of squares by each of :data:`_SHAPES` at each test ``(3, n)``.
+        """Return the fall of the weighted sum of squares by each of :data:`_SHAPES` at each test ``(…, 3, n)``.
 
         Sums over the tests from each one on give all of them at once.
         """
@@ -153,22 +170,33 @@ class _Fit:
         rest, start = w * self.rest, np.concatenate([times[:1], times[:-1]])
 
         def after(values: Array) -> Array:
-            return np.cumsum(values[::-1], axis=0)[::-1]
+            return np.cumsum(values[..., ::-1], axis=-1)[..., ::-1]
 
         step = after(rest), after(w), after(self.weighted)
         ramp = (
             after(times * rest) - start * step[0],
             after(times**2 * w) - 2.0 * start * after(times * w) + start**2 * step[1],
-            after(times[:, None] * self.weighted) - start[:, None] * step[2],
+            after(times * self.weighted) - start * step[2],
         )
-        gains = np.zeros((3, n))
+        gains = []
         # With two tests behind its start, a ramp is told from a step by chance; the last test alone is a step too.
         for row, (along, size, cross) in enumerate((step, ramp, (rest, w, self.weighted))):
-            left = size - np.einsum("ij,jk,ik->i", cross, self.inverse, cross)
-            known = np.flatnonzero(left > _SAME * size)
-            known = known[(known >= (row < 2)) & (known < n - (0, 2, 1)[row])]
-            gains[row, known] = np.square(along[known]) / left[known]
-        return gains
+            left = size - np.sum(cross * (self.inverse @ cross), axis=-2)
+            is_known = left > _SAME * size
+            is_known[..., : row < 2] = False
+            is_known[..., n - (0, 2, 1)[row] :] = False
+            gains.append(np.where(is_known, np.square(along) / np.where(is_known, left, 1.0), 0.0))
+        return np.stack(gains, axis=-2)
+
+
+class Control(NamedTuple):
+    """Control chart of a series."""
+
+    series: ArmSeries
+    centre: Array
+    """``(n,)`` values expected with the changes found."""
+    half: Array
+    """``(n,)`` distance from it beyond which a test alone is an alarm."""
 
 
 def level_of(times: Array) -> float:
@@ -177,87 +205,135 @@ def level_of(times: Array) -> float:
     return min(_MOST_LEVEL, float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry]]:
-    """Return the changes of an arm's series whose probability without a change is below ``level``, and the limits.
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry], list[Control]]:
+    """Return the changes of an arm's series whose probability without a change is below ``level``, limits and charts.
 
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
     """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    found = [(one, *_changes(one, level, len(series), spread)) for one in series]
-    changes = (change for _, of_series, _ in found for change in of_series)
-    limits: list[Entry] = [{"key": one.key, "limit": limit, "unit": one.unit} for one, _, limit in found]
-    return sorted(changes, key=lambda change: float(change["p_value"])), limits
+    together: dict[tuple[bytes, bytes], list[ArmSeries]] = {}
+    for one in series:
+        together.setdefault((one.times.tobytes(), one.temperatures.tobytes()), []).append(one)
+    found = {
+        one.key: of_series
+        for some in together.values()
+        for one, of_series in zip(some, _changes(some, level, len(series), spread), strict=True)
+    }
+    changes = (change for one in series for change in found[one.key][0])
+    limits: list[Entry] = [{"key": one.key, "limit": found[one.key][1], "unit": one.unit} for one in series]
+    controls = [Control(one, *found[one.key][2:]) for one in series]
+    return sorted(changes, key=lambda change: float(change["p_value"])), limits, controls
 
 
 def slope_of(times: Array, values: Array, stds: Array) -> tuple[float, float, float]:
     """Return the slope of a straight line, per year, and the ends of its 95 % interval."""
-    series = ArmSeries("", "", times, values, stds, np.full(len(times), np.nan))
-    fit = _Fit(series, np.column_stack([np.ones(len(times)), (times - times.mean()) / YEAR]), Spread(1.0, 0.0))
-    value, half = float(fit.coefficients[1]), student_quantile(0.975, fit.dof) * fit.std(1)
+    fit = _Fit(values, stds, np.stack([np.ones(len(times)), (times - times.mean()) / YEAR]), Spread(1.0, 0.0))
+    value, half = float(fit.coefficients[1]), student_quantile(0.975, fit.dof) * float(fit.stds()[1])
     return value, value - half, value + half
 
 
-def _changes(series: ArmSeries, level: float, n_series: int, spread: Spread) -> tuple[list[Entry], float]:
-    """Return the changes of a series and its detection limit.
+def _changes(
+    some: Sequence[ArmSeries], level: float, n_series: int, spread: Spread
+) -> Iterator[tuple[list[Entry], float, Array, Array]]:
+    """Yield the changes of each of some series of the same tests, its detection limit and its control chart.
 
     The most probable change is taken until none is improbable without a change.
     """
-    n = len(series.values)
-    times = (series.times - series.times[-1]) / YEAR
-    heat = series.temperatures - np.mean(series.temperatures)
+    one, n = some[0], len(some[0].values)
+    times = (one.times - one.times[-1]) / YEAR
+    heat = one.temperatures - np.mean(one.temperatures)
     # Tests beyond which a dependence on temperature is told from the values.
     has_heat = n > 3 and float(np.ptp(heat)) > 0.0  # false for NaN
-    base = [np.ones(n), *([heat] if has_heat else [])]
+    base = np.stack([np.ones(n), *([heat] if has_heat else [])])
     start = np.concatenate([times[:1], times[:-1]])
     order = np.arange(n)
-
-    def fitted(changes: Sequence[tuple[int, int]]) -> _Fit:
-        columns = ((order >= at, np.maximum(times - start[at], 0.0), order == at)[shape] for shape, at in changes)
-        return _Fit(series, np.column_stack([*base, *columns]), spread)
-
-    def best(fit: _Fit) -> tuple[int, int] | None:
-        gains = fit.gains(times)
-        shape, at = np.unravel_index(np.argmax(gains), gains.shape)
-        return (int(shape), int(at)) if gains[shape, at] > 0.0 else None
-
-    found: list[tuple[int, int]] = []
+    values, stds = (np.array([getattr(series, name) for series in some]) for name in ("values", "stds"))
     # Steps, ramps and single tests of a series of n tests.
-    count, whole = n_series * max(1, 3 * n - 5), fitted(found)
-    more: list[tuple[int, int]] = []
-    # One more change, or two where one alone leaves a rest that does not look like noise: up, and down again.
-    while len(more) < 2 and n > len(base) + len(found) + len(more):
-        change = best(fitted([*found, *more]))
-        if change is None:
-            break
-        more.append(change)
-        with_more = fitted([*found, *more])
-        if with_more.dof <= 0.0 or any(with_more.p_value(-1 - i) * count >= level for i in range(len(more))):
-            continue
-        found, whole, more = [*found, *more], with_more, []
-        if len(found) > 1:
-            for i in range(len(found)):
-                found[i] = best(fitted(found[:i] + found[i + 1 :])) or found[i]
-            whole = fitted(found)
-    changes: list[Entry] = []
-    for i, (shape, at) in enumerate(found):
-        if shape == _SHAPES.index("single test"):
-            continue
-        gains = fitted(found[:i] + found[i + 1 :]).gains(times) / whole.factor
-        near = np.flatnonzero(gains[shape] > gains[shape, at] - _NEAR)
-        others = [_SHAPES[row] for row in (1 - shape, 2) if np.max(gains[row]) > gains[shape, at] - 2.0 * RIVAL]
-        kind = "setup" if series.is_of_setup else "ramp" if shape else "step"
-        length = -float(start[at]) if shape else 1.0
-        tests = series.times[[at, near[0], near[-1]]]
-        others = [*others, *(["temperature"] if shape and not has_heat else []), *series.rivals]
-        changes.append(_change(series, whole, len(base) + i, length, kind, tests, count, n - at > 1, others))
-    if has_heat and whole.p_value(1) * n_series < level:
-        tests = series.times[[-1, 0, -1]]
-        changes.append(_change(series, whole, 1, 1.0, "temperature", tests, n_series, True, []))
-    # Of one test more.
-    critical = student_quantile(1.0 - 0.5 * level / (n_series * max(1, 3 * n - 2)), max(whole.dof, 1.0))
-    # The next test against all: its own variance and that of the mean.
-    variance = whole.factor * (float(whole.inverse[0, 0]) + float(np.median(np.square(series.stds))))
-    return changes, (critical + normal_quantile(POWER)) * math.sqrt(variance)
+    count = n_series * max(1, 3 * n - 5)
+
+    def column(shape: Any, at: Any) -> Array:
+        shape, at = np.asarray(shape)[..., None], np.asarray(at)[..., None]
+        ramp = np.maximum(times - start[at], 0.0)
+        return np.asarray(np.where(shape == 0, order >= at, np.where(shape == 1, ramp, order == at)), dtype=float)
+
+    def fitted(rows: Any, changes: Sequence[tuple[Any, Any]]) -> _Fit:
+        y, columns = values[rows], [column(*change) for change in changes]
+        every = [*(np.broadcast_to(row, y.shape) for row in base), *columns]
+        return _Fit(y, stds[rows], np.stack(every, axis=-2), spread)
+
+    def best(fit: _Fit) -> tuple[Any, Any, Any]:
+        """Return shape, test and gain of the most probable change."""
+        gains = fit.gains(times)
+        flat = gains.reshape(*gains.shape[:-2], -1)
+        return *np.divmod(flat.argmax(axis=-1), n), flat.max(axis=-1)
+
+    def searched(row: int) -> tuple[_Fit, list[tuple[int, int]]]:
+        """Return the fit of a series and its changes.
+
+        One more change is tried, or two where one alone leaves a rest that does not look like noise: up, and down
+        again.
+        """
+        found: list[tuple[int, int]] = []
+        more: list[tuple[int, int]] = []
+        whole = with_more = fitted(row, found)
+        while len(more) < 2 and n > len(base) + len(found) + len(more):
+            *change, gain = best(with_more)
+            if gain <= 0.0:
+                break
+            more.append((int(change[0]), int(change[1])))
+            with_more = fitted(row, [*found, *more])
+            if with_more.dof <= 0.0 or any(with_more.p_value(-1 - i) * count >= level for i in range(len(more))):
+                continue
+            found, whole, more = [*found, *more], with_more, []
+            if len(found) > 1:
+                for i in range(len(found)):
+                    shape, at, gain = best(fitted(row, found[:i] + found[i + 1 :]))
+                    found[i] = (int(shape), int(at)) if gain > 0.0 else found[i]
+                whole = with_more = fitted(row, found)
+        return whole, found
+
+    def suspects() -> set[int]:
+        """Return the series of which a change, or two of them, may be improbable without one."""
+        rows, fit, changes = np.arange(len(some)), plain, list[tuple[Any, Any]]()
+        found = set[int]()
+        if has_heat:
+            critical = _SAFE * student_quantile(1.0 - 0.5 * level / n_series, fit.dof)
+            found = {*rows[fit.ratios()[:, 1] > critical].tolist()}
+        for _ in range(2):
+            shape, at, gain = best(fit)
+            is_left = gain > 0.0
+            rows, changes = rows[is_left], [(each[0][is_left], each[1][is_left]) for each in (*changes, (shape, at))]
+            fit = fitted(rows, changes)
+            critical = _SAFE * student_quantile(1.0 - 0.5 * level / count, fit.dof)
+            found |= {*rows[(fit.ratios()[:, -len(changes) :] > critical).all(axis=1)].tolist()}
+        return found
+
+    plain, usual = fitted(slice(None), []), np.median(np.square(stds), axis=1)
+    searched_rows = suspects() if n >= _MANY else {*range(len(some))}
+    for row, series in enumerate(some):
+        whole, found = searched(row) if row in searched_rows else (plain.row(row), [])
+        changes: list[Entry] = []
+        for i, (shape, at) in enumerate(found):
+            if shape == _SHAPES.index("single test"):
+                continue
+            gains = fitted(row, found[:i] + found[i + 1 :]).gains(times) / whole.factor
+            near = np.flatnonzero(gains[shape] > gains[shape, at] - _NEAR)
+            others = [_SHAPES[kind] for kind in (1 - shape, 2) if np.max(gains[kind]) > gains[shape, at] - 2.0 * RIVAL]
+            kind = "setup" if series.is_of_setup else "ramp" if shape else "step"
+            length = -float(start[at]) if shape else 1.0
+            tests = series.times[[at, near[0], near[-1]]]
+            others = [*others, *(["temperature"] if shape and not has_heat else []), *series.rivals]
+            changes.append(_change(series, whole, len(base) + i, length, kind, tests, count, n - at > 1, others))
+        if has_heat and row in searched_rows and whole.p_value(1) * n_series < level:
+            tests = series.times[[-1, 0, -1]]
+            changes.append(_change(series, whole, 1, 1.0, "temperature", tests, n_series, True, []))
+        # Of one test more.
+        critical = student_quantile(1.0 - 0.5 * level / (n_series * max(1, 3 * n - 2)), max(whole.dof, 1.0))
+        # The next test against all: its own variance and that of the mean.
+        variance = float(whole.factor) * (float(whole.inverse[0, 0]) + float(usual[row]))
+        half = critical * math.sqrt(whole.factor) * stds[row]
+        limit = (critical + normal_quantile(POWER)) * math.sqrt(variance)
+        yield changes, limit, values[row] - whole.rest, half
 
 
 def _change(
@@ -271,7 +347,10 @@ def _change(
     confirmed: bool,
     alternatives: Sequence[str],
 ) -> Entry:
-    value, half = float(fit.coefficients[column]), student_quantile(0.975, max(fit.dof, 1.0)) * fit.std(column)
+    value, half = (
+        float(fit.coefficients[column]),
+        student_quantile(0.975, max(fit.dof, 1.0)) * float(fit.stds()[column]),
+    )
     return {
         "key": series.key,
         "kind": kind,
@@ -730,23 +809,26 @@ def counted(own: Sequence[Test]) -> list[Test]:
 def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     """Return the series of tests of one arm: coefficients, and errors that estimates and ISO 9283 tests measured."""
     ids = json.dumps([test["id"] for test in own])
-    of_tests = "t JOIN results r ON r.id = t.result WHERE r.id IN (SELECT value FROM json_each(?)) AND"
-    columns = "t.key, t.unit, r.at, t.value, {}, r.temperature_c FROM {}"
-    query = f"SELECT {columns} {of_tests} {{}} ORDER BY t.key, r.at, r.id"
-    found = [
-        *db.execute(query.format(_STD, "figures", _COMPARED), [ids]),
-        *db.execute(query.format("t.std", "coefficients", "t.std > 0"), [ids]),
-    ]
+    when, warmth = (np.array([test[name] for test in own], dtype=float) for name in ("at", "temperature_c"))
+    # SQLite runs through the left table of a cross join first, so that rows come in the order of the tests.
+    of_tests = "FROM json_each(?) j CROSS JOIN results r ON r.id = j.value JOIN {} t ON t.result = r.id WHERE {}"
+    is_hidden = of_tests.format("coefficients", "t.std IS NULL")
     rivals: dict[str, set[str]] = {}
-    for key, why in db.execute(f"SELECT DISTINCT t.key, t.why FROM coefficients {of_tests} t.std IS NULL", [ids]):
+    for key, why in db.execute(f"SELECT DISTINCT t.key, t.why {is_hidden}", [ids]):
         if (match := _RIVAL.search(why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
-    columns_of = {
-        name: np.array([row[2:] for row in group], dtype=float).T
-        for name, group in itertools.groupby(found, key=lambda row: row[:2])
-    }
-    return [
-        ArmSeries(key, unit, times, values, stds, temperatures, tuple(sorted(rivals.get(key, ()))))
-        for (key, unit), (times, values, stds, temperatures) in columns_of.items()
-        if len(times) > 1
-    ]
+    series: list[ArmSeries] = []
+    for std, *source in ((_STD, "figures", _COMPARED), ("t.std", "coefficients", "t.std > 0")):
+        rows = db.execute(f"SELECT t.key, t.unit, j.key, t.value, {std} {of_tests.format(*source)}", [ids]).fetchall()
+        numbers: dict[tuple[str, str], int] = {}
+        number = np.array([numbers.setdefault(row[:2], len(numbers)) for row in rows], dtype=np.int64)
+        order = np.argsort(number, kind="stable")
+        place, *columns = (np.array([row[i] for row in rows], dtype=float)[order] for i in (2, 3, 4))
+        ends = np.cumsum(np.bincount(number, minlength=len(numbers)))
+        for (key, unit), last, n in sorted(zip(numbers, ends, np.diff(ends, prepend=0), strict=True)):
+            if n > 1:
+                values, stds = (column[last - n : last] for column in columns)
+                at = place[last - n : last].astype(np.int64)
+                own_rivals = tuple(sorted(rivals.get(key, ())))
+                series.append(ArmSeries(key, unit, when[at], values, stds, warmth[at], own_rivals))
+    return series

@@ -590,7 +590,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
             own = [*group]
             level = level_of(np.array([test["at"] for test in own]))
             used = counted(own)
-            changed[name], limits = find_changes(series_of(base, used), level)
+            changed[name], limits, _ = find_changes(series_of(base, used), level)
             notes = [
                 f"{len(used)} of them count: the others have another robot file, or other effects were fitted"
                 * (len(used) < len(own)),

@@ -54,7 +54,7 @@ def test_a_life_without_a_change_gives_at_most_one_false_alarm_a_year(kind):
     for arm in range(4):
         series = life(rng, **kind)
         for n in range(2, 81):
-            found, _ = find_changes(cut(series, n), LEVEL)
+            found, *_ = find_changes(cut(series, n), LEVEL)
             alarms |= {(arm, c["key"], c["kind"]) for c in found if c["kind"] in ("step", "ramp") and c["confirmed"]}
         years += 80 * LEVEL
     assert len(alarms) <= years
@@ -123,7 +123,7 @@ def test_two_changes_of_one_coefficient_are_both_found():
 def test_few_tests_of_few_coefficients_give_no_change_and_no_error():
     rng = np.random.default_rng(8)
     for n, p in itertools.product((2, 3, 4), (1, 2, 3)):
-        changes, limits = find_changes(
+        changes, limits, _ = find_changes(
             [
                 ArmSeries(f"k{k}", "m", np.arange(n) * WEEK, rng.normal(size=n), np.ones(n), np.full(n, np.nan))
                 for k in range(p)

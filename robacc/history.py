@@ -198,6 +198,14 @@ class Control(NamedTuple):
     half: Array
     """``(n,)`` distance from it beyond which a test alone is an alarm."""
 
+    def entry(self) -> Entry:
+        """Return the chart by the keys of the result."""
+        own = self.series
+        columns = (own.values, own.stds, self.centre, self.centre - self.half, self.centre + self.half)
+        rows = zip(map(date_text, own.times.tolist()), *(column.tolist() for column in columns), strict=True)
+        names = ("at", "value", "std", "expected", "low", "high")
+        return {"key": own.key, "unit": own.unit, "values": [dict(zip(names, row, strict=True)) for row in rows]}
+
 
 def level_of(times: Array) -> float:
     """Return the probability of a false alarm in a test: one is expected in a year of tests."""

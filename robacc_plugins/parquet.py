@@ -23,7 +23,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem, UsageError, install_advice, refuse
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import opened, write_file
-from robacc.io.table import Part, TableBody, TableOptions
+from robacc.io.table import TableBody, TableOptions, TableRows
 
 _MOST_ROWS = 50_000_000
 """A small file can repeat a value a billion times; nobody reads that many poses at once."""
@@ -133,7 +133,7 @@ def write(path: str | os.PathLike[str], columns: Mapping[str, Sequence[Any]]) ->
 
 
 @dataclass(frozen=True, slots=True)
-class ParquetPart(Part):
+class ParquetPart(TableRows):
     """Rows of a table in one file or several."""
 
     path: str

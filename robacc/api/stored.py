@@ -586,11 +586,11 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
     """
     with opened(os.fspath(db)) as base:
         arms, changed = [], {}
-        for name, group in groupby(tests(base, arm), key=lambda test: test["arm"]):
-            own = [*group]
+        groups = [(name, [*group]) for name, group in groupby(tests(base, arm), key=lambda test: test["arm"])]
+        for name, own in groups:
             level = level_of(np.array([test["at"] for test in own]))
             used = counted(own)
-            changed[name], limits, _ = find_changes(series_of(base, used), level)
+            changed[name], limits, controls = find_changes(series_of(base, used), level)
             notes = [
                 f"{len(used)} of them count: the others have another robot file, or other effects were fitted"
                 * (len(used) < len(own)),
@@ -598,7 +598,9 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
                 "without a temperature in every test (column temperature_c), warmth may look like a change"
                 * any(test["temperature_c"] is None for test in used),
             ]
-            entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits}
+            moved = {change["key"] for change in changed[name]}
+            charts = [control.entry() for control in controls if control.series.key in moved or len(groups) == 1]
+            entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits, "series": charts}
             arms.append({**entry, "notes": [*filter(None, notes)]})
     return HistoryChanges(arms=arms, changes=changed, made=Inputs({"arm": arm}).made())
 

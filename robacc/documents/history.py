@@ -54,6 +54,11 @@ HISTORY_SHOW = part(
     {"results": Key(array(TEST), "Results by arm and date.")},
     about="Results of a database.",
 )
+VALUE = {
+    "at": Key(text, "Time of the test, ISO 8601, UTC."),
+    "value": Key(number, "Value."),
+    "std": Key(number | None, "Standard deviation; null without one."),
+}
 HISTORY_TREND = part(
     {
         "key": Key(text, "Figure or coefficient."),
@@ -64,15 +69,7 @@ HISTORY_TREND = part(
                     {
                         "arm": Key(text, "The arm."),
                         "values": Key(
-                            array(
-                                part(
-                                    {
-                                        "at": Key(text, "Time of the test, ISO 8601, UTC."),
-                                        "value": Key(number, "Value."),
-                                        "std": Key(number | None, "Standard deviation; null without one."),
-                                    }
-                                )
-                            ),
+                            array(part(VALUE)),
                             "Values by date.",
                         ),
                         "rate_per_year": Key(number | None, "Slope of a straight line; null for fewer than 3 values."),
@@ -160,6 +157,30 @@ HISTORY_CHANGES = part(
                         "n_tests": Key(count, "Number of its tests."),
                         "level": Key(share, "Probability of a false alarm in a test, at most: one in a year."),
                         "detection_limits": LIMITS,
+                        "series": Key(
+                            array(
+                                part(
+                                    {
+                                        "key": Key(text, "Coefficient or figure."),
+                                        "unit": Key(text, "Unit."),
+                                        "values": Key(
+                                            array(
+                                                part(
+                                                    {
+                                                        **VALUE,
+                                                        "expected": Key(number, "Value with the changes found."),
+                                                        "low": Key(number, "Limit below which a test is an alarm."),
+                                                        "high": Key(number, "Limit above which a test is an alarm."),
+                                                    }
+                                                )
+                                            ),
+                                            "Values by date.",
+                                        ),
+                                    }
+                                )
+                            ),
+                            "Control charts: of one arm, of all series; of several, of those that changed.",
+                        ),
                         "notes": Key(array(text), "Assumptions and limitations."),
                     }
                 )

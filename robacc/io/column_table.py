@@ -22,7 +22,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
-from robacc.io.table import MAX_TEXT, Part, Table, TableBody, TableOptions, TablePart, TextTable
+from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
 from robacc.plug_ins import plug_in, plug_in_names
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -310,7 +310,7 @@ def is_of_files(path: str) -> bool:
     return "*" in path or ("://" in path and path.endswith("/"))
 
 
-def divided(path: str, options: TableOptions) -> Sequence[Part]:
+def divided(path: str, options: TableOptions) -> Sequence[TableRows]:
     """Return a sample of a large table, and the parts that are the whole; nothing for a table that is read at once.
 
     Raises:
@@ -318,7 +318,7 @@ def divided(path: str, options: TableOptions) -> Sequence[Part]:
         UsageError: A file is Parquet, and the extra ``parquet`` is not installed.
     """
     if path.endswith((".parquet", ".pq")) or os.path.isdir(path) or is_of_files(path):
-        parts: Sequence[Part] = plug_in("robacc.readers", "parquet").divided(path, options)
+        parts: Sequence[TableRows] = plug_in("robacc.readers", "parquet").divided(path, options)
         return parts
     return TablePart.divided(path, options)
 
@@ -331,7 +331,7 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         InputError: The file cannot be opened or read.
         UsageError: The file is Parquet, and the extra ``parquet`` is not installed.
     """
-    if isinstance(options.frame, Part):
+    if isinstance(options.frame, TableRows):
         yield options.frame.table(options)
     elif options.frame is not None:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)

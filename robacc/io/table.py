@@ -459,7 +459,7 @@ _SAMPLES, _SAMPLE = 256, 1 << 13
 """Places of the file, evenly spread, and bytes at each, that are a sample of it: some ten thousand poses."""
 
 
-class Part:
+class TableRows:
     """Some rows of a large table; a reader has a class of its own."""
 
     def table(self, options: TableOptions) -> Table:
@@ -468,7 +468,7 @@ class Part:
 
 
 @dataclass(frozen=True, slots=True)
-class TablePart(Part):
+class TablePart(TableRows):
     """Lines of a large text table."""
 
     path: str

@@ -18,7 +18,7 @@ from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rot
 from robacc.io.column_table import divided
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
-from robacc.io.table import Part, TableOptions
+from robacc.io.table import TableOptions, TableRows
 from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
 from robacc.measurements import Measurements
 
@@ -837,7 +837,7 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
     named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
     is_apart = bool(named) or reading.frame is not None
 
-    def file(part: Part) -> PoseFile:
+    def file(part: TableRows) -> PoseFile:
         result = PoseFile(path)
         result.reading = replace(reading, frame=part)
         return result

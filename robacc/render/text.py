@@ -236,6 +236,11 @@ def unit_of(unit: str, *sizes: float) -> Unit:
 # Names.
 
 
+def day(date: str) -> str:
+    """Return a date to the minute, or to the day at midnight."""
+    return date[:10] if date.endswith("T00:00:00Z") else date[:16].replace("T", " ")
+
+
 def joint_unit(joint: Document) -> Unit:
     """Return the unit of the variable of a joint."""
     return unit_of("m" if joint["type"] == "prismatic" else "rad")

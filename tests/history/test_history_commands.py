@@ -94,6 +94,41 @@ def test_the_step_is_found_with_its_joint_date_and_size(database):
     assert not missing(text, "1 change in 10 tests", "joint_offset.j3", "2026-02-12", "0.023", "temperature_c")
 
 
+def test_control_charts_show_the_change_and_its_limits(database, tmp_path):
+    from robacc.render.plots.results import charts_of
+
+    page = tmp_path / "page.html"
+    output("history", "changes", "--db", database, "--output", tmp_path / "changes.json", "--report", page)
+    found = json.loads((tmp_path / "changes.json").read_text())
+    series = {one["key"]: one for one in found["arms"][0]["series"]}
+    assert series.keys() == {limit["key"] for limit in found["arms"][0]["detection_limits"]}
+    third = series["joint_offset.j3"]["values"]
+    steps = np.diff([value["expected"] for value in third])
+    assert steps[5] == pytest.approx(found["changes"][0]["size"])
+    assert np.delete(steps, 5) == pytest.approx(0.0, abs=1e-12)
+    assert all(value["low"] < value["value"] < value["high"] for one in series.values() for value in one["values"])
+    charts = charts_of(found)
+    assert charts[0].title == "joint_offset.j3 of ABB IRB 1600-x/1.45"
+    assert f"step at {_day(6)} by" in charts[0].caption
+    assert (len(charts), "nothing changed" in charts[1].caption) == (len(series), True)
+    assert not missing(page.read_text(), "joint_offset.j3 of", "step at")
+    output("report", tmp_path / "changes.json", "--chart", "control", "--output", tmp_path / "chart.svg")
+    assert "<svg" in (tmp_path / "chart.svg").read_text()
+    (trend,) = charts_of(document("history", "trend", "joint_offset.j3", "--db", database))
+    assert "a year" in trend.caption
+
+
+def test_charts_of_several_arms_are_of_what_changed(database, tests, tmp_path):
+    copy = shutil.copy(database, tmp_path / "copy.db")
+    output("history", "add", tests[0], "--db", tmp_path / "other.db", "--arm", "other")
+    with sqlite3.connect(copy) as base:
+        base.execute("ATTACH ? AS other", [str(tmp_path / "other.db")])
+        columns = "at, name, arm, model, command, version, n_poses, grade, temperature_c, document"
+        base.execute(f"INSERT INTO results (sha256, {columns}) SELECT 'x', {columns} FROM other.results")
+    arms = document("history", "changes", "--db", copy)["arms"]
+    assert [[one["key"] for one in arm["series"]] for arm in arms] == [["joint_offset.j3"], []]
+
+
 def test_a_gate_judges_a_change_by_its_size(database, tmp_path):
     gate = tmp_path / "gate.yaml"
 

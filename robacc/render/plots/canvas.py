@@ -15,6 +15,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from html import escape
+from importlib import import_module
 from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
@@ -101,7 +102,8 @@ class Series:
     label: str = ""
     """In the legend; empty leaves it out."""
     kind: str = "line"
-    """``line`` for points and lines, which NaN breaks; ``bars`` (lengths x at y), ``band`` (from 0 to y), ``cells``."""
+    """``line`` for points and lines, which NaN breaks; ``bars`` (lengths x at y), ``band`` (from 0 to y, or from y to a
+    third coordinate), ``cells``."""
     marker: str = ""
     line: Any = ""
     """Line style of matplotlib; empty for points."""
@@ -122,6 +124,8 @@ class Axis:
     low: float | None = None
     high: float | None = None
     is_log: bool = False
+    is_date: bool = False
+    """True for days since 1970."""
     names: Sequence[str] = ()
     """Of the whole numbers from ``first``."""
     first: int = 0
@@ -262,6 +266,7 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
 
 
 def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
+    dates: Any = import_module("matplotlib.dates")
     from matplotlib.ticker import LogLocator
 
     line, limit = getattr(axes, f"{name}axis"), getattr(axes, f"set_{name}lim")
@@ -274,6 +279,10 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
         # The style does not parse formulas, so labels are plain numbers.
         line.set_major_formatter("{x:g}")
         line.set_minor_formatter("")
+    if axis.is_date:
+        locator = dates.AutoDateLocator(maxticks=6)
+        line.set_major_locator(locator)
+        line.set_major_formatter(dates.ConciseDateFormatter(locator))
     # A call of the limits, even without one, would end the fit to the data.
     if axis.low is not None or axis.high is not None:
         limit(axis.low, axis.high)

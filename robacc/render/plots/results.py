@@ -23,6 +23,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
+from robacc.render.plots.history import control_charts
 from robacc.render.plots.poses import (
     CIRCLE,
     correction_charts,
@@ -684,6 +685,7 @@ _FAMILIES: Sequence[Callable[[Document], Iterator[Chart]]] = (
     budget_charts,
     error_over_time_charts,
     workspace_charts,
+    control_charts,
 )
 _OF_PLANS = (planned_poses_charts, expected_accuracy_charts, detection_limit_charts)
 

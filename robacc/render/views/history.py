@@ -14,6 +14,7 @@ from robacc.render.text import (
     Section,
     Text,
     amount,
+    day,
     fixed,
     grid,
     number,
@@ -52,7 +53,7 @@ def history_view(document: Document) -> list[Section]:
                     ("date", "command", "poses", "rms mm", "grade", heat, "file"),
                     [
                         (
-                            _day(result["at"]),
+                            day(result["at"]),
                             result["command"],
                             str(result["n_poses"]),
                             "–" if result["rms_m"] is None else fixed(result["rms_m"] * IN_MM, 4),
@@ -83,7 +84,7 @@ def trend_view(document: Document) -> list[Section]:
         table = Grid(
             ("date", f"value {unit.name}".strip(), "std"),
             [
-                (_day(value["at"]), *(number(value[name], unit.factor) for name in ("value", "std")))
+                (day(value["at"]), *(number(value[name], unit.factor) for name in ("value", "std")))
                 for value in trend["values"]
             ],
         )
@@ -162,7 +163,7 @@ def change_table(changes: Sequence[Document]) -> Grid:
             (
                 change["key"],
                 _KINDS[change["kind"]],
-                "–" if change["kind"] == "temperature" else _day(change["at"]),
+                "–" if change["kind"] == "temperature" else day(change["at"]),
                 unit_of(change["unit"]).text(change["size"]),
                 " to ".join(str(number(change[end], unit_of(change["unit"]).factor)) for end in ("low", "high")),
                 p_value(change["p_value"]).removeprefix("p ").removeprefix("= "),
@@ -171,11 +172,6 @@ def change_table(changes: Sequence[Document]) -> Grid:
         ],
         left=(0, 1, 2),
     )
-
-
-def _day(date: str) -> str:
-    """Return a date to the minute, or to the day at midnight."""
-    return date[:10] if date.endswith("T00:00:00Z") else date[:16].replace("T", " ")
 
 
 def fleet_view(document: Document) -> list[Section]:

@@ -694,10 +694,13 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
         (not path or os.path.isdir(path), Problem(f"expected the name of a database file, found {path!r}")),
     )
     try:
-        # A folder that cannot be written has no place for the files of the log.
-        is_fixed = not writes and not os.access(os.path.dirname(path) or ".", os.W_OK)
-        uri = f"file:{quote(path)}?mode={'rwc' if writes else 'ro'}{'&immutable=1' * is_fixed}"
+        # A folder that cannot be written has no place for the files of the log. A reader that may not write leaves them
+        # behind, because it cannot remove them.
+        is_fixed = not os.access(os.path.dirname(path) or ".", os.W_OK)
+        reads = "ro&immutable=1" if is_fixed else "rw" if os.access(path, os.W_OK) else "ro"
+        uri = f"file:{quote(path)}?mode={'rwc' if writes else reads}"
         with closing(sqlite3.connect(uri, _PATIENCE, uri=True, isolation_level=None)) as db:
+            db.execute(f"PRAGMA query_only = {int(not writes)}")
             if writes:
                 db.execute("PRAGMA journal_mode = WAL")
                 db.execute("BEGIN IMMEDIATE")

@@ -187,6 +187,18 @@ def test_what_is_no_database_and_no_result_is_refused(database, tests, tmp_path)
     assert "add, show, trend or changes" in refused("history")
 
 
+def test_a_reader_leaves_nothing_beside_the_database(tests, tmp_path):
+    folder = tmp_path / "db"
+    folder.mkdir()
+    path = folder / "arm.db"
+    output("history", "add", *tests[:3], "--db", path, "--at", "2026-01-01")
+    before = path.read_bytes()
+    quick = measured(tmp_path, "quick.csv", 50, poses=12)
+    output("health", quick, "--robot", tests[0].parent / "model.yaml", "--db", path)
+    output("history", "changes", "--db", path)
+    assert ([file.name for file in folder.iterdir()], path.read_bytes() == before) == (["arm.db"], True)
+
+
 def test_two_writers_add_everything(tests, tmp_path):
     path = tmp_path / "two.db"
     command = [sys.executable, "-m", "robacc", "history", "add"]

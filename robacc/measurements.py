@@ -71,8 +71,8 @@ class Measurements:
     reference: Measurements | None = None
     """N poses that distances without an anchor are measured from."""
     seen: Array | None = None
-    """``(4, N)`` point of a board, in its frame, of which a row is the image, and the usual depth of such points before
-    their camera, at which images are measured; m."""
+    """``(5, N)`` point of a board, in its frame, of which a row is the image, the usual depth of such points before
+    their camera, at which images are measured, m, and the focal length, px."""
     photos: Measurements | None = None
     """Pose of the board, or of a camera on the hand, as the photo of each row shows it; N poses."""
     visit: NDArray[Any] | None = None

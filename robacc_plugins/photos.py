@@ -53,44 +53,61 @@ class _Seen(NamedTuple):
     size: tuple[int, ...] = ()
     """Height and width, px; of detected tags they are unknown."""
 
+    @property
+    def label(self) -> str:
+        """Name, with that of the camera before it where there are several."""
+        return "/".join(str(part) for part in (self.columns.get("camera"), self.name) if part)
+
 
 def takes(path: str, first: bytes) -> bool:
-    """Return whether a folder has photos."""
-    return Path(path).is_dir() and bool(_photos(path) or _photos(path, _FOREIGN))
+    """Return whether a folder has photos, or a folder of photos for each camera."""
+    return Path(path).is_dir() and bool(_photos(path) or _photos(path, _FOREIGN) or _of_cameras(path))
 
 
 def read(path: str, options: TableOptions) -> ColumnTable:
     """Return the points of the board in the photos of a folder; each photo's name without its end is its pose.
 
+    A folder without photos may have one for each camera, with the camera's name.
+
     Raises:
         InputError: A photo or the file of the board cannot be read, or no photo shows the board.
         UsageError: No board is stated, or the extra ``camera`` is not installed.
     """
-    cv2, files, digest = opencv(path), _photos(path), hashlib.sha256()
+    cv2, files, digest = opencv(path), {"": _photos(path)}, hashlib.sha256()
     foreign = [file.name for file in _photos(path, _FOREIGN)]
+    if not (files[""] or foreign):
+        files = _of_cameras(path)
+        foreign = [f"{camera}/{file.name}" for camera in files for file in _photos(Path(path, camera), _FOREIGN)]
     fix = "save them as JPEG in full size"
-    refuse((not files, Problem(f"OpenCV reads no photos like {', '.join(foreign[:1])}", path, fix=fix)))
-    names = Counter(file.stem for file in files)
-    twice = next((file.name for file in files if names[file.stem] > 1), "")
+    refuse((not any(files.values()), Problem(f"OpenCV reads no photos like {', '.join(foreign[:1])}", path, fix=fix)))
+    names = Counter((camera, file.stem) for camera in files for file in files[camera])
+    twice = next((file.name for camera in files for file in files[camera] if names[camera, file.stem] > 1), "")
     one = Problem(
         f"{twice} and another photo have one name", path, fix="a name is a pose: rename or remove one of them"
     )
     refuse((twice, one))
 
     def shots() -> Iterator[Shot]:
-        for file in files:
-            content = file.read_bytes()
-            digest.update(content)
-            yield Shot(file.stem, decoded(cv2, content))
+        for camera, photos in files.items():
+            for file in photos:
+                content = file.read_bytes()
+                digest.update(content)
+                yield Shot(file.stem, decoded(cv2, content), {"camera": camera} if camera else {})
 
-    table = table_of(shots(), len(files), path, options, digest.hexdigest)
+    table = table_of(shots(), sum(map(len, files.values())), path, options, digest.hexdigest)
     if foreign:
         listed = f"{', '.join(foreign[:_NAMED])}{' …' * (len(foreign) > _NAMED)}"
         table.log.warn(f"OpenCV does not read {listed}: {fix}", of_file=True)
     return table
 
 
-def _photos(path: str, ends: re.Pattern[str] = PHOTO) -> list[Path]:
+def _of_cameras(path: str) -> dict[str, list[Path]]:
+    """Return the photos in each folder in a folder, by its name."""
+    folders = sorted(folder for folder in Path(path).iterdir() if folder.is_dir() and folder.name[0] != ".")
+    return {folder.name: photos for folder in folders if (photos := _photos(folder))}
+
+
+def _photos(path: str | Path, ends: re.Pattern[str] = PHOTO) -> list[Path]:
     files = (file for file in Path(path).iterdir() if ends.search(file.name.lower()) and file.name[0] != ".")
     return sorted(file for file in files if file.is_file())
 
@@ -154,6 +171,7 @@ def table_of(
     photos = _of_one_size([_seen(shot, board, cv2) for shot in shown])
     if sheet is not None:
         write_file(sheet, bytes(cv2.imencode(form[0], _contact_sheet(photos, cv2))[1]))
+        _SHEETS[sheet] = photos
     good = [photo for photo in photos if photo.verdict == "board"]
     bad = _listed([photo for photo in photos if photo.verdict != "board"])
     if not good:
@@ -167,6 +185,7 @@ def table_of(
     columns += [(f"board_{axis}_m", points[:, i]) for i, axis in enumerate("xyz")]
     remarks = [remark, f"{len(good)} of {len(photos)} photos show the board"]
     table = ColumnTable(columns, path, options.skip_gaps, digest(), "; ".join(filter(None, remarks)))
+    table.image_sizes = {str(photo.columns.get("camera", "")): photo.size[1::-1] for photo in good if photo.size}
     if bad:
         table.log.warn(f"photos left out: {bad}", of_file=True)
     return table
@@ -187,27 +206,34 @@ def _seen(shot: Shot, board: Board, cv2: Any) -> _Seen:
 
 def _of_one_size(photos: list[_Seen]) -> list[_Seen]:
     """Return the photos, of which those of another size than most are none of the same lens."""
-    sizes = Counter(photo.size for photo in photos if photo.verdict == "board")
-    usual = max(sizes, key=sizes.__getitem__, default=())
-    return [
-        photo._replace(verdict="another size", detail="{1} x {0} px, most have {3} x {2}".format(*photo.size, *usual))
-        if photo.verdict == "board" and photo.size != usual
-        else photo
-        for photo in photos
-    ]
+    sizes: dict[Any, Counter[tuple[int, ...]]] = {}
+    for photo in photos:
+        if photo.verdict == "board":
+            sizes.setdefault(photo.columns.get("camera"), Counter())[photo.size] += 1
+    usual = {camera: max(own, key=own.__getitem__) for camera, own in sizes.items()}
+    result = []
+    for photo in photos:
+        most = usual.get(photo.columns.get("camera"), photo.size)
+        if photo.verdict == "board" and photo.size != most:
+            detail = "{1} x {0} px, most have {3} x {2}".format(*photo.size, *most)
+            photo = photo._replace(verdict="another size", detail=detail)
+        result.append(photo)
+    return result
 
 
 def _listed(photos: Sequence[_Seen]) -> str:
     """Return the names of photos by what they show in place of the board."""
     reasons: dict[str, list[str]] = {}
     for photo in photos:
-        reasons.setdefault(f"{photo.verdict}{f' ({photo.detail})' * bool(photo.detail)}", []).append(photo.name)
+        reasons.setdefault(f"{photo.verdict}{f' ({photo.detail})' * bool(photo.detail)}", []).append(photo.label)
     more = {reason: f" and {len(names) - _NAMED} more" * (len(names) > _NAMED) for reason, names in reasons.items()}
     return "; ".join(f"{', '.join(names[:_NAMED])}{more[why]}: {why}" for why, names in reasons.items())
 
 
 # Contact sheet: the photos small, with the points found in them and what was wrong.
 
+_SHEETS: dict[str, list[_Seen]] = {}
+"""Photos of each sheet that was written, to which a fit adds what remains of each."""
 _WIDTH, _HEIGHT, _EDGE, _GAP, _TEXT = 240, 240, 6, 8, 60
 """Pixels of a photo at most, of its border, between two photos, and of the text below."""
 _LETTERS = 40
@@ -245,7 +271,27 @@ def _contact_sheet(photos: Sequence[_Seen], cv2: Any) -> Any:
         place = sheet[top + _EDGE :, left + _EDGE :]
         place[: photo.thumbnail.shape[0], : photo.thumbnail.shape[1]] = photo.thumbnail
         count = f"{len(photo.pixels)} points" if photo.verdict == "board" else photo.verdict
-        for line, text in enumerate((photo.name[-_LETTERS:], count, photo.detail[:_LETTERS]), 1):
+        for line, text in enumerate((photo.label[-_LETTERS:], count, photo.detail[:_LETTERS]), 1):
             at = (left + _EDGE, top + height + 15 * line)
             cv2.putText(sheet, text, at, cv2.FONT_HERSHEY_SIMPLEX, 0.4, (0, 0, 0), 1, cv2.LINE_AA)
     return sheet
+
+
+def add_residuals(sheet: str, residuals: Mapping[tuple[str, str], float]) -> None:
+    """Write a contact sheet again, with the rms residual of each photo after a fit, px, by its camera and name.
+
+    Raises:
+        InputError: The sheet cannot be written.
+    """
+    import cv2
+
+    photos = []
+    for photo in _SHEETS.pop(sheet, ()):
+        own = (str(photo.columns.get("camera", "")), photo.name)
+        # A camera alone has no name in the data.
+        residual = residuals.get(own) or next((residuals[key] for key in residuals if key[1] == own[1]), None)
+        is_used = photo.verdict == "board" and residual is not None
+        photos.append(photo._replace(detail=f"fit: {residual:.2f} px rms") if is_used else photo)
+    if photos:
+        ending = PHOTO.search(sheet.lower())
+        write_file(sheet, bytes(cv2.imencode(ending[0] if ending else ".png", _contact_sheet(photos, cv2))[1]))

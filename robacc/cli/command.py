@@ -54,7 +54,8 @@ def load(name: str, form: str | None = None) -> Any:
         values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}}
         for name, value in given.items():
             read, is_poses = options[name].meaning.read, "poses" in options[name].meaning.holds
-            own = _read_as(value, reading) if is_poses and any(reading.values()) else value
+            told = _of_holdout(reading) if name == "holdout" else reading
+            own = _read_as(value, told) if is_poses and any(reading.values()) else value
             values[options[name].owner][name] = own if read is None or own is None else read(name, own)
         arguments, named = values[""], values["call"]
         if values["outlets"]:
@@ -146,6 +147,12 @@ def _leaves(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
+def _of_holdout(reading: Mapping[str, Any]) -> dict[str, Any]:
+    """Return how validation poses are read: their contact sheet is sheet-holdout.png beside sheet.png."""
+    stem, ending = os.path.splitext(reading["contact_sheet"] or "")
+    return {**reading, "contact_sheet": reading["contact_sheet"] and f"{stem}-holdout{ending}"}
+
+
 def _read_as(value: Any, reading: Mapping[str, Any]) -> Any:
     """Return paths of files of poses as paths that carry how the files are read."""
     from robacc.poses.reading import PoseFile
@@ -170,8 +177,9 @@ def check_call(parameters: Mapping[str, Any], outputs: Sequence[str]) -> None:
             ``--junit`` is given without ``--gate``, or a library that ``--report`` needs is not installed.
         InputError: the gate cannot be read, or an output is a folder or in a folder that does not exist.
     """
-    from robacc.io.files import target_of
+    from robacc.io.files import WRITTEN, target_of
 
+    WRITTEN.clear()
     gate = parameters.get("gate")
     refuse(
         (

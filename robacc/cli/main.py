@@ -100,7 +100,10 @@ class Commands(TyperGroup):
             say_error(error)
             raise typer.Exit(error.exit_status) from error
         except KeyboardInterrupt as interrupt:
-            say(f"interrupted; {''.join(map(str, interrupt.args)) or 'nothing was written'}", "dim")
+            # Without this module, nothing was written yet.
+            written = getattr(sys.modules.get("robacc.io.files"), "WRITTEN", ())
+            done = f"{', '.join(written)} was written, nothing else" if written else "nothing was written"
+            say(f"interrupted; {''.join(map(str, interrupt.args)) or done}", "dim")
             raise typer.Exit(INTERRUPTED) from interrupt
 
 

@@ -112,6 +112,8 @@ TEXT_LIMIT = 64 * 2**20
 
 STANDARD_STREAM = "-"
 """Stands for standard input where a file is read, and for standard output where a file is written."""
+WRITTEN: list[str] = []
+"""Files that were written, for the message of an interrupt."""
 _READ: dict[str, str] = {}
 """Digest of each file's bytes as last read, by the file's name; :func:`sha256_of` removes it."""
 
@@ -276,6 +278,7 @@ def write_file(path: str | os.PathLike[str], content: str | bytes | Iterable[str
             _replace(target, data)
     except OSError as error:
         raise InputError(Problem(f"cannot be written: {_reason(error)}", name)) from None
+    WRITTEN.append(name)
 
 
 def _replace(target: Path, pieces: Iterable[bytes]) -> None:

@@ -88,6 +88,8 @@ class Table:
     """Form of the table, where it is not the documented one."""
     sha256 = ""
     """Digest of the file's bytes, once the body was read."""
+    image_sizes: Mapping[str, tuple[int, ...]] = {}
+    """Width and height, px, of the photos of each camera that the rows come from."""
 
     def __init__(
         self,

@@ -470,7 +470,7 @@ class KindTable(ReshapedTable):
                 self._units[key] = heading.unit
                 if UNITS[heading.unit][0] != "length":
                     self.log.add("expected a unit of length (m, mm, um)", self.line, heading.name)
-        self._cameras = cameras
+        self._cameras, self._image_sizes = cameras, table.image_sizes
         self._names = {key: table.names[index] for key, index in apart.items()}
         self._cells: dict[str, list[str]] = {}
 
@@ -602,7 +602,7 @@ class KindTable(ReshapedTable):
         if photo is None:
             poses = data.groups() if data.cycle is None else numbered(data.groups(), data.cycle)
             photo = numbered_visits(poses, None, None, numbered(names, *points), ordered=False).astype(str)
-        seen, place, spread = (np.zeros((count, data.n)) for count in (4, 3, 6))
+        seen, place, spread = (np.zeros((count, data.n)) for count in (5, 3, 6))
         turn, position = np.zeros((3, 3, data.n)), data.position.copy()
         sigma = np.zeros((3, data.n)) if data.sigma_position is None else data.sigma_position.copy()
         kind, fixture = data.kind.astype(object), data.fixture.astype(object)
@@ -613,7 +613,14 @@ class KindTable(ReshapedTable):
                 expected = f"expected a camera of {self._cameras}: {', '.join(known)}"
                 self._add(f"found {name!r}, {expected}", data, int(mine[0]), "camera")
                 continue
-            of_board = points[:, mine], photo[mine]
+            of_board, size = (points[:, mine], photo[mine]), self._image_sizes.get(name)
+            if size and camera.size and camera.size != size:
+                sizes = [f"{width:g} x {height:g} px" for width, height in (size, camera.size)]
+                fix, scale = "give the lens as photos of this size show it", size[0] / camera.size[0]
+                if size[1] == scale * camera.size[1]:
+                    fix += f", or multiply fx, fy, cx, cy and size by {scale:.6g}"
+                self.log.add(f"the photos are {sizes[0]}, the camera file states {sizes[1]}", fix=fix)
+                continue
             try:
                 camera = calibrated(camera, pixels[:, mine], *of_board)
                 rays = camera.rays(pixels[:, mine])
@@ -632,7 +639,7 @@ class KindTable(ReshapedTable):
                 three, corners = of_photo[:3], three_points(points[:, of_photo])
                 std = rest if noise is None else math.sqrt(np.mean(np.square(noise[of_photo]))) / focal
                 shown = each.of_camera() if camera.is_on_hand else each
-                stay[three], seen[:3, three], seen[3, three] = True, corners, depth
+                stay[three], seen[:3, three], seen[3:, three] = True, corners, [[depth], [focal]]
                 position[:2, three] = depth * rays_of(each.pose, corners)
                 sigma[:, three] = depth * std * math.sqrt(3.0 / of_photo.size)
                 place[:, three], turn[..., three] = shown.pose.translation[:, None], shown.pose.rotation[..., None]

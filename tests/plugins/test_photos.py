@@ -129,6 +129,86 @@ def test_a_photo_counts_as_the_chip_saw_it_and_another_size_is_of_another_lens(t
     assert (result.n_poses, result.position.rms) == (5, pytest.approx(upright.position.rms, rel=1.0))
 
 
+def test_the_contact_sheet_shows_what_the_fit_leaves_of_each_photo(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken(tmp_path, "charuco", 12)
+    robacc.write_robot(tmp_path / "arm.yaml", robot())
+    Path("others").mkdir()
+    for photo in sorted(Path("photos").iterdir())[:4]:
+        photo.rename(Path("others") / photo.name)
+    files = ("--joints", "joints.csv", "--board", "board.yaml", "--camera", "camera.yaml", "--robot", "arm.yaml")
+    assert run("estimate", "photos", *files, "--contact-sheet", "plain.png").exit_code == 0
+    done = run("calibrate", "photos", *files, "--holdout", "others", "--contact-sheet", "sheet.png", "--fit", FIT)
+    assert done.exit_code == 0, done.stderr
+    plain, sheet, other = (cv2.imread(f"{name}.png") for name in ("plain", "sheet", "sheet-holdout"))
+    # Four photos across of eight, three of four: the held-out ones have a sheet of their own.
+    assert (sheet.shape, other.shape) == (plain.shape, (plain.shape[0], 3 * 260, 3))
+    assert (plain != sheet).any(axis=(1, 2)).nonzero()[0].min() > 192  # below the photos only
+
+
+def test_an_interrupt_says_that_the_sheet_was_written(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.chdir(tmp_path)
+    taken(tmp_path, "charuco", 4)
+    robacc.write_robot(tmp_path / "arm.yaml", robot())
+
+    def interrupted(*arguments: object, **options: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("robacc.api.accuracy.estimate_errors", interrupted)
+    files = ("--joints", "joints.csv", "--board", "board.yaml", "--camera", "camera.yaml", "--robot", "arm.yaml")
+    assert run("estimate", "photos", *files).stderr.endswith("interrupted; nothing was written\n")
+    done = run("estimate", "photos", *files, "--contact-sheet", "sheet.png")
+    assert (done.exit_code, Path("sheet.png").exists()) == (130, True)
+    assert done.stderr.endswith("interrupted; sheet.png was written, nothing else\n")
+
+
+FIT = "base_frame,tool_frame,joint_offset"
+
+
+def test_photos_of_another_size_than_the_lens_are_refused(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 5)
+    (tmp_path / "camera.yaml").write_text(CAMERA + "size: [1280, 960]\n")
+    assert robacc.estimate(path, robot=robot()).n_poses == 5
+    for size, fix in (("[1920, 1440]", "multiply fx, fy, cx, cy and size by 0.666667"), ("[1920, 1080]", "")):
+        (tmp_path / "camera.yaml").write_text(CAMERA + f"size: {size}\n")
+        with pytest.raises(InputError) as caught:
+            robacc.estimate(path, robot=robot())
+        (problem,) = caught.value.problems
+        stated = size.strip("[]").replace(", ", " x ")
+        assert f"the photos are 1280 x 960 px, the camera file states {stated} px" in problem.message
+        assert ("multiply" in str(problem.fix)) == bool(fix)
+        assert fix in str(problem.fix)
+
+
+def test_each_camera_has_a_folder_and_a_lens_of_its_own(tmp_path: Path) -> None:
+    path = taken(tmp_path, "charuco", 14)
+    folder = tmp_path / "photos"
+    for number, photo in enumerate(sorted(folder.iterdir())):
+        own = folder / ("left" if number % 2 else "right")
+        own.mkdir(exist_ok=True)
+        picture = cv2.imread(str(photo))
+        # The right camera has fewer pixels.
+        cv2.imwrite(str(own / photo.name), picture if number % 2 else cv2.resize(picture, None, fx=0.75, fy=0.75))
+        photo.unlink()
+    lens = yaml.safe_load(CAMERA)
+    fewer = {**lens, "fx": 750, "fy": 750, "cx": 479.5, "cy": 359.5, "size": [960, 720]}
+    cameras = {"cameras": {"left": {**lens, "size": [1280, 960]}, "right": fewer}}
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump(cameras))
+    result = robacc.calibrate(path, robot=robot(), fit=FIT)
+    assert any("14 of 14 photos show the board" in warning for warning in result.warnings)
+    assert any("camera left: " in warning for warning in result.warnings)
+    values = {parameter.name: parameter for parameter in result.parameters}
+    for number in (2, 3, 4, 5):
+        found = values[f"joint_offset.j{number}"]
+        assert found.value == pytest.approx(ZEROS[number - 1], abs=max(4.0 * (found.std or 0.0), 1.5e-3))
+    assert result.fit.data.n == 3 * 14
+    (tmp_path / "camera.yaml").write_text(CAMERA)
+    with pytest.raises(InputError, match=r"found 'left', expected a camera of"):
+        robacc.calibrate(path, robot=robot(), fit=FIT)
+
+
 def test_what_is_lacking_is_said(tmp_path: Path) -> None:
     path = taken(tmp_path, "charuco", 2)
     with pytest.raises(UsageError, match="state the board that they show"):

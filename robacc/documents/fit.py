@@ -261,6 +261,12 @@ _FIT = {
         REPEATABILITY | None,
         "Intrinsic repeatability of the arm, apart from the measurement noise; null if it cannot be separated.",
     ),
+    "information": Key(
+        table(size),
+        "Number of identifiable coefficients that each kind of measurement determines; together all of them, less what "
+        "priors determine. Empty for one kind.",
+        lambda result: result.fit.information(),
+    ),
     "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
     "deflection": Key(
         part(

@@ -14,7 +14,7 @@ from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
 from robacc.errors import RobaccError
 from robacc.fitting.levels import BLOCK_NUMBERS, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
-from robacc.fitting.normal_equations import Whitening, blocks_of, solved
+from robacc.fitting.normal_equations import Whitening, blocks_of, posterior, solved
 from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
@@ -214,6 +214,21 @@ class Fit:
         """Return ``(components, K, n)`` the Jacobian of the identifiable coefficients at some rows of the poses."""
         bound = self.model.bind(self.data.subset(rows))
         return bound.linearise(self.theta, self.identifiability.columns, components)[1]
+
+    def information(self) -> dict[str, float]:
+        """Return how many coefficients each kind of measurement determines, where there are several kinds.
+
+        They are the traces of the kinds' parts of the normal matrix times the covariance under the priors: together
+        the coefficients less what the priors determine, the effective number of parameters (MacKay 1992).
+        """
+        kinds = self.data.kind
+        if kinds is None or not (kinds != kinds[0]).any():
+            return {}
+        rows = np.arange(self.data.n)
+        white = self.whitening.rows(self.jacobian(rows, len(self.residual)), self.residual)[:, :-1] * self.inliers
+        inverse = posterior(np.einsum("mkn,mln->kl", white, white), self.precision)
+        each = np.sum(white * (inverse @ white), axis=(0, 1))
+        return {str(kind): float(each[kinds == kind].sum()) for kind in np.unique(kinds)}
 
     def predict(self, data: Measurements, theta: Array | None = None) -> Poses:
         """Return the poses that the written model predicts: beyond their validity range, effects are held.

@@ -337,8 +337,8 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path) or is_of_files(path):
         fix = (
-            "name a file, or a folder of photos (.jpg, .png) or of Parquet files alone, or one that has meta/info.json "
-            "(LeRobot) or metadata.yaml (ROS 2)"
+            "name a file, or a folder that has photos (.jpg, .png), Parquet files alone, meta/info.json (LeRobot) or "
+            "metadata.yaml (ROS 2)"
         )
         message = "is a folder, expected a file" if os.path.isdir(path) else "found no files of poses there"
         yield given(_by_plug_in(path, b"", options), Problem(message, path, fix=fix))

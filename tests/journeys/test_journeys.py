@@ -201,6 +201,14 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
         assert found.std is not None
         assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
     assert result.after.held_out.position.rms < 4.0 * NOISE
+    # What each kind brought sums to the coefficients less what priors determine.
+    shares, fit = result.fit.information(), result.fit
+    assert shares.keys() == (set() if one_kind else {str(row["kind"]) for row in rows})
+    if shares:
+        known = np.trace(np.linalg.solve(fit.gram + np.diag(fit.precision), fit.gram))
+        assert sum(shares.values()) == pytest.approx(known, rel=5e-3)  # the last step is not in its matrix
+        assert min(shares.values()) > 1.0
+        assert f"of each kind of measurement: {max(shares, key=shares.get)} " in str(result.view())
     q = generator.uniform(LOW, HIGH, (100, 6)).T
     others = Measurements(np.array([target(angles + ZEROS) for angles in q.T]).T, q=q)
     nominal, calibrated = (

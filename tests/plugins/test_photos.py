@@ -204,8 +204,8 @@ def test_each_camera_has_a_folder_and_a_lens_of_its_own(tmp_path: Path) -> None:
         found = values[f"joint_offset.j{number}"]
         assert found.value == pytest.approx(ZEROS[number - 1], abs=max(4.0 * (found.std or 0.0), 1.5e-3))
     assert result.fit.data.n == 3 * 14
-    (tmp_path / "camera.yaml").write_text(CAMERA)
-    with pytest.raises(InputError, match=r"found 'left', expected a camera of"):
+    (tmp_path / "camera.yaml").write_text(yaml.safe_dump({"cameras": {"left": lens}}))
+    with pytest.raises(InputError, match=r"found 'right', expected a camera of"):
         robacc.calibrate(path, robot=robot(), fit=FIT)
 
 

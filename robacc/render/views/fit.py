@@ -241,6 +241,7 @@ def fit_view(
         [
             Text(f"{poses} against the model {robot}", wraps=False),
             Text(f"{verb} effects: {', '.join(declared['effects']) or 'none'}{default}"),
+            *map(Text, _information(document["information"])),
             *(Text(f"{each['effect']} is not {verb}: {each['why']}") for each in declared["left_out"]),
         ],
     )
@@ -451,6 +452,13 @@ def _quality(document: Document) -> list[str]:
             for row in document["leverage"][:5]
         ),
     ]
+
+
+def _information(kinds: Document) -> list[str]:
+    """Return the share of the information that each kind of measurement brought, if there are several."""
+    total = sum(kinds.values())
+    parts = [f"{kind} {100.0 * count / total:.0f} %" for kind, count in sorted(kinds.items(), key=lambda e: -e[1])]
+    return [f"information of each kind of measurement: {', '.join(parts)}"] if kinds else []
 
 
 def _not_identifiable(dropped: Sequence[Document]) -> list[str]:

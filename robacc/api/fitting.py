@@ -51,7 +51,7 @@ from robacc.fitting.fit_result import Options
 from robacc.fitting.in_parts import fitted_in_parts
 from robacc.fitting.solver import tolerance_priors
 from robacc.fitting.visits import places
-from robacc.fitting.warnings import suspected_mistakes
+from robacc.fitting.warnings import image_scales, suspected_mistakes
 from robacc.io.files import write_file
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -472,6 +472,7 @@ def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitIn
     warnings = (
         *result.warnings,
         *([in_parts] if read.parts else []),
+        *image_scales(fit),
         *fitted_pose_warnings(read.robot, inputs.records),
         *inputs.warnings,
         *(() if outside is None else (f"validation poses: {warning}" for warning in outside.warnings())),

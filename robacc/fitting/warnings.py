@@ -13,13 +13,14 @@ from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
 from robacc.fitting.masses import DEFAULT
+from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
 from robacc.measurements import Measurements, different, numbered
-from robacc.modelling.model import Noise
+from robacc.modelling.model import Noise, residuals
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.intervals import chi2_sf, f_sf
 
@@ -284,3 +285,68 @@ def reach(robot: Robot) -> float:
     """Return the sum of the lengths of the arm's links, base and tool excluded, m."""
     links = [[joint.parameters.get(name, 0.0) for name in LENGTH_PARAMETERS] for joint in robot.joints]
     return max(sum(math.hypot(*lengths) for lengths in links), 1e-3)
+
+
+# Size of the printed board and focal length of the lens, which the lengths of the arm contradict.
+
+_LEAST_SCALE = 0.005
+"""Share below which prints, lenses and arms differ from what is stated of them."""
+_REST = 0.1
+"""Share of the squares of the fitted lengths, at most, that is no common scale."""
+_CERTAIN = 4.0
+"""Standard deviations beyond which a share is not by chance."""
+
+
+def image_scales(fit: Fit) -> tuple[str, ...]:
+    """Return a warning if the images fit a board or a lens of another size than the files state.
+
+    A larger board, or a longer lens, is one more coefficient of the fit, to first order. Where the lengths of the links
+    are fitted too, an arm of another size explains a larger board: its links are then larger in proportion.
+    """
+    data, tiny = fit.data, 1e-6
+    if data.seen is None:
+        return ()
+    seen, position = data.seen.copy(), data.position.copy()
+    seen[:3] *= 1.0 + tiny
+    position[:2] = np.where(seen[3] > 0.0, position[:2] * (1.0 - tiny), position[:2])
+    larger = residuals(replace(data, seen=seen), fit.model.bind(replace(data, seen=seen)).poses(fit.theta))
+    longer = residuals(replace(data, position=position), fit.poses)
+    start = residuals(data, fit.poses)
+    columns = np.stack([(larger - start) / tiny, (longer - start) / tiny], axis=1)
+    count = fit.identifiability.columns.size
+    columns = np.concatenate([fit.jacobian(np.arange(data.n), len(fit.residual)), columns], axis=1)
+    white = fit.whitening.rows(columns, fit.residual) * fit.inliers
+    gram = np.einsum("mkn,mln->kl", white, white)
+    inverse = posterior(gram[:count, :count], fit.precision)
+    # What the fitted coefficients leave of both columns and of the residual.
+    left = gram[count:, count:] - gram[count:, :count] @ inverse @ gram[:count, count:]
+    variances = 1.0 / np.maximum(np.diag(left)[:2], tiny)
+    sizes, stds = -left[:2, 2] * variances, np.sqrt(variances)
+    lengths = [
+        place
+        for place, column in enumerate(fit.identifiability.columns)
+        if fit.names[column].startswith("link_geometry.") and fit.terms[column].unit == "m"
+    ]
+    # Of fewer lengths, some common scale is always near.
+    if len(lengths) > 3:
+        # Lengths that grow by their share of one common scale hide the board's.
+        moves = (inverse @ gram[:count, count])[lengths]
+        own = fit.theta[fit.identifiability.columns[lengths]]
+        scale = float(moves @ own) / max(float(moves @ moves), 1e-30)
+        rest = float(np.sum(np.square(own - scale * moves))) / max(float(own @ own), 1e-30)
+        if rest < _REST:
+            sizes[0], stds[0] = -scale, abs(scale) * math.sqrt(rest / len(lengths))
+    best = int(np.argmax(np.abs(sizes) / stds))
+    size, std = float(sizes[best]), float(stds[best])
+    if abs(size) < max(_LEAST_SCALE, _CERTAIN * std):
+        return ()
+    amount = f"{100.0 * abs(size):.2g} ± {200.0 * std:.1g} %"
+    if best:
+        return (
+            f"the images fit focal lengths {amount} {'longer' if size > 0.0 else 'shorter'} than those of the camera "
+            "file: check fx and fy, and the size of the photos that they are of",
+        )
+    return (
+        f"the images fit a board {amount} {'larger' if size > 0.0 else 'smaller'} than the stated one: measure the "
+        "print, and check the size of its squares",
+    )

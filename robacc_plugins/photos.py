@@ -22,6 +22,7 @@ from robacc.io.table import TableOptions
 from robacc.poses.cameras import PHOTO
 
 if TYPE_CHECKING:
+    from robacc.fitting.fit_result import Fit
     from robacc_plugins.boards import Board, Verdict
 
 _FOREIGN = re.compile(r"\.(?:avif|cr[23]|dng|hei[cf]|nef|raw|arw)$")
@@ -277,21 +278,28 @@ def _contact_sheet(photos: Sequence[_Seen], cv2: Any) -> Any:
     return sheet
 
 
-def add_residuals(sheet: str, residuals: Mapping[tuple[str, str], float]) -> None:
-    """Write a contact sheet again, with the rms residual of each photo after a fit, px, by its camera and name.
+def add_residuals(sheet: str, fit: Fit) -> None:
+    """Write a contact sheet again, with the rms residual of each photo after a fit, px.
 
     Raises:
         InputError: The sheet cannot be written.
     """
     import cv2
 
+    data = fit.data
+    if data.seen is None or data.pose is None or data.fixture is None:
+        return
+    with np.errstate(invalid="ignore", divide="ignore"):  # Rows of other kinds have no depth.
+        squares = np.square(fit.residual[:2] / data.seen[3] * data.seen[4]).sum(axis=0)
+    cameras = data.fixture if data.target is None else np.where(data.fixture == "board", data.target, data.fixture)
     photos = []
     for photo in _SHEETS.pop(sheet, ()):
-        own = (str(photo.columns.get("camera", "")), photo.name)
-        # A camera alone has no name in the data.
-        residual = residuals.get(own) or next((residuals[key] for key in residuals if key[1] == own[1]), None)
-        is_used = photo.verdict == "board" and residual is not None
-        photos.append(photo._replace(detail=f"fit: {residual:.2f} px rms") if is_used else photo)
+        rows = (data.seen[3] > 0.0) & (data.pose == photo.name)
+        if (camera := photo.columns.get("camera")) is not None:  # A camera alone has no name in the data.
+            rows &= cameras == camera
+        is_used = photo.verdict == "board" and rows.any()
+        said = f"fit: {math.sqrt(squares[rows].mean()):.2f} px rms" if is_used else photo.detail
+        photos.append(photo._replace(detail=said))
     if photos:
         ending = PHOTO.search(sheet.lower())
         write_file(sheet, bytes(cv2.imencode(ending[0] if ending else ".png", _contact_sheet(photos, cv2))[1]))

@@ -432,20 +432,6 @@ def _rows(data: Measurements) -> Iterator[bytes]:
     return (row.tobytes() for row in np.vstack([column for column in columns if column is not None]).T)
 
 
-def _on_contact_sheet(poses: PosesSource, fit: Fit) -> None:
-    """Write the rms residual of each photo, px, on the contact sheet if there is one."""
-    data, sheet = fit.data, None if isinstance(poses, Measurements) else reading_of(pose_path(poses)).contact_sheet
-    if sheet is None or data.seen is None or data.pose is None or data.fixture is None:
-        return
-    squares = np.square(fit.residual[:2] / data.seen[3] * data.seen[4]).sum(axis=0)
-    cameras = data.fixture if data.target is None else np.where(data.fixture == "board", data.target, data.fixture)
-    rows: dict[tuple[str, str], list[int]] = {}
-    for row in np.flatnonzero(data.seen[3]).tolist():
-        rows.setdefault((str(cameras[row]), str(data.pose[row])), []).append(row)
-    residuals = {photo: float(np.sqrt(squares[own].mean())) for photo, own in rows.items()}
-    plug_in("robacc.readers", "photos").add_residuals(sheet, residuals)
-
-
 def _name(source: PosesSource | Robot | None) -> str | None:
     read = source.source if isinstance(source, Measurements) else path_of(source)
     return STDIN if read == "<stdin>" else read
@@ -458,7 +444,10 @@ def _made(kind: Callable[..., Made], result: Judged, inputs: Inputs, read: FitIn
     """
     residual, fit = result.after.held_out_residual, result.fit
     held_out = None if residual is None else (read.data if read.holdout is None else read.holdout, residual)
-    _on_contact_sheet(inputs.arguments["poses"], fit)
+    poses = inputs.arguments["poses"]
+    sheet = None if isinstance(poses, Measurements) else reading_of(pose_path(poses)).contact_sheet
+    if sheet is not None and fit.data.seen is not None:
+        plug_in("robacc.readers", "photos").add_residuals(sheet, fit)
     record = fit_record(fit, result.robot, read.robot, read.data, held_out, result.repeatability, result.n_folds)
     robot = replace(result.robot, fit=replace(record, suspicions=suspected_mistakes(fit)).entry())
     outside = None if read.holdout is None else outside_validity(robot, read.holdout)

@@ -307,7 +307,7 @@ def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO
 
 def is_of_files(path: str) -> bool:
     """Return whether a path names files by a pattern, or a folder in an object store."""
-    return "*" in path or ("://" in path and path.endswith("/"))
+    return ("*" in path and not os.path.isfile(path)) or ("://" in path and path.endswith("/"))
 
 
 def divided(path: str, options: TableOptions) -> Sequence[TableRows]:

@@ -12,8 +12,7 @@ import re
 from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
-from importlib import import_module
-from pathlib import Path, PurePath
+from pathlib import PurePath
 from typing import Any, Literal, cast
 
 import numpy as np
@@ -540,29 +539,15 @@ def native_of(targets: Sequence[ProgramTarget]) -> Array:
 
 # Reader of robot programs: recognises the dialect and reads the files that belong to a program.
 #
-# Other packages add dialects, see :data:`PLUG_INS`.
+# Dialects are plug-ins, see :data:`PLUG_INS`.
 
 PLUG_INS = "robacc.programs"
 """Group of entry points that add dialects.
 
 The name of an entry point is the suffix of the files, without its point; its object, such as a module, has ``SIGN``, a
-pattern of text that only such programs have, ``companions(path)``, the paths of files that a program is read with, and
-``parse(source, others)``, the :class:`Program`.
+pattern of text that only such programs have, ``parse(source, others)``, the :class:`Program`, and, where a program is
+read with other files, ``companions(path)``, their paths.
 """
-SUFFIXES = {
-    ".src": "krl",
-    ".dat": "krl",
-    ".sub": "krl",
-    ".mod": "rapid",
-    ".modx": "rapid",
-    ".sys": "rapid",
-    ".sysx": "rapid",
-    ".prg": "rapid",
-    ".ls": "fanuc",
-    ".script": "urscript",
-    ".urscript": "urscript",
-}
-"""Suffixes of program files."""
 _TABLES = frozenset({"", ".csv", ".tsv", ".txt", ".xlsx", ".parquet"})
 """Suffixes of tables of poses, about which no plug-in is asked."""
 _BINARY = {
@@ -577,20 +562,12 @@ _BINARY = {
     ".pjx": ("is a VAL3 project, whose points are in its data files", "give the .dtx file beside it"),
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
-_SIGNS = (
-    ("fanuc", re.compile(r"^/PROG\b", re.M)),
-    ("urscript", re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:", re.M)),
-    ("rapid", re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)),
-    ("krl", re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$])", re.I | re.M)),
-    ("urscript", re.compile(r"\b(?:movej|movel|movep|movec)\s*\(")),
-)
-"""Texts that only programs of a dialect have, in the order in which they are looked for."""
 
 
 def is_program(path: str | os.PathLike[str]) -> bool:
     """Return whether the name of a file is that of a robot program."""
     suffix = PurePath(os.fspath(path)).suffix.lower()
-    return suffix in SUFFIXES or suffix in _BINARY or (suffix not in _TABLES and suffix[1:] in plug_in_names(PLUG_INS))
+    return suffix in _BINARY or (suffix not in _TABLES and suffix[1:] in plug_in_names(PLUG_INS))
 
 
 def mistaken_for_poses(path: str | os.PathLike[str]) -> Problem | None:
@@ -599,7 +576,7 @@ def mistaken_for_poses(path: str | os.PathLike[str]) -> Problem | None:
     suffix = PurePath(name).suffix.lower()
     if suffix in _BINARY:
         return Problem(_BINARY[suffix][0], name, fix="give the file of measured poses, such as a CSV")
-    if is_program(name) and _reader_by_text(_source(name).text) is not None:
+    if is_program(name) and _reader_by_text(_source(name).text, suffix) is not None:
         return Problem(
             "is a robot program, which has commands but no measured poses",
             name,
@@ -627,41 +604,39 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
     refuse((message, Problem(message, name, fix=fix)))
     source = _source(name)
     # The dialect is that of the text, or of the suffix where the text is no proof.
-    reader = _reader_by_text(source.text)
-    if reader is None and suffix in SUFFIXES:
-        reader = import_module(f"robacc.programs.{SUFFIXES[suffix]}")
-    elif reader is None and suffix[1:] in plug_in_names(PLUG_INS):
+    reader = _reader_by_text(source.text, suffix)
+    if reader is None and suffix[1:] in plug_in_names(PLUG_INS):
         reader = plug_in(PLUG_INS, suffix[1:])
     fix = "give KUKA .src or .dat, ABB .mod, FANUC .ls, URScript .script or Staubli .dtx"
     refuse((reader is None, source.problem("is not a robot program that robacc reads", fix=fix)))
     paths = [os.fspath(frame) for frame in frames]
     tables = [path for path in paths if PurePath(path).suffix.lower() in (".yaml", ".yml")]
-    others = [*getattr(reader, "companions", companions)(name), *(path for path in paths if path not in tables)]
+    others = [*_companions(reader, name), *(path for path in paths if path not in tables)]
     program: Program = reader.parse(source, [_source(other) for other in others])
     for table in tables:
         program = with_frames(program, table)
     return program
 
 
-def _reader_by_text(text: str) -> Any:
-    """Return the module of the dialect that alone has such a text; None where there is none."""
-    for dialect, sign in _SIGNS:
-        if sign.search(text):
-            return import_module(f"robacc.programs.{dialect}")
-    readers = (plug_in(PLUG_INS, name) for name in plug_in_names(PLUG_INS))
-    return next((reader for reader in readers if reader.SIGN.search(text)), None)
+def _reader_by_text(text: str, suffix: str) -> Any:
+    """Return the dialect that alone has such a text, that of the suffix first; None where there is none."""
+    names = sorted(plug_in_names(PLUG_INS), key=lambda name: (name != suffix[1:], name))
+    return next((reader for name in names if (reader := plug_in(PLUG_INS, name)).SIGN.search(text)), None)
 
 
 def _source(name: str) -> ProgramSource:
     return ProgramSource.of(read_bytes(name, PROGRAM_LIMIT), name)
 
 
-def companions(name: str) -> list[str]:
-    """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
-    path = Path(name)
-    wanted = {".src": ".dat", ".dat": ".src"}.get(path.suffix.lower(), "")
-    others = (path.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
-    return [os.fspath(other) for other in others if other.is_file()][:1]
+def companions(path: str) -> list[str]:
+    """Return the paths of other programs that a program is read with, such as the ``.dat`` of a ``.src``."""
+    names, suffix = plug_in_names(PLUG_INS), PurePath(path).suffix.lower()[1:]
+    others = _companions(plug_in(PLUG_INS, suffix), path) if suffix in names else []
+    return [other for other in others if PurePath(other).suffix.lower()[1:] in names]
+
+
+def _companions(reader: Any, path: str) -> list[str]:
+    return list(reader.companions(path)) if hasattr(reader, "companions") else []
 
 
 # Tools and bases that a controller knows by number or name and a program does not contain, from a YAML file.

@@ -24,6 +24,7 @@ from robacc.programs.program import (
 )
 from robacc.robots.description import Frame
 
+SIGN = re.compile(r"^/PROG\b", re.M)
 _SECTION = re.compile(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", re.M)
 _POSITION = re.compile(r"^[ \t]*P\[\s*(\d+)\s*(?::\s*([^\]]*))?\]\s*\{([^}]*)\}\s*;", re.M)
 _GROUP = re.compile(r"\bGP(\d+)\s*:")

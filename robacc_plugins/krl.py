@@ -7,10 +7,11 @@ for user group Expert (KRL syntax)".
 from __future__ import annotations
 
 import itertools
+import os
 import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
-from pathlib import PurePath
+from pathlib import Path, PurePath
 
 from robacc.errors import refuse
 from robacc.programs.program import (
@@ -67,6 +68,8 @@ _BLOCKS: dict[str, EventKind] = {
     **dict.fromkeys(("ELSE", "CASE", "DEFAULT"), "next"),
 }
 """What a word of a block does; any other closes one."""
+SIGN = re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$](?![^\r\n]*:\s*$))", re.I | re.M)
+"""A routine's head; one that ends in a colon is of URScript."""
 _ENTRY = re.compile(rf"(?:\w+\s*:\s*)?([A-Za-z]\w*(?:\[\s*\])?)\s+({NUMBER})")
 _FRAME_KEYS = ("X", "Y", "Z", "A", "B", "C")
 _AXIS_KEYS = ("A1", "A2", "A3", "A4", "A5", "A6")
@@ -79,6 +82,14 @@ _WITH = {
 _SPLINE_DATA = re.compile(r"S(?:TOOL2?|BASE)\s*\(\s*(\w+)(?:\s*\.\s*\w+)?\s*\)", _ANY)
 _TAIL = re.compile(r"\bWITH\b|\bC_(?:PTP|DIS|VEL|ORI|SPL)\b|,\s*CA\s", _ANY)
 _REFERENCE = re.compile(rf"{_NAME}\Z")
+
+
+def companions(path: str) -> list[str]:
+    """Return the path of the ``.dat`` of a ``.src`` or of the ``.src`` of a ``.dat``, where it exists."""
+    own = Path(path)
+    wanted = {".src": ".dat", ".dat": ".src"}.get(own.suffix.lower(), "")
+    others = (own.with_suffix(suffix) for suffix in (wanted, wanted.upper(), wanted.capitalize()) if suffix)
+    return [os.fspath(other) for other in others if other.is_file()][:1]
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:

@@ -30,6 +30,7 @@ from robacc.programs.program import (
 )
 from robacc.robots.description import Frame
 
+SIGN = re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:|\b(?:movej|movel|movep|movec)\s*\(", re.M)
 _HIDDEN = re.compile(r"\"[^\"\r\n]*\"|'[^'\r\n]*'|#[^\r\n]*")
 """Strings and comments."""
 _ASSIGNMENT = re.compile(

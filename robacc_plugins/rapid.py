@@ -32,6 +32,7 @@ from robacc.programs.program import (
 from robacc.robots.description import Frame
 
 _ANY = re.IGNORECASE
+SIGN = re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)
 _HIDDEN = re.compile(r'"(?:[^"\r\n]|"")*"|![^\r\n]*')
 """Strings and comments."""
 _DECLARATION = re.compile(

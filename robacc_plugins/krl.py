@@ -68,7 +68,7 @@ _BLOCKS: dict[str, EventKind] = {
     **dict.fromkeys(("ELSE", "CASE", "DEFAULT"), "next"),
 }
 """What a word of a block does; any other closes one."""
-SIGN = re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$](?![^\r\n]*:\s*$))", re.I | re.M)
+SIGN = re.compile(r"^\s*(?:&ACCESS\b|(?:GLOBAL\s+)?DEF(?:DAT|FCT)?\s+[\w$](?![^\r\n]*\)\s*:))", re.I | re.M)
 """A routine's head; one that ends in a colon is of URScript."""
 _ENTRY = re.compile(rf"(?:\w+\s*:\s*)?([A-Za-z]\w*(?:\[\s*\])?)\s+({NUMBER})")
 _FRAME_KEYS = ("X", "Y", "Z", "A", "B", "C")

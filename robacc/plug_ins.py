@@ -2,17 +2,18 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection
-from typing import Any
+from collections.abc import Collection, Iterator
+from typing import TYPE_CHECKING, Any
 
 from robacc.errors import UsageError
+
+if TYPE_CHECKING:
+    from importlib.metadata import EntryPoint, EntryPoints
 
 
 def plug_in_names(group: str) -> Collection[str]:
     """Return the names of the entry points of a group."""
-    from importlib.metadata import entry_points
-
-    return entry_points(group=group).names
+    return _entries(group).names
 
 
 def plug_in(group: str, name: str) -> Any:
@@ -21,11 +22,31 @@ def plug_in(group: str, name: str) -> Any:
     Raises:
         UsageError: No installed package offers it, or it cannot be loaded.
     """
+    entries = _entries(group)
+    if name not in entries.names:
+        raise UsageError(f"no installed package offers the plug-in {name} of {group}")
+    return _loaded(entries[name])
+
+
+def plug_ins(group: str, first: str = "") -> Iterator[Any]:
+    """Yield the objects of a group in the order of their names, that of the name ``first`` before the others.
+
+    Raises:
+        UsageError: One cannot be loaded.
+    """
+    entries = _entries(group)
+    for name in sorted(entries.names, key=lambda name: (name != first, name)):
+        yield _loaded(entries[name])
+
+
+def _entries(group: str) -> EntryPoints:
     from importlib.metadata import entry_points
 
-    for entry in entry_points(group=group, name=name):
-        try:
-            return entry.load()
-        except (ImportError, AttributeError) as error:
-            raise UsageError(f"the plug-in {name} ({entry.value}) cannot be loaded: {error}") from error
-    raise UsageError(f"no installed package offers the plug-in {name} of {group}")
+    return entry_points(group=group)
+
+
+def _loaded(entry: EntryPoint) -> Any:
+    try:
+        return entry.load()
+    except (ImportError, AttributeError) as error:
+        raise UsageError(f"the plug-in {entry.name} ({entry.value}) cannot be loaded: {error}") from error

@@ -33,7 +33,7 @@ from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageEr
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_file
 from robacc.modelling.validity import resolve_campaign
-from robacc.plug_ins import plug_in, plug_in_names
+from robacc.plug_ins import plug_in, plug_in_names, plug_ins
 from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.quantities import size
@@ -328,8 +328,7 @@ def import_(
     """
     path = os.fspath(file)
     text, name = read_text(path), "<stdin>" if path == "-" else path
-    for entry in sorted(plug_in_names("robacc.importers")):
-        read = plug_in("robacc.importers", entry)
+    for read in plug_ins("robacc.importers"):
         takes_arm = "arm" in inspect.signature(read).parameters
         robot: Robot | None = read(text, name, arm=arm) if takes_arm else read(text, name)
         if robot is not None:

@@ -27,7 +27,7 @@ from robacc.errors import MissingColumnError, given, refuse
 from robacc.geometry import Array
 from robacc.gravity import Load, own_weight
 from robacc.measurements import Measurements
-from robacc.plug_ins import plug_in, plug_in_names
+from robacc.plug_ins import plug_ins
 from robacc.robots.arm import Arm
 
 _JOINT = "{joint}"
@@ -604,8 +604,7 @@ def register(cls: E) -> E:
 
 def load_plug_ins() -> None:
     """Add the effects of the entry points of the group ``robacc.effects``, whose modules register them."""
-    for name in plug_in_names("robacc.effects"):
-        plug_in("robacc.effects", name)
+    list(plug_ins("robacc.effects"))
 
 
 def effect_class(name: str) -> type[Effect]:

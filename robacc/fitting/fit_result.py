@@ -226,8 +226,7 @@ class Fit:
             return {}
         rows = np.arange(self.data.n)
         white = self.whitening.rows(self.jacobian(rows, len(self.residual)), self.residual)[:, :-1] * self.inliers
-        inverse = posterior(np.einsum("mkn,mln->kl", white, white), self.precision)
-        each = np.sum(white * (inverse @ white), axis=(0, 1))
+        each = np.sum(white * (posterior(self.gram, self.precision) @ white), axis=(0, 1))
         return {str(kind): float(each[kinds == kind].sum()) for kind in np.unique(kinds)}
 
     def predict(self, data: Measurements, theta: Array | None = None) -> Poses:

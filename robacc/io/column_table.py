@@ -23,7 +23,7 @@ from robacc.geometry import Array
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
-from robacc.plug_ins import plug_in, plug_in_names
+from robacc.plug_ins import plug_in, plug_ins
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
 
@@ -297,7 +297,7 @@ class Reader(Protocol):
 
 def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO | None = None) -> Table | None:
     """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
-    readers: Iterator[Reader] = (plug_in("robacc.readers", name) for name in sorted(plug_in_names("robacc.readers")))
+    readers: Iterator[Reader] = plug_ins("robacc.readers")
     reader = next((reader for reader in readers if reader.takes(path, first)), None)
     if reader is not None and stream is not None and hasattr(reader, "read_stream"):
         table: Table = reader.read_stream(stream, "<stdin>" if path == STANDARD_STREAM else path, options)

@@ -32,7 +32,7 @@ from robacc.geometry import (
 )
 from robacc.io.files import read_bytes, read_text
 from robacc.io.yaml_nodes import top_section
-from robacc.plug_ins import plug_in, plug_in_names
+from robacc.plug_ins import plug_in, plug_in_names, plug_ins
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
@@ -620,8 +620,7 @@ def read_program(path: str | os.PathLike[str], frames: Sequence[str | os.PathLik
 
 def _reader_by_text(text: str, suffix: str) -> Any:
     """Return the dialect that alone has such a text, that of the suffix first; None where there is none."""
-    names = sorted(plug_in_names(PLUG_INS), key=lambda name: (name != suffix[1:], name))
-    return next((reader for name in names if (reader := plug_in(PLUG_INS, name)).SIGN.search(text)), None)
+    return next((reader for reader in plug_ins(PLUG_INS, suffix[1:]) if reader.SIGN.search(text)), None)
 
 
 def _source(name: str) -> ProgramSource:

@@ -39,14 +39,17 @@ def offer(monkeypatch: pytest.MonkeyPatch, *readers: Any) -> list[str]:
     """Offer readers as entry points, and return the list of the groups that are asked for."""
     asked: list[str] = []
 
-    entries = {
-        f"counter{i or ''}": SimpleNamespace(value="site:reader", load=lambda r=reader: r())
-        for i, reader in enumerate(readers)
-    }
+    class Entries(dict[str, Any]):
+        names = property(dict.keys)
 
-    def entry_points(group: str, name: str | None = None) -> Any:
+    entries = Entries(
+        (f"counter{i or ''}", SimpleNamespace(name="counter", value="site:reader", load=lambda r=reader: r()))
+        for i, reader in enumerate(readers)
+    )
+
+    def entry_points(group: str) -> Any:
         asked.append(group)
-        return SimpleNamespace(names=entries.keys()) if name is None else [entries[name]]
+        return entries
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
     return asked

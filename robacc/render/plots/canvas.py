@@ -266,7 +266,6 @@ def _draw_panel(axes: Any, panel: Panel) -> None:
 
 
 def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
-    dates: Any = import_module("matplotlib.dates")
     from matplotlib.ticker import LogLocator
 
     line, limit = getattr(axes, f"{name}axis"), getattr(axes, f"set_{name}lim")
@@ -280,6 +279,7 @@ def _draw_axis(axes: Any, name: str, axis: Axis) -> None:
         line.set_major_formatter("{x:g}")
         line.set_minor_formatter("")
     if axis.is_date:
+        dates: Any = import_module("matplotlib.dates")
         locator = dates.AutoDateLocator(maxticks=6)
         line.set_major_locator(locator)
         line.set_major_formatter(dates.ConciseDateFormatter(locator))

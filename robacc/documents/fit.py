@@ -40,7 +40,6 @@ from robacc.documents.keys import (
     table,
     text,
 )
-from robacc.fitting.masses import BETTER
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array
@@ -268,37 +267,6 @@ _FIT = {
         lambda result: result.fit.information(),
     ),
     "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
-    "deflection": Key(
-        part(
-            {
-                "form": Key(
-                    choice("equilibrium", "rigid"), "Torques in elastic equilibrium, or at the undeflected pose."
-                ),
-                "difference_rms_m": Key(
-                    size | None, "Rms difference between the positions that the two models predict, m.", "difference"
-                ),
-                "difference_whitened": Key(
-                    size | None, "Length of that difference in units of the noise.", "separation"
-                ),
-                "rigid_better_by": Key(
-                    number | None,
-                    (
-                        "Twice the difference in log-likelihood in favour of the rigid model; null if the two models "
-                        "were not compared."
-                    ),
-                    "gain",
-                ),
-                "needed": Key(
-                    size, "Smallest value of rigid_better_by that selects the rigid model.", lambda choice: BETTER
-                ),
-            }
-        )
-        | None,
-        (
-            "Model of the torques behind elastic effects; null if no elastic effect is fitted or the model was not "
-            "compared."
-        ),
-    ),
     "outliers": Key(array(part({"line": Key(count, "Line of the file.")})), "Outliers, which the fit leaves out."),
     **WARNINGS,
     "robot": Key(ROBOT | None),

@@ -1,4 +1,4 @@
-"""Masses in a fit with elastic joints: their uncertainty, the deflection model, and a load that nobody declared."""
+"""Masses in a fit with elastic joints: their uncertainty, and a load that nobody declared."""
 
 from __future__ import annotations
 
@@ -9,19 +9,17 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from robacc.effects.base import Effect, Term
-from robacc.effects.elastic import Deflection, Elastic, JointCompliance, regressor_stds
+from robacc.effects.base import Term
+from robacc.effects.elastic import JointCompliance, regressor_stds
 from robacc.errors import EquilibriumError
-from robacc.fitting.fit_result import Fit, Options, with_covariance
+from robacc.fitting.fit_result import Fit, with_covariance
 from robacc.fitting.levels import DECISIVE, FEW, MANY, SETTLED, STEPS
 from robacc.fitting.normal_equations import solved
-from robacc.fitting.priors import without_idle_rotations
-from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array
 from robacc.gravity import own_weight, unit_loads
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model, observed_jacobian, residuals
+from robacc.modelling.model import observed_jacobian, residuals
 from robacc.robots.arm import Arm
 from robacc.robots.description import Joint
 
@@ -125,72 +123,6 @@ def _residuals_with_mass(fit: Fit, data: Measurements, name: str, factor: float)
     branches = tuple(branch._replace(joint=changed(branch.joint)) for branch in robot.branches)
     arm = Arm.of(dataclasses.replace(robot, joints=joints, branches=branches))
     return residuals(data, dataclasses.replace(fit.model, arm=arm).bind(data).poses(fit.theta))
-
-
-# Choice of the deflection model: gravity torques in equilibrium, or at the undeflected pose.
-#
-# A real arm is in equilibrium. Poses that a program made, or that a controller corrected, may follow the first-order
-# form instead; on an arm that sags by millimetres the two differ by micrometres. They have the same coefficients, so
-# the larger likelihood decides, and equilibrium stands unless the other form is far better. Forms whose whitened
-# predictions are less than one apart over all rows are not distinguishable: twice the log-likelihood gains about the
-# square of that where the rigid form is the true one.
-
-BETTER = 2.0 * DECISIVE
-"""Twice the log-likelihood by which the rigid form has to be better."""
-
-
-@dataclass(frozen=True, slots=True)
-class DeflectionChoice:
-    """The chosen form, and the figures behind the choice."""
-
-    form: Deflection
-    difference: float
-    """Root mean square of the predicted positions' difference between the forms, the coefficients the same, m."""
-    separation: float
-    """Length of the whitened difference over all rows."""
-    gain: float | None
-    """Twice the log-likelihood of the rigid form less that of the equilibrium; None if the forms are not
-    distinguishable."""
-
-
-def choose_form(
-    equilibrium_fit: Fit, original: Model, data: Measurements, options: Options
-) -> tuple[Fit, DeflectionChoice | None]:
-    """Return the fit of ``original`` with the deflection and the geometry that the data support, and the choice.
-
-    ``equilibrium_fit`` is the fit of ``original``, whose free elastic effects are in equilibrium. The rigid form is
-    fitted only if the two predictions are distinguishable. The choice is None if no such effect is free. Then idle
-    rotations of the geometry are left out, unless ``options`` has priors of coefficients.
-    """
-    chosen, choice = equilibrium_fit, None
-    if any(isinstance(effect, Elastic) and effect.deflection == "equilibrium" for effect in original.free):
-        rigid_model = dataclasses.replace(chosen.model, free=with_deflection(chosen.model.free, "rigid"))
-        moved = (residuals(data, rigid_model.bind(data).poses(chosen.theta)) - chosen.residual) * chosen.inliers
-        separation, gain = float(np.linalg.norm(chosen.whitening.apply(moved))), None
-        if separation >= 1.0:
-            start = dataclasses.replace(options, start=chosen.theta, group_stds=chosen.group_stds)
-            fits = chosen, fit(rigid_model, data, start)
-            rows = fits[0].inliers & fits[1].inliers
-            # Up to a constant that both forms share.
-            likelihoods = [
-                float(np.log(one.weight[:, rows]).sum() - 0.5 * one.whitening.costs(one.residual * rows).sum())
-                + one.log_prior
-                for one in fits
-            ]
-            gain = 2.0 * (likelihoods[1] - likelihoods[0])
-            chosen = fits[int(gain > BETTER)]
-        form: Deflection = "equilibrium" if chosen is equilibrium_fit else "rigid"
-        difference = rms_length(moved[:3, equilibrium_fit.inliers])
-        choice = DeflectionChoice(form, difference, separation, gain)
-        original = dataclasses.replace(original, free=with_deflection(original.free, form))
-    if options.priors is not None:
-        return chosen, choice
-    return without_idle_rotations(chosen, original, data, options), choice
-
-
-def with_deflection(effects: Sequence[Effect], form: Deflection) -> tuple[Effect, ...]:
-    """Return the effects, elastic effects in the form."""
-    return tuple(dataclasses.replace(e, deflection=form) if isinstance(e, Elastic) else e for e in effects)
 
 
 # A load on one link that the robot file does not state, against errors of the file's masses.

@@ -183,7 +183,10 @@ def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, 
 
 
 def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, options: Options) -> Fit:
-    """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole."""
+    """Return ``fitted``, or the fit of ``original`` without the rotations about y of a geometry fitted as a whole.
+
+    With priors of coefficients in ``options``, ``fitted``.
+    """
     whole = {
         number
         for number, effect in enumerate(original.free)
@@ -192,7 +195,7 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     columns = fitted.identifiability.columns
     rotations = [i for i in columns if fitted.owners[i] in whole and fitted.terms[i].label == "beta"]
     covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
-    if not rotations or not np.isfinite(covariance).all():
+    if options.priors is not None or not rotations or not np.isfinite(covariance).all():
         return fitted
     if chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
         return fitted

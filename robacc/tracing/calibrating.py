@@ -22,7 +22,7 @@ from robacc.error_model.structure import DirectionalNoise, ErrorStructure, Repea
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options
 from robacc.fitting.levels import NORMAL_95
-from robacc.fitting.masses import DeflectionChoice, choose_form, with_mass_uncertainty
+from robacc.fitting.masses import with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.parameters import (
     Correlation,
@@ -34,7 +34,7 @@ from robacc.fitting.parameters import (
     parameter_covariance,
     parameters,
 )
-from robacc.fitting.priors import ShrunkKind, shrink_to_nominal
+from robacc.fitting.priors import ShrunkKind, shrink_to_nominal, without_idle_rotations
 from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity_direction
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.visits import places
@@ -217,9 +217,6 @@ class Judged:
     covariance: ParameterCovariance
     causes: tuple[ErrorCause, ...]
     """Effects in the fit other than base and tool that the poses distinguish from nothing, the largest first."""
-    deflection: DeflectionChoice | None
-    """Pose at which the torques of elastic effects are taken; None if no such effect is fitted or no choice was
-    made."""
     rounding: Rounding | None
     """Evident rounding of the recorded joints; None without one."""
     directional: DirectionalNoise | None
@@ -234,7 +231,6 @@ def judge(
     mistakes: Sequence[str],
     before: Fit,
     structure: ErrorStructure,
-    deflection: DeflectionChoice | None,
     data: Measurements,
     how: HoldOut,
     held_out_after: Array | None,
@@ -285,7 +281,6 @@ def judge(
         parameters=parameters(with_masses),
         covariance=parameter_covariance(with_masses),
         causes=causes(fit, data, (basis.fitted_inliers or basis.fitted).position.rms, found),
-        deflection=deflection,
         rounding=rounding,
         directional=structure.directional,
         n_folds=0 if gain is None else how.folds,
@@ -409,12 +404,10 @@ def calibrate(
         if priors:
             names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
             settings = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
-        unshrunk, deflection = choose_form(fit(model, data, settings), model, data, settings)
+        unshrunk = without_idle_rotations(fit(model, data, settings), model, data, settings)
 
         def refitted(scattered: Options) -> Fit:
-            nonlocal deflection
-            again, deflection = choose_form(refit(unshrunk, effects, data, scattered), model, data, scattered)
-            return again
+            return without_idle_rotations(refit(unshrunk, effects, data, scattered), model, data, scattered)
 
         structure = with_error_structure(unshrunk, data, settings, refitted)
         final, shrunk = structure.fit, tuple[ShrunkKind, ...]()
@@ -429,7 +422,7 @@ def calibrate(
         keys = [{effect.key() for effect in some} for some in (frames, default_frames(robot, data))]
         is_nominal = options.robust and keys[0] == keys[1]
         held_out = how.residuals(final)[0]
-        judged = judge(stated, mistakes, registered, structure, deflection, data, how, held_out, is_nominal=is_nominal)
+        judged = judge(stated, mistakes, registered, structure, data, how, held_out, is_nominal=is_nominal)
         kept = final.identifiability.columns
         present, warnings = {effect.name for effect in final.model.free}, list(judged.warnings)
         if unsupported := [request.name for request in searched if request.name not in present]:

@@ -29,10 +29,10 @@ from robacc.error_model.structure import (
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit, HoldOut, Options
 from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
-from robacc.fitting.masses import DeflectionChoice, UndeclaredLoad, choose_form, undeclared_load, with_deflection
+from robacc.fitting.masses import UndeclaredLoad, undeclared_load
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter
-from robacc.fitting.priors import shrink_to_nominal
+from robacc.fitting.priors import shrink_to_nominal, without_idle_rotations
 from robacc.fitting.registration import with_gravity_direction
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.warnings import LackOfFit, suspected_mistakes
@@ -198,12 +198,10 @@ def describe_finding(
 ) -> Finding:
     """Return the finding of an effect: its rivals, held-out errors, and parameters in the final fit.
 
-    ``others`` are all findings, ``without`` the residuals of held-out poses without this one. Candidates are in
-    equilibrium form; the final fit may contain the effect in the other form.
+    ``others`` are all findings, ``without`` the residuals of held-out poses without this one.
     """
     final, effect = judged.fit, identified.effect
-    arm, number = final.model.arm, number_of(effect, final)
-    fitted = final.model.free[number]
+    arm, number = final.model.arm, final.model.free.index(effect)
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
     before: tuple[float | None, float | None] = (None, None)
     after = before
@@ -218,13 +216,13 @@ def describe_finding(
         place, low, high = change = (effect.place, *identified.places)
         between = (place_text(place, effect, data), place_text(low, effect, data), place_text(high, effect, data))
     values = {parameter.name: parameter.value for parameter in coefficients}
-    statement, harmonics = fitted.statement(arm, values, between), tuple[Harmonic, ...]()
+    statement, harmonics = effect.statement(arm, values, between), tuple[Harmonic, ...]()
     if orders_of(effect) and all(map(arm.is_revolute, effect.joints)):
         assert data.q is not None
         covariance, angle = final.covariance[np.ix_(columns, columns)], data.q[arm.number(effect.joints[0])]
         harmonics = fitted_harmonics(effect, coefficients, covariance, arm, angle, identified.aliases)
         statement = periodic_statement(effect, harmonics, others) if harmonics else statement
-    implausible = fitted.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
+    implausible = effect.implausible([final.terms[i] for i in columns], [float(final.theta[i]) for i in columns])
     warnings = [] if implausible is None else [implausible]
     # Distances and angles by which the effect alone moves the target at the inliers.
     of_position: tuple[float | None, float | None] = (None, None)
@@ -243,11 +241,11 @@ def describe_finding(
         share = np.sort(np.square(moved))[::-1]
         count = int(np.searchsorted(np.cumsum(share) / share.sum(), 0.5)) + 1
         if count < min(ENOUGH, NEGLIGIBLE * share.size):
-            warnings.insert(0, f"more than half of the contribution of {fitted} comes from only {count} poses")
+            warnings.insert(0, f"more than half of the contribution of {effect} comes from only {count} poses")
     return Finding(
         effect.name,
         effect.joints,
-        fitted.settings(),
+        effect.settings(),
         identified.alternatives,
         identified.p_value,
         identified.evidence,
@@ -255,21 +253,16 @@ def describe_finding(
         after[0],
         coefficients,
         harmonics,
-        tuple((driver, low, high) for driver, (low, high) in fitted.validity(arm, data).items()),
+        tuple((driver, low, high) for driver, (low, high) in effect.validity(arm, data).items()),
         implausible,
         tuple(warnings),
-        partial_residuals(fitted, final, data),
+        partial_residuals(effect, final, data),
         *of_position,
         statement,
         change,
         (before[1], after[1]),
         of_orientation,
     )
-
-
-def number_of(effect: Effect, final: Fit) -> int:
-    """Return the number of a candidate's effect among those of the final fit, which may hold it in another form."""
-    return with_deflection(final.model.free, "equilibrium").index(effect)
 
 
 def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
@@ -569,32 +562,32 @@ def trace(
         def searching(moves: int, count: int) -> None:
             progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
 
-        declared, declared_form = choose_form(fit(model, data), model, data, Options())
+        declared = without_idle_rotations(fit(model, data), model, data, Options())
         found = search(model, data, progress=searching)
         identified = [i for i in found.identified if empirical or not i.effect.is_profile()]
         own_places = HoldOut.of(data, None, None, seed)
 
-        def fitted(some: Sequence[Identified]) -> tuple[Fit, DeflectionChoice | None]:
-            """Return the fit with some effects, elastic ones in the form that the data support, or in equilibrium."""
+        def fitted(some: Sequence[Identified]) -> Fit:
+            """Return the fit with some effects."""
             if not some:
-                return declared, declared_form
+                return declared
             # Frames are first, so that they keep their parameters if poses cannot distinguish two.
             extended = model.with_free(
                 *sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame)
             )
             again = refit(declared, extended.free, data, Options())
-            return (again, None) if again.group_stds else choose_form(again, extended, data, Options())
+            return again if again.group_stds else without_idle_rotations(again, extended, data, Options())
 
-        final, form = fitted(identified)
+        final = fitted(identified)
         while useless := _useless(final, identified, own_places):
             identified = [one for one in identified if one not in useless]
-            final, form = fitted(identified)
+            final = fitted(identified)
         if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
             correction = Identified(left[0], left[1], -left[2], 0.0)
-            corrected, corrected_form = fitted([*identified, correction])
+            corrected = fitted([*identified, correction])
             if not _useless(corrected, [correction], own_places):
                 identified.append(correction)
-                final, form = corrected, corrected_form
+                final = corrected
         effects = [one.effect for one in identified]
         refitted = functools.partial(refit, final, final.model.free, data)
         structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
@@ -607,10 +600,9 @@ def trace(
         before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
         final = fitted_to_all(final)
         structured = dataclasses.replace(structured, fit=final)
-        numbers = [number_of(effect, final) for effect in effects]
-        fitted_effects = [final.model.free[number] for number in numbers]
+        numbers = [final.model.free.index(effect) for effect in effects]
         after, *without = how.residuals(final, [(), *([number] for number in numbers)])
-        judged = judge(stated, mistakes, before, structured, form, data, how, after, fitted_effects)
+        judged = judge(stated, mistakes, before, structured, data, how, after, effects)
         noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
         for one, residual in zip(identified, without, strict=True):
             findings.append(finding := describe_finding(one, effects, judged, residual, data))
@@ -653,8 +645,8 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
     """
     kept, gone = list(identified), list[Identified]()
     while kept:
-        absent = [number_of(one.effect, fit) for one in gone]
-        residuals = own_places.residuals(fit, [absent, *([*absent, number_of(one.effect, fit)] for one in kept)])
+        absent = [fit.model.free.index(one.effect) for one in gone]
+        residuals = own_places.residuals(fit, [absent, *([*absent, fit.model.free.index(one.effect)] for one in kept)])
         # Whitened sums of squares of held-out residuals of the inliers.
         costs = [
             math.inf if residual is None else float(np.sum(np.square(fit.whitening.apply(residual * fit.inliers))))

@@ -305,7 +305,7 @@ def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], lis
     ]
 
 
-# Parts of calibration and trace: causes, stages, repeatability, deflection.
+# Parts of calibration and trace: causes, stages, repeatability.
 
 
 def _causes(document: Document, most: int | None, *, short: bool = False) -> list[Block]:
@@ -399,22 +399,6 @@ def _repeatability(document: Document) -> list[str]:
     ]
 
 
-def _deflection(choice: Document | None) -> str:
-    """Return the deflection model used by elastic effects and the reason for it."""
-    if choice is None:
-        return ""
-    gain, form = choice["rigid_better_by"], "equilibrium" if choice["form"] == "equilibrium" else "undeflected pose"
-    end = (
-        ", too little to distinguish the two models"
-        if gain is None
-        else f" and twice the log-likelihood by {gain:+.3g}; threshold +{choice['needed']:g}"
-    )
-    return (
-        f"deflection model: {form}; torques at the undeflected pose change the prediction by "
-        f"{with_unit(choice['difference_rms_m'])} rms{end}"
-    )
-
-
 # The quality of a calibration.
 
 
@@ -444,7 +428,6 @@ def _quality(document: Document) -> list[str]:
         *map(_shrinkage, document["shrinkage"]),
         "standard errors come from the poses alone, without the prior; `shrink=False` fits without it"
         * bool(document["shrinkage"]),
-        _deflection(document["deflection"]),
         *_not_identifiable(identifiability["not_identifiable"]),
         *first_of(pairs, 8, "more pairs with a correlation above 0.9"),
         *(
@@ -544,7 +527,6 @@ def _findings(document: Document) -> list[Block]:
         *(block for place, finding in enumerate(findings, 1) for block in _finding(place, finding, rms)),
         Text(harmonics * any(finding["harmonics"] for finding in findings), is_note=True),
         Text(shares * bool(findings), is_note=True),
-        Text(_deflection(document["deflection"])),
         Text(f"undeclared load: {load['statement']}" if (load := document.get("undeclared_load")) else ""),
     ]
 

@@ -28,7 +28,7 @@ from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, applying, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
-from robacc.measurements import MOVES_UNUSED, Measurements
+from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
 from robacc.robots.description import Robot
 from robacc.workers import single_threaded
 
@@ -269,6 +269,43 @@ class TargetErrors(NamedTuple):
     position: ErrorMetrics
 
 
+# Errors of the distances between poses, which no registration of the base changes.
+#
+# What an arm is told as offsets from a point that it has found, and a ball bar or a scale bar measures, are distances.
+# The largest error of many is the length measuring error of an instrument's acceptance (ISO 10360-2, VDI/VDE 2634-1),
+# which is stated as a constant plus a share of the length: hence the share, and the errors of short and long distances.
+
+_MOST_ENDS = 300
+"""Poses, evenly spread over the rows, whose pairs are taken: 44,850 distances."""
+_BANDS = 4
+"""Bands of distance, each of as many pairs."""
+
+
+class DistanceBand(NamedTuple):
+    """Errors of distances up to one length, above that of the band before."""
+
+    up_to: float
+    """m"""
+    n_pairs: int
+    rms: float
+    max: float
+
+
+class DistanceErrors(NamedTuple):
+    """Errors of the distances between pairs of poses, measured minus commanded, m."""
+
+    n_pairs: int
+    metrics: ErrorMetrics
+    """Of the size of the errors."""
+    scale: float
+    """Share of the distance by which measured ones are longer on average, by least squares."""
+    between: tuple[str, str]
+    """Places of the poses of the largest error."""
+    distance: float
+    """Their commanded distance, m."""
+    bands: tuple[DistanceBand, ...]
+
+
 @dataclass(frozen=True, slots=True)
 class EstimateResult:
     """Errors, statistics and grade of measured poses."""
@@ -287,6 +324,8 @@ class EstimateResult:
     worst_orientation: tuple[WorstPose, ...]
     targets: tuple[TargetErrors, ...]
     """Errors of each target, where several targets were measured."""
+    distances: DistanceErrors | None
+    """Errors of the distances between poses; None where positions are not measured."""
     notes: tuple[str, ...]
     """Information that is needed to read the result."""
     warnings: tuple[str, ...]
@@ -434,6 +473,39 @@ def totals_of_parts(
     return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))
 
 
+def distance_errors(data: Measurements, predicted: PredictedBy) -> DistanceErrors | None:
+    """Return the errors of distances between poses; None where positions are not measured, or all poses are one.
+
+    Frames in ``predicted`` are fitted to all poses: those of held-out poses differ from pose to pose.
+    """
+    if data.kind is not None:
+        return None
+    data = data.subset(even_rows(data.n, _MOST_ENDS))
+    commanded = data.position - predicted._replace(frame="base").errors(data).position
+    ends = np.stack(np.triu_indices(data.n, 1))
+    measured, wanted = (vector_lengths(np.subtract(*p[:, ends].swapaxes(0, 1))) for p in (data.position, commanded))
+    moved = wanted > _STILL
+    if not moved.any():
+        return None
+    wanted, error = wanted[moved], (measured - wanted)[moved]
+    size, order = np.abs(error), np.argsort(wanted, kind="stable")
+    largest = int(np.argmax(size))
+    first, second = (data.place(int(end)) for end in ends[:, moved][:, largest])
+    bands = [
+        DistanceBand(float(wanted[part[-1]]), part.size, float(rms_length(error[None, part])), float(size[part].max()))
+        for part in np.array_split(order, _BANDS)
+        if part.size
+    ]
+    return DistanceErrors(
+        size.size,
+        length_metrics(size),
+        float(error @ wanted / (wanted @ wanted)),
+        (first, second),
+        float(wanted[largest]),
+        tuple(bands),
+    )
+
+
 def estimate(
     data: Measurements,
     robot: Robot | None = None,
@@ -510,6 +582,7 @@ def estimate(
         worst_position=worst[0],
         worst_orientation=worst[1],
         targets=targets if len(targets) > 1 else (),
+        distances=distance_errors(data, PredictedBy.of(robot, alignment, chosen)),
         notes=_notes(data, robot, frame, chosen, oriented, alignment),
         warnings=(
             *(everything.warnings if everything else data.warnings),

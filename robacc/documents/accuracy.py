@@ -211,6 +211,41 @@ ESTIMATE_ITSELF = part(
             ),
             "Metrics of each target, if there are several.",
         ),
+        "distances": Key(
+            part(
+                {
+                    "n_pairs": Key(count, "Pairs of poses; of many poses, those of 300."),
+                    **within(
+                        "metrics",
+                        {
+                            "rms_m": Key(size, "Rms error, m."),
+                            "p95_m": Key(size, "95th percentile of the error's size, m."),
+                            "max_m": Key(size, "Largest error, m."),
+                        },
+                    ),
+                    "scale": Key(number, "Share of the distance by which measured ones are longer, by least squares."),
+                    "between": Key(array(text), "Places of the two poses of the largest error."),
+                    "distance_m": Key(size, "Their commanded distance, m.", "distance"),
+                    "bands": Key(
+                        array(
+                            part(
+                                {
+                                    "up_to_m": Key(size, "Longest distance of the band, m.", "up_to"),
+                                    "n_pairs": Key(count, "Pairs of poses."),
+                                    "rms_m": Key(size, "Rms error, m.", "rms"),
+                                    "max_m": Key(size, "Largest error, m.", "max"),
+                                }
+                            )
+                        ),
+                        "Errors by distance, in bands of as many pairs.",
+                    ),
+                }
+            )
+            | None,
+            "Errors of the distances between poses, measured minus commanded, which no registration of the base "
+            "changes; null where positions are not measured.",
+            optional=True,
+        ),
         **NOTES,
         **WARNINGS,
     }

@@ -572,3 +572,38 @@ def test_a_trace_in_parts_names_the_effects_and_fits_all_rows(tmp_path: Path, mo
     # Some three hundred poses do not tell a backlash from its nearest likeness.
     assert ("backlash", ("j3",)) in {(each.effect, each.joints) for each in (backlash, *backlash.alternatives)}
     assert len(result.fit_inputs.parts) > 5
+
+
+def test_distances_are_those_of_all_pairs_wherever_the_base_is() -> None:
+    """By two loops over an arm that is 200 ppm too long and turned and moved away, against the same arm in place."""
+    rng = np.random.default_rng(3)
+    commanded = rng.uniform(-0.6, 0.6, (3, 25))
+    place = Rotation.from_euler("xyz", (0.3, -0.8, 2.0)).as_matrix()
+    noise = 2e-5 * rng.normal(size=commanded.shape)
+    true = {(i, j): (np.linalg.norm(commanded[:, i] - commanded[:, j]), i, j) for i in range(25) for j in range(i)}
+    results = []
+    for turned, moved in ((np.eye(3), 0.0), (place, 0.4)):
+        measured = turned @ ((1.0 + 2e-4) * commanded + noise) + moved
+        data = Measurements(position=measured, commanded_position=commanded)
+        results.append(estimate(data, align=() if moved == 0.0 else None).distances)
+    found, elsewhere = results
+    measured = (1.0 + 2e-4) * commanded + noise
+    errors = {
+        pair: np.linalg.norm(measured[:, pair[0]] - measured[:, pair[1]]) - size for pair, (size, *_) in true.items()
+    }
+    largest = max(errors, key=lambda pair: abs(errors[pair]))
+    assert found.n_pairs == len(errors) == sum(band.n_pairs for band in found.bands)
+    assert found.metrics.rms == pytest.approx(np.sqrt(np.mean(np.square([*errors.values()]))), rel=1e-9)
+    assert found.metrics.max == pytest.approx(abs(errors[largest]), rel=1e-9)
+    assert found.between == tuple(data.place(end) for end in sorted(largest))
+    assert found.distance == pytest.approx(true[largest][0], rel=1e-12)
+    assert found.scale == pytest.approx(2e-4, abs=3e-5)
+    assert [band.up_to for band in found.bands] == sorted(band.up_to for band in found.bands)
+    assert found.bands[-1].rms > 2.0 * found.bands[0].rms
+    assert elsewhere.metrics.rms == pytest.approx(found.metrics.rms, rel=1e-6)
+
+
+def test_one_pose_has_no_distances() -> None:
+    """Nor have visits of one commanded pose."""
+    position = np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]])
+    assert estimate(Measurements(position=position + 1e-5, commanded_position=position)).distances is None

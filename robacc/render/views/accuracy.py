@@ -134,7 +134,7 @@ def estimate_view(
             _grade(document["grade"], True),
             Section("", [Grid(("error", *heads), rows)]),
             _targets(document),
-            Section("", [Text(f"largest errors: {worst}"), more, Text(ahead, wraps=False)]),
+            Section("", [Text(f"largest errors: {worst}"), *_distances(document)[:1], more, Text(ahead, wraps=False)]),
         ]
     methods = {name: _methods(part, unit) for part, name, unit, *_ in quantities}
     is_one = len({*methods.values()}) == 1
@@ -146,6 +146,7 @@ def estimate_view(
             for part, name, unit, sign, factor in quantities
         ),
         _targets(document),
+        Section("Distances between poses", _distances(document)),
         Section("Registration", [] if alignment is None else parameter_tables(alignment["parameters"])),
         *(
             Section("Confidence intervals" + ("" if is_one else f", {name}"), [Listing(how)])
@@ -315,6 +316,33 @@ def _targets(document: Document) -> Section:
             )
         ],
     )
+
+
+def _distances(document: Document) -> list[Block]:
+    """Return the errors of the distances between poses, in a sentence and by distance; none if they are unknown."""
+    if (found := document.get("distances")) is None:
+        return []
+    first, second = found["between"]
+    return [
+        Text(
+            f"distances between poses: 95 % within {with_unit(found['p95_m'])}, largest error "
+            f"{with_unit(found['max_m'])} ({first} to {second}, {with_unit(found['distance_m'])}); measured ones "
+            f"are {100 * found['scale']:+.2g} % longer on average"
+        ),
+        Grid(
+            ("distance up to, mm", "pairs", "rms error, mm", "largest, mm"),
+            [
+                (
+                    str(round(band["up_to_m"] * IN_MM)),
+                    str(band["n_pairs"]),
+                    number(band["rms_m"], IN_MM),
+                    number(band["max_m"], IN_MM),
+                )
+                for band in found["bands"]
+            ],
+        ),
+        Text("registration of the base does not change them; with the noise of the measurement", is_note=True),
+    ]
 
 
 def _methods(part: Document, unit: str) -> tuple[str, ...]:

@@ -30,6 +30,7 @@ from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
 from robacc.robots.description import Robot
+from robacc.statistics.intervals import quantiles
 from robacc.workers import single_threaded
 
 if TYPE_CHECKING:
@@ -66,7 +67,7 @@ def pose_metrics(residual: Array) -> PoseMetrics:
 def length_metrics(length: Array) -> ErrorMetrics:
     """Return the metrics of lengths ``(N,)``, m or rad; NaN without any."""
     own = length if length.size else np.full(1, np.nan)
-    figures = np.sqrt(np.mean(np.square(own))), np.mean(own), np.percentile(own, 95.0), np.max(own)
+    figures = np.sqrt(np.mean(np.square(own))), np.mean(own), *quantiles(own, [0.95]), np.max(own)
     return ErrorMetrics(*map(float, figures))
 
 
@@ -406,9 +407,11 @@ class PredictedBy(NamedTuple):
 
     def errors(self, data: Measurements) -> PoseErrors:
         """Return the errors of a part."""
-        from robacc.fitting.registration import as_gantry
+        if self.is_gantry:
+            from robacc.fitting.registration import as_gantry
 
-        position, turns = commanded_poses(as_gantry(data) if self.is_gantry else data, self.robot)
+            data = as_gantry(data)
+        position, turns = commanded_poses(data, self.robot)
         turns = None if self.is_gantry and data.commanded_rotation is None else turns
         return pose_errors(data, position, turns, self.frame)
 

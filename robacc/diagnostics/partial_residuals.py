@@ -27,10 +27,9 @@ from robacc.effects.periodic import orders_of, supported_orders
 from robacc.errors import RobaccError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import BLOCK_NUMBERS, SAMPLE
-from robacc.fitting.normal_equations import joint_columns
 from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
-from robacc.modelling.model import observed_jacobian, residuals
+from robacc.modelling.model import joint_columns, observed_jacobian, residuals
 
 
 @dataclass(frozen=True, slots=True)

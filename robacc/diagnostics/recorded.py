@@ -4,23 +4,24 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import FOLLOWED_SHARE, effect_class
-from robacc.fitting.fit_result import DEPENDENT, Fit
-from robacc.fitting.levels import ALIKE, DECISIVE, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
-from robacc.fitting.normal_equations import joint_columns, solved
-from robacc.fitting.solver import fit
+from robacc.fitting.levels import ALIKE, DECISIVE, DEPENDENT, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
+from robacc.fitting.normal_equations import solved
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, rms_length
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements, even_rows
-from robacc.modelling.model import Model
+from robacc.modelling.model import Model, joint_columns
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import normal_cdf
+
+if TYPE_CHECKING:
+    from robacc.fitting.fit_result import Fit
 
 # Choice between joints read back and commanded joints: which of them the measured positions follow.
 
@@ -33,6 +34,8 @@ def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
     model, cls = final.model, effect_class(READ_BACK)
     if cls.missing(model.arm, data) is not None or any(effect.name == READ_BACK for effect in model.free):
         return ()
+    from robacc.fitting.solver import fit  # Not for an estimate, which needs the rounding alone.
+
     assert data.read_back is not None
     assert data.q is not None
     shift = np.einsum("mjn,jn->mn", joint_columns(model, data)[:3], data.read_back - data.q)

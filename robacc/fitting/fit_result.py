@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
 from robacc.errors import RobaccError
-from robacc.fitting.levels import BLOCK_NUMBERS, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
+from robacc.fitting.levels import BLOCK_NUMBERS, DEPENDENT, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
 from robacc.fitting.normal_equations import Whitening, blocks_of, posterior, solved
 from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, Poses, compose, exp_so3
@@ -25,12 +25,6 @@ from robacc.modelling.model import Model, Noise, observed_jacobian, residuals
 # Columns are scaled to unit length and taken in the catalogue's order; a column that depends on those before it is not
 # identifiable. The decision is by orthogonal factorisation with a fixed order and a fixed threshold, so it is the same
 # on every run and machine. Observability indices O1 to O5: Sun and Hollerbach 2008.
-
-DEPENDENT = 3e-5
-"""A column with an independent part below this share of its length is dependent; a column below this share of the
-longest of its unit carries no information. Model and rounding reach 1e-12; registering a target on the last axis from
-noisy poses makes up levers of some micrometres, 1e-5 of an arm's reach; the weakest combinations of measured arms lie
-above 1e-4."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -22,7 +22,6 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.frames import JointOffset
 from robacc.fitting.levels import BLOCK_NUMBERS
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -313,9 +312,3 @@ def _grams(jacobian: JacobianByMotion, residual: Array, white: Whitening) -> Arr
             of_parts[group, start:], of_parts[start:, group] = block, block.T
         np.add.at(gram, (place[:, None], place), of_parts)
     return grams
-
-
-def joint_columns(model: Model, data: Measurements) -> Array:
-    """Return ``(6, J, N)`` Jacobian of the joint variables at the model's robot, without its free effects."""
-    joints = Model(model.arm, model.known, (JointOffset(model.arm.names),))
-    return joints.bind(data).linearise(np.zeros(len(model.arm.names)))[1]

@@ -33,7 +33,6 @@ from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
     Whitening,
-    joint_columns,
     posterior,
     whitening,
 )
@@ -41,7 +40,7 @@ from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_patt
 from robacc.fitting.visits import random_rows, visit_numbers
 from robacc.geometry import Array
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
+from robacc.modelling.model import Model, joint_columns
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
 

@@ -17,14 +17,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cache, partial
 from itertools import combinations, pairwise
-from typing import Any, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
 from robacc.errors import Problem, refuse
-from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
 from robacc.statistics.intervals import (
@@ -40,6 +39,9 @@ from robacc.statistics.intervals import (
     student_quantile,
 )
 from robacc.statistics.lengths import length_probability, mean_lengths
+
+if TYPE_CHECKING:
+    from robacc.fitting.registration import Alignment
 
 # Visits of each commanded pose, and the records of an evaluation.
 

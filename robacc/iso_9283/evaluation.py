@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
 from itertools import product
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
@@ -21,7 +21,6 @@ from robacc.accuracy.estimation import (
     too_far,
 )
 from robacc.errors import InputError, Problem, applying, refuse
-from robacc.fitting.registration import Alignment
 from robacc.geometry import Array, Poses, rms_length, rotation_about
 from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
@@ -40,6 +39,9 @@ from robacc.iso_9283.criteria import (
 from robacc.measurements import Measurements, motion_between_visits, numbered_visits
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
+
+if TYPE_CHECKING:
+    from robacc.fitting.registration import Alignment
 
 # Test cube of ISO 9283:1998, clause 6.8: its five poses, and a proposal of cube and poses for an arm.
 #
@@ -632,16 +634,19 @@ def iso9283(
         ),
         protocol=protocol(files, poses, robot, scatter, shift, rated_load),
         alignments=tuple(alignments),
-        unaligned=np.array([_largest_accuracy(file_poses) for file_poses in nominal]) if alignments else None,
+        # The largest AP_p of each file.
+        unaligned=np.array(
+            [
+                max(float(np.linalg.norm(one.deviation.mean(axis=1))) for one in of_file if one.deviation is not None)
+                for of_file in nominal
+            ]
+        )
+        if alignments
+        else None,
         confidence=confidence,
         notes=_notes(poses, alignments, robot, files, shift),
         warnings=_warnings(files, poses_by_file, bool(alignments)),
     )
-
-
-def _largest_accuracy(poses: Sequence[CommandedPose]) -> float:
-    """Return the largest AP_p, m."""
-    return max(float(np.linalg.norm(pose.deviation.mean(axis=1))) for pose in poses if pose.deviation is not None)
 
 
 def _notes(

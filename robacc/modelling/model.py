@@ -584,6 +584,12 @@ def residuals(data: Measurements, poses: Poses) -> Array:
     return position if data.rotation is None else np.concatenate((position, log_between(data.rotation, poses.rotation)))
 
 
+def joint_columns(model: Model, data: Measurements) -> Array:
+    """Return ``(6, J, N)`` Jacobian of the joint variables at the model's robot, without its free effects."""
+    bound = dataclasses.replace(model, free=()).bind(data).with_joints
+    return bound.linearise(np.zeros(len(model.arm.names)))[1]
+
+
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:
     """Return minus the derivative of :func:`residuals`, ``(M, P, N)``, from rows dp, dphi of the predicted pose.
 

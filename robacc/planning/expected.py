@@ -18,12 +18,12 @@ from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
 from robacc.fitting.levels import ACCEPTED, ROUNDS
-from robacc.fitting.normal_equations import joint_columns, whitening
+from robacc.fitting.normal_equations import whitening
 from robacc.fitting.solver import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
-from robacc.modelling.model import Model
+from robacc.modelling.model import Model, joint_columns
 from robacc.planning.design import (
     DesignProblem,
     PowerCriterion,

@@ -27,13 +27,12 @@ from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, 
 from robacc.effects.specification import Known, faded
 from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.normal_equations import joint_columns
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, Poses, log_between, rotate_back
 from robacc.measurements import Measurements, different, numbered
-from robacc.modelling.model import Model, predict, residuals
+from robacc.modelling.model import Model, joint_columns, predict, residuals
 from robacc.prediction.predicting import (
     RADIUS_PROBABILITY,
     Configurations,

@@ -398,12 +398,6 @@ class _Search:
             ends += [self._with_terms(start, noise, ends[-1])] if noise.terms else []
         return ends
 
-    def _may_reach(self, state: State, gain: float, other: State) -> bool:
-        """Return whether effects may yet make a state as probable as another: gains mostly diminish from ``gain``."""
-        return self._log_posterior(other) - self._log_posterior(state) <= gain * max(
-            MOST_FINDINGS - len(state.chosen), 1
-        )
-
     def _with_terms(self, state: State, noise: CovarianceParameters, rival: State | None = None) -> State:
         """Return the end of a search beside the terms of ``noise``, to which others come, and from which idle go.
 
@@ -457,7 +451,13 @@ class _Search:
                 shortlist = None
                 continue
             action, chosen, scales, names, beside, gain = move
-            is_behind = rival is not None and len(visited) > MOVES_ALONE and not self._may_reach(state, gain, rival)
+            # Gains mostly diminish: further moves gain no more than as many of the present one.
+            is_behind = (
+                rival is not None
+                and len(visited) > MOVES_ALONE
+                and self._log_posterior(rival) - self._log_posterior(state)
+                > gain * max(MOST_FINDINGS - len(state.chosen), 1)
+            )
             if is_behind or len(visited) > moves:
                 self.settled &= is_behind or moves < STEPS
                 return state, gain

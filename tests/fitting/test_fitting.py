@@ -15,7 +15,8 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term
 from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import build, entry_of, parse_requests
-from robacc.fitting.fit_result import DEPENDENT, Fit, HoldOut, Identifiability, Options, held_out_poses, identify_terms
+from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options, held_out_poses, identify_terms
+from robacc.fitting.levels import DEPENDENT
 from robacc.fitting.normal_equations import Whitening, whitening
 from robacc.fitting.solver import fit
 from robacc.geometry import Array

@@ -1,4 +1,4 @@
-"""Formats with an arm's geometry: a robot file with a modified Denavit-Hartenberg table, and robacc's JSON document.
+"""Formats with an arm's geometry: Denavit-Hartenberg tables, and robacc's JSON document.
 
 Every format is written from the frames on the arm's joint axes, or from the Denavit-Hartenberg table that they give.
 Two axes that are not exactly parallel have one common normal, and with it one row. For nearly parallel axes the normal
@@ -13,8 +13,10 @@ from __future__ import annotations
 import dataclasses
 import itertools
 import json
+import re
 from collections.abc import Sequence
 from functools import partial
+from pathlib import PurePath
 from typing import NamedTuple
 
 import numpy as np
@@ -310,3 +312,73 @@ def read_json(text: str, file: str) -> Robot | None:
         joint_at(joint["origin"], joint["name"], joint["type"], joint.get("limits")) for joint in values.pop("joints")
     )
     return Robot(convention="urdf", joints=joints, **{"name": "arm", **values})
+
+
+# Table as text, as papers and spreadsheets have it: a row a joint, columns theta, d, a, alpha in any order.
+
+_COLUMN = re.compile(r"(theta|θ|alpha|α|a|d|type)(?![a-z])(.*)", re.IGNORECASE | re.DOTALL)
+_GREEK = {"θ": "theta", "α": "alpha"}
+_VARIABLE = re.compile(r"(?:q|theta|θ|d)_?\d*\s*(?=[+-]|$)|(?<=\d)\s*\+\s*(?:q|theta|θ|d)_?\d*$", re.IGNORECASE)
+"""Name of the joint's variable in the cell of its offset, as in ``q2 - 90``."""
+_PREVIOUS = re.compile(r"[-−]\s*1|prev", re.IGNORECASE)
+"""Sign of Craig's form in the name of a column: the twist and length of the link before."""
+
+
+def read_table(text: str, file: str) -> Robot | None:
+    """Return the arm of a Denavit-Hartenberg table with columns theta, d, a, alpha; None for another text.
+
+    Units are those in the names of the columns, else degrees and millimetres where the values are too large for rad and
+    m. Craig's (modified) form is told by columns such as ``alpha_i-1``, or by the first row, which has no twist and
+    length then; the last row of a standard table has none.
+
+    Raises:
+        InputError: A cell is no number, or the form is not told.
+    """
+    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
+    delimiter = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)
+    cells = [(number, [cell.strip() for cell in line.split(delimiter)]) for number, line in lines]
+    found = [_COLUMN.fullmatch(name) for name in (cells[0][1] if cells else ())]
+    columns = {_GREEK.get(m[1].lower(), m[1].lower()): (place, m[2].lower()) for place, m in enumerate(found) if m}
+    if not {"theta", "d", "a", "alpha"} <= columns.keys():
+        return None
+    values = {
+        name: [_number(row, columns[name][0], number, file) for number, row in cells[1:]] for name in DhRow._fields[:4]
+    }
+    for names, units, likely, most in (
+        (("theta", "alpha"), {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}, "deg", 2 * np.pi + 1e-3),
+        (("d", "a"), {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, "mm", 20.0),
+    ):
+        largest = max((abs(value) for name in names for value in values[name]), default=0.0)
+        for name in names:
+            stated = next((size for unit, size in units.items() if unit in columns[name][1]), None)
+            size = stated or (units[likely] if largest > most else 1.0)
+            values[name] = [value * size for value in values[name]]
+    rows = [DhRow(*row) for row in zip(*(values[name] for name in DhRow._fields[:4]), strict=True)]
+    is_bare = [row.a == row.alpha == 0.0 for row in (rows[0], rows[-1])] if rows else [True, True]
+    is_modified = any(_PREVIOUS.search(columns[name][1]) for name in ("a", "alpha"))
+    fix = "name the columns alpha_i-1 and a_i-1 for the modified (Craig's) form, or write a robot file"
+    refuse(
+        (not rows, Problem("has a head and no rows", file, cells[0][0], fix="add a row for each joint")),
+        (
+            not is_modified and is_bare[0] == is_bare[1],
+            Problem("does not tell whether the table is standard or modified", file, cells[0][0], fix=fix),
+        ),
+    )
+    place = columns["type"][0] if "type" in columns else None
+    is_slide = [place is not None and row[place][:1].lower() in ("p", "t", "l") for _, row in cells[1:]]
+    kinds: list[JointType] = ["prismatic" if slides else "revolute" for slides in is_slide]
+    joints = tuple(
+        Joint(f"j{number}", kind, row._asdict(), limits=FULL_TURN if kind == "revolute" else None)
+        for number, (kind, row) in enumerate(zip(kinds, rows, strict=True), 1)
+    )
+    return Robot(PurePath(file).stem, "modified" if is_modified or is_bare[0] else "standard", joints)
+
+
+def _number(row: Sequence[str], place: int, line: int, file: str) -> float:
+    """Return the number in a cell, without the joint's variable."""
+    cell = row[place] if place < len(row) else ""
+    try:
+        return float(_VARIABLE.sub("", cell).replace(" ", "").replace("−", "-") or "0")
+    except ValueError:
+        fix = "give numbers, and offsets of the joint's variable such as q2 - 90"
+        raise InputError(Problem(f"found {cell!r} in place of a number", file, line, fix=fix)) from None

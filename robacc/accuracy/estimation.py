@@ -14,6 +14,7 @@ commanded target, "base" in those of the measuring frame.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial, reduce
 from operator import add
@@ -175,6 +176,11 @@ def too_far(error: float, position: Array) -> bool:
     return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
 
 
+def too_far_turned(errors: PoseErrors) -> bool:
+    """Return whether orientation errors are too large for an arm: one as built has a fraction of a degree."""
+    return errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
+
+
 def _far_errors(errors: Array) -> tuple[float, int]:
     """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m, and how many are."""
     near = inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
@@ -182,7 +188,10 @@ def _far_errors(errors: Array) -> tuple[float, int]:
 
 
 def frames_to_register(data: Measurements, robot: Robot | None, error: float) -> tuple[str, ...]:
-    """Return frames that take a position error in m that no arm has to one that an arm may have; none otherwise.
+    """Return frames to register where a position error in m is one that no arm has: those that leave what an arm has.
+
+    If none do, what registration leaves tells the mistake better than the frames as they are: then base and tool, as
+    far as the poses determine them.
 
     Raises:
         InputError: The error is one that no arm has, and the positions are too few to register frames.
@@ -194,15 +203,14 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
             f"{data.n} positions whose errors, {1e3 * error:.3g} mm rms, are too large for an arm: the frames do not "
             'agree, and registration needs more positions; measure at least 4, or keep the errors with `align="none"`'
         )
+    possible: list[tuple[str, ...]] = []
     for frames in (("base_frame", "tool_frame"), ("base_frame",)):
-        try:
-            commanded = register(data, robot, frames).commanded
-        except RobaccError:
-            continue
-        registered, _ = _far_errors(data.position - commanded.translation)
-        if registered < _FAR * error and not too_far(registered, data.position):
-            return frames
-    return ()
+        with suppress(RobaccError):
+            registered, _ = _far_errors(data.position - register(data, robot, frames).commanded.translation)
+            if not too_far(registered, data.position):
+                return frames
+            possible.append(frames)
+    return next(iter(possible), ())
 
 
 UNREGISTERED = (
@@ -528,7 +536,7 @@ def estimate(
             commanded poses in ``data``.
         frame: Axes of the errors; None is "tool" where the commanded orientation is known, else "base".
         align: Frames to fit to the poses first, from :data:`robacc.fitting.registration.ALIGNABLE`; None fits base and
-            tool where the errors without it are too large for an arm and those with it are not.
+            tool where the errors without it are too large for an arm.
         scale: Grade scale; None is the built-in scale.
         confidence: Confidence of every interval.
         seed: Seed of the bootstrap.
@@ -683,11 +691,9 @@ def _warnings(
     """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
     named = ", ".join(f"{pose.place} ({1e3 * pose.position:.3g} mm)" for pose in worst[:n_far])
     more = f" and {n_far - N_WORST} more" if n_far > N_WORST else ""
-    far = _moves(data) and too_far(usual, data.position)
-    # Orientation error in rad above which the cause is not the arm: an uncalibrated arm has a fraction of a degree.
-    turned = errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
+    far, turned = _moves(data) and too_far(usual, data.position), too_far_turned(errors)
     outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
-    trace, size = "" if data.q is None else "; a trace names the probable mistake", 1.0
+    size = 1.0
     if far and alignment is not None and data.q is not None:
         size = _relative_size(data, alignment)
     cause, *_ = applying(
@@ -707,11 +713,11 @@ def _warnings(
             f"the measured positions are {size:.3g} times as far apart as the arm's, and agree with them but for this: "
             "check the size of the squares of the board, the unit of length, and the robot",
         ),
-        (far, f"{TOO_LARGE}{trace}"),
+        (far, TOO_LARGE),
         (
             True,
             "the positions agree, but the orientation errors are too large for an arm: check the order of the "
-            f"quaternion or the convention of the angles{trace}",
+            "quaternion or the convention of the angles",
         ),
     )
     return (cause,) if cause else ()

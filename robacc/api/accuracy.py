@@ -14,6 +14,8 @@ from robacc.accuracy.estimation import (
     estimate as estimate_errors,
     moved_warning,
     position_errors,
+    too_far,
+    too_far_turned,
     totals_of_parts,
 )
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
@@ -49,13 +51,13 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
-from robacc.diagnostics.data_mistakes import other_arm
+from robacc.diagnostics.data_mistakes import check_data, other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
 from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
-from robacc.errors import Note, applying, refuse
-from robacc.geometry import vector_lengths
+from robacc.errors import InputError, Note, applying, refuse
+from robacc.geometry import rms_length, vector_lengths
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements, even_rows
@@ -134,7 +136,7 @@ def estimate(
             "Frames to fit to the poses of each file first: base_frame, tool_frame, both, or none.",
             "FRAME,…",
             "They are frames of `robot`, or without `robot` of the commanded poses. None fits them where the errors "
-            "without it are too large for an arm and those with it are not.",
+            "without it are too large for an arm.",
         ),
     ] = None,
     frame: Annotated[
@@ -229,7 +231,7 @@ def estimate(
 
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
-    """Return warnings of a step between two rows, of another arm, and of joint variables with few digits."""
+    """Return warnings of a mistake in the data, a step between two rows, another arm, and joints with few digits."""
     rows = even_rows(data.n, _MOST_ROWS)
     some, fitted = data.subset(rows), body.alignment
     commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot)[0]
@@ -238,7 +240,12 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     if robot is None or data.q is None:
         return moved
     roundings = rounding_in_errors(fitted.robot if fitted else robot, some, error)
-    return (*other_arm(robot, some, commanded), *moved, *roundings)
+    try:
+        is_too_large = too_far(rms_length(error), some.position) or too_far_turned(body.errors)
+        mistakes = check_data(robot, some) if is_too_large and fitted else other_arm(robot, some, commanded)
+    except InputError as mistake:
+        mistakes = (str(mistake),)
+    return (*mistakes, *moved, *roundings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -304,7 +304,7 @@ def export(
 def import_(
     file: Annotated[
         StrPath,
-        Help("calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export.", "FILE"),
+        Help("calibration.conf of Universal Robots, ROS kinematics, DH table (CSV), or JSON export.", "FILE"),
     ],
     *,
     arm: Annotated[str | None, Help("Arm that a calibration.conf belongs to, such as ur10e.", "NAME")] = None,
@@ -339,5 +339,5 @@ def import_(
                 )
             )
             return robot
-    fix = "give a calibration.conf of Universal Robots, a ROS kinematics file, or a JSON export"
+    fix = "give a calibration.conf of Universal Robots, a ROS kinematics file, a CSV with theta, d, a, alpha, or JSON"
     raise InputError(Problem("is no kinematics file", name, fix=fix))

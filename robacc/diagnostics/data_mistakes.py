@@ -501,7 +501,13 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
             pool.extend(_judged(robot, data, sets))
         if min(item.total for item in pool) < min(2 * GROSS, null.total / CLEAR):
             break
-    return _simplest(pool, null)
+    found = _simplest(pool, null)
+    if found is None and null.orientation is not None:
+        # Positions know nothing of how orientations were read, and an arm may have other errors besides.
+        readings = _screened(robot, data, [(), *((reading,) for reading in READINGS)])
+        turned = [item._replace(total=item.orientation) for item in readings if item.orientation is not None]
+        found = _simplest(turned, null._replace(total=null.orientation))
+    return found
 
 
 class _Hypothesis(NamedTuple):

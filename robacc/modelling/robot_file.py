@@ -14,9 +14,10 @@ from pathlib import Path, PurePath
 from typing import Any
 
 from robacc.effects.specification import known_effects, with_effect_units
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, given, refuse
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import edited
+from robacc.plug_ins import plug_in
 from robacc.robots.description import STANDARD_GRAVITY, Robot
 from robacc.robots.yaml_robot import (
     Units,
@@ -29,7 +30,7 @@ from robacc.robots.yaml_robot import (
 
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
 _TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
-_EXPECTED = "give a robot file (YAML) or a URDF"
+_EXPECTED = "give a robot file (YAML), a URDF, or a table with columns theta, d, a, alpha"
 _DATA = Path(__file__).parents[1] / "data"
 
 
@@ -108,7 +109,7 @@ def read_robot(
     tip_link: str | None = None,
     joint_columns: Callable[[], Sequence[str]] | None = None,
 ) -> Robot:
-    """Read a robot file (YAML) or a URDF; the content decides which it is.
+    """Read a robot file (YAML), a URDF, or a Denavit-Hartenberg table (CSV).
 
     Args:
         path: The file, or the name of an arm of the package (``ur10e``).
@@ -139,8 +140,10 @@ def read_robot(
             base_link is not None or tip_link is not None,
             f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain",
         ),
-        (suffix in _TABLES, Problem("is a table, not a robot description", name, fix=_EXPECTED)),
     )
+    if suffix in _TABLES:
+        table: Robot | None = plug_in("robacc.importers", "dh-table")(text, name)
+        return given(table, Problem("is a table, not a robot description", name, fix=_EXPECTED))
     robot = parse_robot(text, name)
     _check_effects(robot, text, name)
     return robot

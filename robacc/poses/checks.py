@@ -197,7 +197,10 @@ def check_units(
         wrong.add(kind)
         names = [layout.columns[key].name for key in keys]
         new_names = listing([f"{name}_{likely_unit}" for name in names])
-        fix = f"if they are in {likely_unit}, name the columns {new_names}; if in {unit}, {names[0]}_{unit} and so on"
+        fix = (
+            f"if they are in {likely_unit}, give `units={likely_unit}`, or name the columns {new_names}; if in {unit}, "
+            f"{names[0]}_{unit} and so on"
+        )
         first, last = (0, values.lines.size - 1) if large is None or not large.any() else np.flatnonzero(large)[[0, -1]]
         others = values.lines.size - (last + 1 - first)
         if large is not None and others >= max(5, 0.1 * values.lines.size) and np.mean(large[first : last + 1]) >= 0.8:

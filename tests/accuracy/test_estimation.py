@@ -232,11 +232,26 @@ def test_frames_that_do_not_agree_are_registered_unless_the_call_says_no() -> No
     assert found.alignment.effects == ("base_frame", "tool_frame")
     assert found.position.rms < 3 * 5e-5
     assert found.unaligned.position.rms == raw.position.rms == pytest.approx(np.linalg.norm([4.0, -2.0, 0.5]), rel=1e-3)
-    # Errors that an arm may have are left as they are, and so are those that frames do not explain.
+    # Errors that an arm may have are left as they are; what frames do not explain is told from what they leave.
     assert estimate(data, robot).alignment is None
     rng = np.random.default_rng(1)
     exchanged = dataclasses.replace(data, position=data.position[:, rng.permutation(data.n)])
-    assert estimate(exchanged, robot).alignment is None
+    mixed = estimate(exchanged, robot)
+    assert mixed.alignment is not None
+    assert mixed.warnings[0].startswith("the errors are too large for an arm: check the units, the joint signs")
+
+
+def test_an_estimate_names_the_mistake_that_a_trace_would_refuse() -> None:
+    """Angles about fixed axes, read as a rotation vector, on an arm whose links are 3 % longer than its file says."""
+    rng = np.random.default_rng(5)
+    q = rng.uniform(0.3 * LOW, 0.3 * HIGH, (6, N)) + np.array([[0.0], [0.4], [0.6], [0.0], [-0.9], [0.0]])
+    position, rotation = Arm(TABLE * [1.0, 1.03, 1.03, 1.0], 0.0, 0.0, 1).poses(q)
+    angles = Rotation.from_matrix(np.moveaxis(rotation, 2, 0)).as_euler("xyz")
+    misread = np.moveaxis(Rotation.from_rotvec(angles).as_matrix(), 0, 2)
+    right, wrong = (robacc.estimate(Measurements(position, turned, q=q), robot=ROBOT) for turned in (rotation, misread))
+    assert not any("seem" in text for text in right.warnings)
+    said = next(text for text in wrong.warnings if "seem" in text)
+    assert said.startswith("the orientations seem to be angles about the fixed axes x, y, z, read as a rotation vector")
 
 
 SHIFT = np.array([[2.4e-3], [3.2e-3], [0.0]])

@@ -141,9 +141,17 @@ def test_content_decides_the_format(
 @pytest.mark.parametrize(
     ("name", "content", "message"),
     [
-        ("a.stl", "solid", "is a mesh (.stl), which has no joints; give a robot file (YAML) or a URDF"),
+        (
+            "a.stl",
+            "solid",
+            "is a mesh (.stl), which has no joints; give a robot file (YAML), a URDF, or a table",
+        ),
         ("a.urdf.xacro", "<robot/>", "is xacro, not URDF; convert it first"),
-        ("a.csv", "x,y\n1,2\n", "is a table, not a robot description; give a robot file (YAML) or a URDF"),
+        (
+            "a.csv",
+            "x,y\n1,2\n",
+            "is a table, not a robot description; give a robot file (YAML), a URDF, or a table",
+        ),
         ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
         ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),
         ("a.urdf", "robacc: 1", "not well-formed XML"),

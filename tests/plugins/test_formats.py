@@ -660,3 +660,58 @@ def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
 def test_no_new_program_of_the_dialect_is_written() -> None:
     with pytest.raises(UsageError, match="writes no new val3 program; choose krl, rapid, fanuc, urscript"):
         write_program("val3", [])
+
+
+TABLES = {
+    # Craig's form, told by its first row; degrees and millimetres by their size.
+    "alpha, a, d, theta\n0, 0, 285, 0\n-90, 0, 0, -90\n180, 760, 0, -90\n-90, 0, 540, 0\n": "modified",
+    "theta_deg;d_mm;a_mm;alpha_deg\nq1;285;0;-90\nq2 - 90;0;760;0\n90 + q3;20;30;90\nq4;540;0;0\n": "standard",
+    "theta,d (m),a_i-1 (m),alpha_i-1\n0,0.3,0.1,0.5\n-1.5708,0,0,1.5708\n": "modified",
+    "Joint\tType\tθ\td\ta\tα\n1\tR\t0\t0.4\t0\t1.5708\n2\tP\t0\t0.1\t0\t0\n": "standard",
+}
+
+
+@pytest.mark.parametrize(("text", "form"), TABLES.items(), ids=["sizes", "units", "names", "slide"])
+def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> None:
+    """By the products of the rows' own matrices, whatever the order, the units and the delimiter of the columns."""
+    path = saved(tmp_path / "dh.csv", text)
+    robot = robacc.read_robot(path)
+    assert robot == import_(path)
+    assert robot.convention == form
+    head, *rows = text.splitlines()
+    delimiter = next(mark for mark in "\t;," if mark in head)
+    names = [re.match("theta|θ|alpha|α|[da](?![a-z])|", name.strip())[0] for name in head.split(delimiter)]
+    cells = [dict(zip(names, row.split(delimiter), strict=True)) for row in rows]
+    large = "90" in text
+    q = np.linspace(0.1, 0.4, len(rows))
+    pose = np.eye(4)
+    for value, row in zip(q, cells, strict=True):
+        theta, alpha = (
+            float(re.sub(r"\+?\s*q\d\s*|\s", "", row.get(name) or row[greek]) or 0)
+            for name, greek in (("theta", "θ"), ("alpha", "α"))
+        )
+        theta, alpha = np.radians([theta, alpha]) if large else (theta, alpha)
+        d, a = (float(row[name]) / (1000 if large else 1) for name in "da")
+        theta, d = (
+            (theta, d + value) if "P" in row.values() or "\tP\t" in delimiter.join(row.values()) else (theta + value, d)
+        )
+        steps = [turn(2, theta), shift(0, 0, d), shift(a, 0, 0), turn(0, alpha)]
+        for step in steps if form == "standard" else [steps[3], steps[2], steps[0], steps[1]]:
+            pose = pose @ step
+    chain = Arm.of(robot).chain
+    found = chain.forward(q[:, None])
+    np.testing.assert_allclose(found.translation[:, 0], pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(found.rotation[..., 0], pose[:3, :3], atol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("rows", "said"),
+    [
+        ("0,0.3,0,0\n0,0.2,0,0\n", "does not tell whether the table is standard or modified"),
+        ("0,0.3,0,0\n0,x2,0.2,1.57\n", "dh.csv:3: found 'x2' in place of a number"),
+        ("", "has a head and no rows"),
+    ],
+)
+def test_a_table_that_leaves_a_question_is_refused(tmp_path: Path, rows: str, said: str) -> None:
+    with pytest.raises(InputError, match=re.escape(said)):
+        robacc.read_robot(saved(tmp_path / "dh.csv", f"theta,d,a,alpha\n{rows}"))

@@ -243,6 +243,31 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     assert calibrated < elsewhere * nominal
 
 
+def test_rows_of_several_kinds_show_no_less_than_those_of_one(tmp_path: Path) -> None:
+    """Standard errors of joint zeros: of lines, of spheres, and of both, at the same stated noise."""
+    generator = np.random.default_rng(5)
+    of_kind = {kind: [row | {"sigma": NOISE} for row in rows_of(kind, 40, generator)] for kind in ("line", "sphere")}
+    stds = [
+        [p.std for p in calibrated.parameters if p.name.startswith("joint_offset")]
+        for number, rows in enumerate((*of_kind.values(), [*of_kind["line"], *of_kind["sphere"]]))
+        for path in [written(rows, tmp_path / f"{number}.csv")]
+        for calibrated in [robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")]
+    ]
+    for of_line, of_sphere, of_both in zip(*stds, strict=True):
+        if of_both is not None:  # not identifiable from any
+            assert of_both <= 1.02 * min(of_line or math.inf, of_sphere or math.inf)
+    assert sum(std is not None for std in stds[2]) >= 4
+
+
+def test_a_sphere_has_a_radius_in_all_rows_or_in_none(tmp_path: Path) -> None:
+    row = f"{JOINTS},s"
+    path = saved(tmp_path / "poses.csv", f"q1,q2,q3,q4,q5,q6,sphere,radius_mm\n{row},20\n{row},\n")
+    assert (
+        missing("\n".join(problems_of(robacc.calibrate, path, robot=robot())), "poses.csv:3", "radius_mm: other rows")
+        == []
+    )
+
+
 def test_exact_rows_give_exact_zeros_and_the_place_of_planes_and_spheres(tmp_path: Path) -> None:
     """An arm of no size would reach every socket exactly."""
     generator = np.random.default_rng(4)

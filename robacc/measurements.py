@@ -19,7 +19,8 @@ IMAGES = ("image", "image from hand")
 SHOWN = {
     "position": (True, True, True),
     "point": (True, True, True),
-    **dict.fromkeys(("plane", "distance"), (False, False, True)),
+    "line": (True, True, False),
+    **dict.fromkeys(("plane", "sphere", "distance"), (False, False, True)),
     **dict.fromkeys(IMAGES, (True, True, False)),
 }
 """Kinds of measurement, and which of three components each shows; see :mod:`robacc.modelling.model`."""
@@ -32,11 +33,6 @@ class Grouping(NamedTuple):
     """``(N,)`` from 0, equal for rows of the same pose."""
     contradicted: NDArray[np.bool_] | None = None
     """``(N,)`` rows whose commands contradict their id; None if there are none."""
-
-    @property
-    def repeated(self) -> NDArray[np.int64] | None:
-        """The numbers, or None where no pose was measured more than once."""
-        return None if self.numbers.max(initial=-1) + 1 == self.numbers.size else self.numbers
 
 
 @dataclasses.dataclass(frozen=True, slots=True)
@@ -67,7 +63,7 @@ class Measurements:
     kind: NDArray[Any] | None = None
     """``(N,)`` what each row shows, of :data:`SHOWN`; None: the position, and the orientation where there is one."""
     fixture: NDArray[Any] | None = None
-    """``(N,)`` name of the socket, plane or anchor that a row is measured from; empty for the measuring frame."""
+    """``(N,)`` name of what a row is measured from, such as a socket or plane; empty for the measuring frame."""
     reference: Measurements | None = None
     """N poses that distances without an anchor are measured from."""
     seen: Array | None = None
@@ -180,7 +176,8 @@ class Measurements:
     @property
     def has_length(self) -> bool:
         """Whether any row measures a length; a smaller arm reaches the same sockets and planes in the same joints."""
-        return self.kind is None or bool(np.isin(self.kind, ("point", "plane"), invert=True).any())
+        without = ("point", "plane", "line", "sphere")
+        return self.kind is None or bool(np.isin(self.kind, without, invert=True).any())
 
     def count(self, rows: NDArray[np.bool_]) -> int:
         """Return how many numbers were measured in rows ``(N,)``."""
@@ -240,9 +237,10 @@ class Measurements:
         """
         return self._grouping().numbers
 
-    def repetitions(self) -> Grouping | None:
-        """Return the grouping, or None where no pose was repeated."""
-        return None if self._grouping().repeated is None else self._grouping()
+    def repetitions(self) -> NDArray[np.int64] | None:
+        """Return :meth:`groups`, or None where no pose was measured more than once."""
+        groups = self.groups()
+        return None if groups.max(initial=-1) + 1 == groups.size else groups
 
     def hashed_commands(self) -> NDArray[np.uint64]:
         """Return a hash ``(N,)`` of each row's ``pose`` id, or without ids of its command."""

@@ -560,8 +560,7 @@ def estimate(
         commanded = commanded_poses(data, robot, alignment)
         errors = pose_errors(data, *commanded, chosen)
     share, everything = 1.0 if alignment is None else alignment.share, totals and totals(alignment, errors)
-    repetitions = None if everything else data.repetitions()
-    groups = None if repetitions is None else repetitions.repeated
+    groups = None if everything else data.repetitions()
 
     @cache
     def statistics(level: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:

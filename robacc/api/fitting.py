@@ -418,7 +418,7 @@ def _solvable(data: Measurements) -> Iterator[None]:
         with np.errstate(divide="raise", invalid="raise"):
             yield
     except (ArithmeticError, np.linalg.LinAlgError):
-        fix = "check the units, the joints, and the names of sockets, planes and anchors"
+        fix = "check the units, the joints, the tool, and the names of what the rows are measured from"
         raise InputError(Problem("no arm like the robot explains what was measured", data.source, fix=fix)) from None
 
 

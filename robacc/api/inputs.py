@@ -518,7 +518,7 @@ def check_targets(data: Measurements, robot: Robot) -> None:
 
 
 def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Measurements]:
-    """Return the robot with the sockets, planes and anchors of the poses, and their targets if it has none; the poses.
+    """Return the robot with the fixtures that the poses are measured from, and their targets if it has none; the poses.
 
     Several targets start at the tool each, and the poses carry a warning.
     """

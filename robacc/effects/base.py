@@ -159,6 +159,8 @@ def scaled(value: Any, size: float) -> Any:
 
 SCALE_OF_INSTRUMENT = -1
 """Pseudo-motion: the measured position itself, multiplied by 1 + scalar."""
+RADIUS = -2
+"""Pseudo-motion: the radius of the sphere that a row touches, m."""
 FOLLOWED_SHARE = 0.5
 """Share from which the joints read back describe the arm better than those commanded."""
 LEAST_OF_CONSTANT = 1e-3

@@ -14,6 +14,7 @@ import numpy as np
 
 from robacc.effects.base import (
     LEAST_OF_CONSTANT,
+    RADIUS,
     TIME,
     About,
     Effect,
@@ -81,16 +82,19 @@ class BaseFrame(Effect):
     )
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
-        """Return six terms, and those of each socket, plane and anchor that the poses are measured from."""
-        regressors: dict[str, Array | float] = {self.name: 1.0}
-        if arm.robot.fixtures:
-            fixture = np.full(data.n, "") if data.fixture is None else data.fixture
-            names = {f"{self.name}.{name}" if name else self.name: name for name in arm.robot.fixtures}
-            regressors = {prefix: (fixture == name).astype(float) for prefix, name in names.items()}
-        still = [
-            f"{self.name}.{name}" for name, each in arm.robot.fixtures.items() if each.kind in ("point", "distance")
-        ]
-        return _terms_of_frames(arm, BASE, regressors, still)
+        """Return six terms, or those of each fixture that the poses are measured from, and the radii of spheres."""
+        fixture, of_kind = np.full(data.n, "") if data.fixture is None else data.fixture, {}
+        regressors: dict[str, Array | float] = {} if arm.robot.fixtures else {self.name: 1.0}
+        for name, each in arm.robot.fixtures.items():
+            prefix = f"{self.name}.{name}" if name else self.name
+            regressors[prefix], of_kind[prefix] = (fixture == name).astype(float), each.kind
+        still = [prefix for prefix, kind in of_kind.items() if kind in ("point", "sphere", "distance")]
+        radii = (
+            Term(f"{prefix}.radius", "m", 1e-3, (Part(RADIUS, regressors[prefix]),), least_part=LEAST_OF_CONSTANT)
+            for prefix, kind in of_kind.items()
+            if kind == "sphere"
+        )
+        return *_terms_of_frames(arm, BASE, regressors, still), *radii
 
 
 @register

@@ -14,7 +14,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.effects.base import Effect, Part, Term, effect_class, load_plug_ins
+from robacc.effects.base import RADIUS, Effect, Part, Term, effect_class, load_plug_ins
 from robacc.effects.drivers import (
     Validity,
     clip_drivers,
@@ -286,12 +286,14 @@ def absorbed(robot: Robot, effects: Sequence[Effect], values: Mapping[str, float
     joints, targets, fixtures = list(robot.joints), dict(robot.targets), dict(robot.fixtures)
     moved: dict[tuple[int, str], dict[str, float]] = {}
     for term in (term for effect in effects for term in effect.terms(arm, every_column(arm))):
-        motion = arm.chain.motions[term.parts[0].motion]
-        name = term.name.removesuffix(f".{term.label}").partition(".")[2]
-        moved.setdefault((motion.owner, name), {})[motion.label] = values.get(term.name, 0.0)
+        number, name = term.parts[0].motion, term.name.removesuffix(f".{term.label}").partition(".")[2]
+        motion = arm.chain.motions[number]
+        owner, label = (BASE, term.label) if number == RADIUS else (motion.owner, motion.label)
+        moved.setdefault((owner, name), {})[label] = values.get(term.name, 0.0)
     for (owner, name), changes in moved.items():
         if owner == BASE and name:
-            fixtures[name] = fixtures[name]._replace(base=_moved_frame(fixtures[name].base, changes))
+            base, radius = _moved_frame(fixtures[name].base, changes), changes.get("radius", 0.0)
+            fixtures[name] = fixtures[name]._replace(base=base, radius=fixtures[name].radius + radius)
             if len(fixtures) == 1 and fixtures[name].kind in IMAGES:
                 # The board, or the camera beside the arm, is the measuring frame of a model fitted to photos.
                 robot = dataclasses.replace(robot, base=fixtures[name].base)

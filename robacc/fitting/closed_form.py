@@ -16,6 +16,7 @@ Hypotheses are the leading axis H of every array; a stack of H matrices has the 
 from __future__ import annotations
 
 import dataclasses
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -23,10 +24,10 @@ from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting.levels import HALF_DIGITS
-from robacc.geometry import Array, Poses, nearest_rotation, rotation_from_rpy, rpy_from_rotation, skew
+from robacc.geometry import Array, Poses, nearest_rotation, skew
 from robacc.measurements import IMAGES, Measurements
 from robacc.modelling.model import predict
-from robacc.robots.description import Frame, Robot, Vector
+from robacc.robots.description import Fixture, Frame, Robot, Vector
 
 _PASSES = 3
 """Fits of a registration, each with the rows weighted by their errors in the one before."""
@@ -114,8 +115,9 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
         rows = by_target if tool else by_target[:0]
         registered = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
         turn, moved = registered.rotation, registered.targets[0]
-        before = Poses.from_xyz_rpy(np.array(robot.base.xyz), np.array(robot.base.rpy))
-        robot = dataclasses.replace(robot, base=_frame(Poses(turn[0].T, turn[0].T @ registered.shift[0]) @ before))
+        robot = dataclasses.replace(
+            robot, base=Frame.of(Poses(turn[0].T, turn[0].T @ registered.shift[0]) @ robot.base.pose)
+        )
     if not tool:
         return robot
     placed = {}
@@ -126,13 +128,13 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
             moved[number] = np.median(np.einsum("nji,nj->ni", rotation[0, rows], errors), axis=0)
         if rows.any() and measured is not None:
             turned = nearest_rotation(np.einsum("nji,jk,nkl->il", rotation[0, rows], turn[0], measured[0, rows]))
-        placed[name] = _frame(Poses(turned, np.array(frame.xyz) + moved[number]))
+        placed[name] = Frame.of(Poses(turned, np.array(frame.xyz) + moved[number]))
     return dataclasses.replace(robot, targets=placed) if robot.targets else dataclasses.replace(robot, tool=placed[""])
 
 
 def gravity_turned(before: Robot, after: Robot) -> Vector:
     """Return the gravity of a robot, m/s^2, turned as another place of its base turns the arm."""
-    old, new = (rotation_from_rpy(np.array(robot.base.rpy)) for robot in (before, after))
+    old, new = (robot.base.pose.rotation for robot in (before, after))
     x, y, z = (new @ old.T @ np.array(before.gravity)).tolist()
     return (x, y, z)
 
@@ -154,8 +156,7 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
         fixtures[name] = fixtures[name]._replace(base=robot.base)
     for name, fixture in fixtures.items():
         if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any():
-            base = _base_seen_from(fixture.kind, position[:, rows], data.position[2, rows])
-            fixtures[name] = fixture._replace(base=base)
+            fixtures[name] = _placed(fixture.kind, position[:, rows], data.position[2, rows])
     if data.is_placed_by_images:
         robot = dataclasses.replace(robot, gravity=gravity_turned(before, robot))
     elif (rows := data.kind == "position").sum() >= 3:
@@ -163,28 +164,26 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
     return dataclasses.replace(robot, fixtures=fixtures)
 
 
-def _base_seen_from(kind: str, position: Array, value: Array) -> Frame:
-    """Return the base's frame in that of a fixture, from positions ``(3, n)`` in the base and readings ``(n,)``."""
+def _placed(kind: str, position: Array, value: Array) -> Fixture:
+    """Return a fixture where positions ``(3, n)`` in the base and readings ``(n,)`` place it, seen from its frame."""
     centre = position.mean(axis=1)
-    rotation, origin = np.eye(3), centre
-    if kind == "plane":
-        rotation = np.linalg.svd((position - centre[:, None]).T, full_matrices=True)[2]
+    rotation, origin, radius = np.eye(3), centre, 0.0
+    if kind in ("plane", "line"):
+        principal = np.linalg.svd((position - centre[:, None]).T, full_matrices=True)[2]
+        rotation = principal[[1, 2, 0]] if kind == "line" else principal
         above = rotation[2] @ position
         up = float(above @ (value - value.mean())) or float(rotation[2, 2])
         rotation[2] *= np.copysign(1.0, up)
         rotation[0] = np.cross(rotation[1], rotation[2])
         origin = centre - rotation[2] * value.mean()
-    elif kind == "distance":
-        # |p|^2 - v^2 = 2 p'a - |a|^2 is linear in the anchor a and |a|^2.
-        matrix = np.column_stack((2.0 * position.T, -np.ones(value.size)))
-        origin = np.linalg.lstsq(matrix, np.sum(np.square(position), axis=0) - np.square(value), rcond=None)[0][:3]
-    return _frame(Poses(rotation, -rotation @ origin))
-
-
-def _frame(pose: Poses) -> Frame:
-    x, y, z = pose.translation.tolist()
-    roll, pitch, yaw = rpy_from_rotation(pose.rotation).tolist()
-    return Frame((x, y, z), (roll, pitch, yaw))
+    elif kind in ("distance", "sphere"):
+        # |p|^2 - v^2 = 2 p'a + c is linear in the centre a and c = r^2 - |a|^2; r is 0 of an anchor, v next to 0 on a
+        # sphere.
+        known = np.square(value) if kind == "distance" else 0.0
+        matrix = np.column_stack((2.0 * position.T, np.ones(value.size)))
+        *origin, constant = np.linalg.lstsq(matrix, np.sum(np.square(position), axis=0) - known, rcond=None)[0]
+        radius = math.sqrt(max(constant + np.dot(origin, origin), 0.0)) if kind == "sphere" else 0.0
+    return Fixture(kind, Frame.of(Poses(rotation, -rotation @ origin)), radius)
 
 
 def register_positions(

@@ -127,6 +127,7 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every coefficient: frames in the measuring frame, other coefficients as differences from nominal."""
     frames = _frames(fit)
     values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
+    values |= {f"base_frame.{name}.radius": each.radius for name, each in apply_fit(fit).fixtures.items()}
     why = dict.fromkeys(fit.names, "not identifiable")
     for prefix, frame in frames.items():
         names = [f"{prefix}.{label}" for label in _COORDINATES]
@@ -167,8 +168,7 @@ def correlations(names: Sequence[str], covariance: Array) -> tuple[Correlation, 
 def _stds(covariance: Array) -> Array:
     """Return the roots of the diagonal; NaN if rounding made a variance negative."""
     variance = np.diag(covariance)
-    result: Array = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
-    return result
+    return np.asarray(np.sqrt(np.where(variance >= 0.0, variance, np.nan)))
 
 
 def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:

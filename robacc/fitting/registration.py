@@ -185,9 +185,7 @@ def align(robot: Robot, data: Measurements, frames: Sequence[str], *, held_out: 
 
     poses: Poses | None = None
     if held_out:
-        repetitions = data.repetitions()
-        groups = np.arange(data.n) if repetitions is None else repetitions.numbers
-        (poses,) = held_out_poses(fitted, data, groups, undetermined=undetermined)
+        (poses,) = held_out_poses(fitted, data, data.groups(), undetermined=undetermined)
     return Alignment(
         robot=apply_fit(fitted),
         effects=tuple(effect.name for effect in fitted.model.free),
@@ -208,8 +206,7 @@ def _measured_components(data: Measurements, frames: Sequence[str]) -> int:
     Raises:
         InputError: They are too few for the frames and for errors.
     """
-    repetitions = data.repetitions()
-    poses = np.arange(data.n) if repetitions is None else repetitions.numbers
+    poses = data.groups()
     points = poses if data.target is None else numbered(poses, data.target)
     n_poses, n_targets = different(poses), 1 if data.target is None else np.unique(data.target).size
     size, kind = (3, "position") if data.rotation is None else (6, "pose")

@@ -87,8 +87,7 @@ def broad_stds(model: Model, terms: Sequence[Term], owners: Sequence[int]) -> Ar
 
 def broad_precision(std: Array, theta: Array) -> Array:
     """Return the precision ``(P,)`` with which the broad prior pulls coefficients ``theta``; 0 where ``std`` is inf."""
-    precision: Array = 1.0 / (np.square(std) + 0.5 * np.square(theta))
-    return precision
+    return np.asarray(1.0 / (np.square(std) + 0.5 * np.square(theta)))
 
 
 class Priors:

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
+from robacc.effects.base import RADIUS, SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
 from robacc.effects.specification import Known, faded, held_at_ends, known_effects
 from robacc.errors import EquilibriumError, refuse
@@ -29,9 +29,10 @@ from robacc.geometry import (
     rotate_back,
     skew,
     transpose,
+    vector_lengths,
 )
 from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
-from robacc.measurements import IMAGES, Measurements
+from robacc.measurements import IMAGES, SHOWN, Measurements
 from robacc.poses.cameras import projection
 from robacc.robots.arm import BASE, TOOL, Arm, Scalar, Sweep
 from robacc.robots.description import Frame, Robot
@@ -72,14 +73,10 @@ def _springs(entries: Sequence[TermPart], coefficients: NDArray[Any]) -> list[_S
     springs: list[_Spring] = []
     for number, part in ((entry.number, entry.part) for entry in entries if coefficients[entry.number] != 0):
         if isinstance(part.factor, np.ndarray) or np.iscomplexobj(coefficients):
-            springs.append((_weighted(part), coefficients[number] * part.factor))
+            springs.append((Weighted(part.motion, part.loads or ()), coefficients[number] * part.factor))
         else:
             plain.setdefault(part.motion, []).append((float(coefficients[number]) * part.factor, part.loads or ()))
     return springs + [(Weighted(motion, combined(shares)), 1.0) for motion, shares in plain.items()]
-
-
-def _weighted(part: Part) -> Weighted:
-    return Weighted(part.motion, part.loads or ())
 
 
 def _moved(scalars: Sequence[Scalar], deflections: Mapping[int, NDArray[Any]]) -> list[Scalar]:
@@ -156,15 +153,15 @@ class BoundModel:
     def poses(self, theta: NDArray[Any]) -> Poses:
         """Predict the poses of the target in the measuring frame; where a row shows something else, that."""
         coefficients = np.concatenate((self.fixed_values, theta))
-        poses, scale = self.arm.chain.poses(self._scalars(coefficients), self.n), self._scale(coefficients)
+        poses = self.arm.chain.poses(self._scalars(coefficients), self.n)
+        scale = self._amount(SCALE_OF_INSTRUMENT, coefficients)
         poses = Poses(poses.rotation, poses.translation * (1.0 + scale)) if np.any(scale) else poses
         if self.kind is None:
             return poses
-        position = poses.translation
         if self.earlier is not None:
             other, rows = self.earlier
-            position = position - rows * other.poses(theta).translation
-        return Poses(poses.rotation, observed(self.kind, self.seen, Poses(poses.rotation, position))[0])
+            poses = Poses(poses.rotation, poses.translation - rows * other.poses(theta).translation)
+        return Poses(poses.rotation, observed(self.kind, self.seen, poses, self._amount(RADIUS, coefficients))[0])
 
     def linearise(self, theta: Array, columns: NDArray[np.int64] | None = None, rows: int = 6) -> tuple[Poses, Array]:
         """Return predicted poses and the exact Jacobian ``(6, P, N)``: dp (m), dphi (rad) per unit of coefficient.
@@ -192,10 +189,16 @@ class BoundModel:
             parts = [*((place, slot[motion] + len(slot), factor) for place, motion, factor in loaded), *parts]
             by_motion = np.concatenate((moved, deflected), axis=1)
         poses, by_motion = sweep.poses, by_motion[:rows]
-        if self._scales:
-            stretch = 1.0 + self._scale(coefficients)
-            grown = np.concatenate((poses.translation, np.zeros((rows - 3, self.n))))[:, None]
-            parts += [(column[e.number], by_motion.shape[1], e.part.factor) for e in self._scales if e.number in column]
+        if self._beyond_chain:
+            stretch, distance = 1.0 + self._amount(SCALE_OF_INSTRUMENT, coefficients), vector_lengths(poses.translation)
+            # Of a sphere only the distance from its centre counts, which falls short by the radius.
+            grown = np.stack((poses.translation, -poses.translation / np.maximum(distance, 1e-300)), axis=1)
+            grown = np.concatenate((grown, np.zeros((rows - 3, 2, self.n))))
+            parts += [
+                (column[e.number], by_motion.shape[1] + (e.part.motion == RADIUS), e.part.factor)
+                for e in self._beyond_chain
+                if e.number in column
+            ]
             by_motion = np.concatenate((by_motion[:3] * stretch, by_motion[3:]))
             by_motion = by_motion if is_plain else np.concatenate((by_motion, grown), axis=1)
             poses = Poses(poses.rotation, poses.translation * stretch)
@@ -207,13 +210,12 @@ class BoundModel:
             jacobian = dataclasses.replace(jacobian, parts=(*numbers, factor))
         if self.kind is None:
             return poses, jacobian
-        position = poses.translation
         if self.earlier is not None:
             other, between = self.earlier
             start, before = other.linearise(theta, columns)
-            position = position - between * start.translation
+            poses = Poses(poses.rotation, poses.translation - between * start.translation)
             jacobian = JacobianByMotion(jacobian.dense - between * before, jacobian.size)
-        position, gradient = observed(self.kind, self.seen, Poses(poses.rotation, position))
+        position, gradient = observed(self.kind, self.seen, poses, self._amount(RADIUS, coefficients))
         shown = np.einsum("abn,bpn->apn", gradient, jacobian.motions)
         moved = np.concatenate((shown, jacobian.motions[3:]))[:wanted]
         return Poses(poses.rotation, position), dataclasses.replace(jacobian, motions=moved)
@@ -234,7 +236,8 @@ class BoundModel:
                 )
             )
             own = [part.motion for number in numbers for part in self.terms[number].parts]
-            motions = own if is_plain else sorted({*own, *(e.part.motion for e in elastic)} - {SCALE_OF_INSTRUMENT})
+            of_chain = (motion for motion in {*own, *(e.part.motion for e in elastic)} if motion >= 0)
+            motions = own if is_plain else sorted(of_chain)
             self._layouts[key] = (column, requested, motions, is_plain)
         return self._layouts[key]
 
@@ -266,13 +269,13 @@ class BoundModel:
         return [e for e in self._entries if _is_rigid(e.part) and not isinstance(e.part.factor, np.ndarray)]
 
     @cached_property
-    def _scales(self) -> list[TermPart]:
-        """Parts that are the instrument's scale."""
-        return [entry for entry in self._entries if entry.part.motion == SCALE_OF_INSTRUMENT]
+    def _beyond_chain(self) -> list[TermPart]:
+        """Parts of pseudo-motions: the instrument's scale, and radii of spheres."""
+        return [entry for entry in self._entries if entry.part.motion < 0]
 
-    def _scale(self, coefficients: NDArray[Any]) -> Any:
-        """Return by how much the instrument's scale differs from 1."""
-        return sum(coefficients[entry.number] * entry.part.factor for entry in self._scales)
+    def _amount(self, motion: int, coefficients: NDArray[Any]) -> Any:
+        """Return by how much the instrument's scale differs from 1, or the radius of each row's sphere, m."""
+        return sum(coefficients[e.number] * e.part.factor for e in self._beyond_chain if e.part.motion == motion)
 
     def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain, deflections included."""
@@ -387,7 +390,7 @@ class BoundModel:
         Slopes ``{motion: (W, N)}`` are the changes of a deflection per unit of each followed scalar.
         """
         requested = [entry for entry in elastic if entry.number in column]
-        torques = self._forces(sweep, list(slot), [_weighted(entry.part) for entry in requested])
+        torques = self._forces(sweep, list(slot), [Weighted(e.part.motion, e.part.loads or ()) for e in requested])
         gains = [
             (column[entry.number], entry.part.motion, entry.part.factor * torque)
             for entry, torque in zip(requested, torques, strict=True)
@@ -412,7 +415,7 @@ class BoundModel:
 
 def _is_rigid(part: Part) -> bool:
     """Return whether a part moves a motion of the chain without a load."""
-    return part.loads is None and part.motion != SCALE_OF_INSTRUMENT
+    return part.loads is None and part.motion >= 0
 
 
 @dataclass(frozen=True)
@@ -477,6 +480,8 @@ class Model:
         if data.fixture is not None:
             # The base is where it stands, seen from the socket, plane or anchor of each row.
             robot = self.arm.robot
+            spheres = {name: each.radius for name, each in robot.fixtures.items() if each.radius}
+            fixed += [(Term(name, "m", 1.0, (Part(RADIUS, data.fixture == name),)), spheres[name]) for name in spheres]
             bases = {name: fixture.base for name, fixture in robot.fixtures.items()} | {"": robot.base}
             scalars = _with_frames(self.arm, scalars, BASE, bases, data.fixture)
         earlier = None
@@ -516,22 +521,26 @@ def _with_frames(
 
 # Observation: kinds of measurement, noise, residuals and their exact derivative.
 #
-# With p the position of the target in the frame of a socket, a plane or an anchor, a row of kind `point` shows p, which
-# is 0 in the socket; `plane` its z, the height above the plane; `distance` its length |p|, or that of the difference of
-# two positions. Where the fixture stands is unknown: six coordinates of the base for each, of which the poses determine
-# three. `image` shows the ray of a point X of a board, in m at the usual depth: with R the orientation of the target, X
-# is at p + R X before a camera beside the arm, whose frame that of the fixture is, and at R'(X - p) before one that is
-# the target. What a row does not show is 0, measured and predicted.
+# With p the position of the target in the frame of a fixture, a row of kind `point` shows p, which is 0 in the socket;
+# `plane` its z, the height above the plane; `line` its x and y across the line, which are 0; `distance` its length |p|,
+# or that of the difference of two positions; `sphere` |p| less a radius. Where the fixture stands is unknown: six
+# coordinates of the base for each, of which the poses determine three, or four of a line. `image` shows the ray of a
+# point X of a board, in m at the usual depth: with R the orientation of the target, X is at p + R X before a camera
+# beside the arm, whose frame that of the fixture is, and at R'(X - p) before one that is the target. What a row does
+# not show is 0, measured and predicted.
 
 
-def observed(kind: NDArray[Any], seen: Array | None, poses: Poses) -> tuple[NDArray[Any], Array]:
-    """Return what rows of these kinds ``(N,)`` show of poses, and the derivative ``(3, 6, N)`` by dp and dphi."""
-    position = poses.translation
-    value, gradient = position.copy(), np.repeat(np.eye(3, 6)[..., None], kind.size, axis=2)
-    is_length, is_number = kind == "distance", np.isin(kind, ("distance", "plane"))
-    value[:2, is_number], gradient[:2, :, is_number] = 0.0, 0.0
+def observed(kind: NDArray[Any], seen: Array | None, poses: Poses, radius: Array | float) -> tuple[NDArray[Any], Array]:
+    """Return what rows of these kinds ``(N,)`` show of poses, and the derivative ``(3, 6, N)`` by dp and dphi.
+
+    ``radius`` ``(N,)`` is that of the sphere of each row, m, and 0 of other rows.
+    """
+    position, is_length = poses.translation, np.isin(kind, ("distance", "sphere"))
+    shown = np.array([SHOWN[name] for name in kind.tolist()]).T
+    value, gradient = position * shown, np.eye(3, 6)[..., None] * shown[:, None]
     value[2, is_length] = np.sqrt(np.sum(np.square(position[:, is_length]), axis=0))
     gradient[2, :3, is_length] = (position[:, is_length].real / np.maximum(value[2, is_length].real, 1e-300)).T
+    value[2] -= radius
     if seen is None:
         return value, gradient
     for from_hand in (False, True):

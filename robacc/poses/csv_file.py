@@ -7,7 +7,6 @@ import math
 import os
 import re
 import statistics
-from bisect import bisect_left
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -426,12 +425,16 @@ def _seconds(text: str, day_first: bool) -> float | None:
     return days * _DAY + hour * 3600 + minute * 60 + second_ + float(f"0.{fraction or 0}") - offset
 
 
-# Other kinds of measurement in a pose file: the target in a socket, on a plane, at a distance, and points in photos.
+# Other kinds of measurement in a pose file: the target in a socket, on a plane, a line or a sphere, at a distance, and
+# points in photos.
 #
 # A row has the joints of its pose, a column ``kind`` where the file has several kinds, and the columns of its kind:
 #
 # - ``point``: ``socket``, the name of a socket in which the target rests at the same unknown point;
 # - ``plane``: ``plane``, the name of an unknown plane, and ``reading``, the height of the target above it (default 0);
+# - ``line``: ``line``, the name of an unknown straight line that the target is on;
+# - ``sphere``: ``sphere``, the name of a sphere around an unknown centre, ``reading``, the height of the target above
+#   it (default 0), and ``radius`` where it is known: such a sphere is an anchor at that distance;
 # - ``distance``: ``distance``, and either ``anchor``, the name of an unknown fixed point, or ``from``, the pose of an
 #   earlier row (one without any of the three is such a pose alone);
 # - ``image``: ``u_px`` and ``v_px``, the pixel at which a ``camera`` shows the point ``board_x``, ``board_y``,
@@ -440,11 +443,12 @@ def _seconds(text: str, day_first: bool) -> float | None:
 #
 # ``sigma`` is the standard deviation of the measured number. Lengths have a unit in the name, or are in m.
 
-_NAMED_BY = {"point": ("socket",), "plane": ("plane",), "distance": ("anchor", "from")}
+_NAMES = ("socket", "plane", "line", "sphere")
+_NAMED_BY = {"point": _NAMES[:1], **{kind: (kind,) for kind in _NAMES[1:]}, "distance": ("anchor", "from")}
 """Columns that name what a row of each kind is measured from."""
 _PIXELS = ("u_px", "v_px")
 _BOARD = ("board_x", "board_y", "board_z")
-_LENGTHS = ("distance", "reading", "sigma", *AXES, *_BOARD)
+_LENGTHS = ("distance", "reading", "radius", "sigma", *AXES, *_BOARD)
 _FAR_OFF = 1.0
 """px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
 
@@ -479,9 +483,10 @@ class KindTable(ReshapedTable):
         """Return the table without its columns of other kinds of measurement; None if it has none."""
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}
-        texts = ("kind", "socket", "plane", "anchor", "from", "camera", *_PIXELS)
-        apart = {key: keys[key] for key in (*texts, *_LENGTHS) if key in keys}
-        is_other = not {"distance", "socket", "plane", *_PIXELS}.isdisjoint(apart)
+        apart = {
+            key: keys[key] for key in ("kind", "camera", *_NAMES, "anchor", "from", *_PIXELS, *_LENGTHS) if key in keys
+        }
+        is_other = not {"distance", *_NAMES, *_PIXELS}.isdisjoint(apart)
         others = [each for each in headings if _key(each) not in (*_BOARD, *_PIXELS)]
         parts = [part for each in others if (part := labelled(each)) and source_of(each.words) >= 0]
         if not is_other or (any(axis != "turn" for _, axis in parts) and "kind" not in apart):
@@ -506,9 +511,7 @@ class KindTable(ReshapedTable):
             kinds == "distance"
         )
         owners: dict[str, str] = {}
-        rows_of: dict[str, list[int]] = {}
-        for row, pose in enumerate([] if data.pose is None else data.pose.tolist()):
-            rows_of.setdefault(pose, []).append(row)
+        poses = np.full(n, "") if data.pose is None else data.pose
         for row in np.flatnonzero(np.isin(kinds, [*_NAMED_BY]) & ~is_start).tolist():
             names = _NAMED_BY[str(kinds[row])]
             given = [key for key in names if key in cells and cells[key][row]]
@@ -516,23 +519,30 @@ class KindTable(ReshapedTable):
                 found = "both" if given else "none"
                 self._add(f"a row of kind {kinds[row]} needs {' or '.join(names)}, found {found}", data, row)
             elif given == ["from"]:
-                same = rows_of.get(cells["from"][row], [])
-                if before := bisect_left(same, row):
-                    earlier[row] = same[before - 1]
-                else:
+                before = np.flatnonzero(poses[:row] == cells["from"][row])
+                earlier[row] = int(before[-1]) if before.size else row
+                if not before.size:
                     fix = "name the rows in a column pose" if data.pose is None else None
                     self._add(f"no earlier row is of the pose {clip(cells['from'][row])}", data, row, "from", fix)
             elif owners.setdefault(cells[given[0]][row], given[0]) != given[0]:
-                name, fix = cells[given[0]][row], "give every socket, plane and anchor its own name"
+                name, fix = cells[given[0]][row], "give everything that is measured from its own name"
                 self._add(f"{name} is also the name of a {owners[name]}", data, row, given[0], fix)
             else:
                 fixture[row] = cells[given[0]][row]
         for axis, key in enumerate(AXES):
             position[axis] = self._numbers(key, kinds == "position", data)
         position[2] += self._numbers("distance", (kinds == "distance") & ~is_start, data, least=0.0)
-        position[2] += self._numbers("reading", kinds == "plane", data, 0.0)
-        of_lengths = ~is_start & (kinds != "image")
-        sigma = self._numbers("sigma", of_lengths, data, least=SMALLEST_SIGMA) if "sigma" in cells else None
+        position[2] += self._numbers("reading", np.isin(kinds, ("plane", "sphere")), data, 0.0)
+        has_radius = (kinds == "sphere") & np.array([cell != "" for cell in self._column("radius")], dtype=bool)
+        position[2] += self._numbers("radius", has_radius, data, least=0.0)
+        kinds = np.where(has_radius, "distance", kinds)
+        for row in np.flatnonzero((kinds == "sphere") & np.isin(fixture, np.array(fixture)[has_radius])).tolist():
+            self._add(f"other rows of sphere {fixture[row]} have a radius", data, row, "radius", "give all or none")
+        sigma = (
+            self._numbers("sigma", ~is_start & (kinds != "image"), data, least=SMALLEST_SIGMA)
+            if "sigma" in cells
+            else None
+        )
         if data.sigma_position is not None:
             self.log.add("sigma_x, sigma_y and sigma_z are of positions", self.line, fix="give one column sigma")
         if data.rotation is not None:

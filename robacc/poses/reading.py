@@ -820,8 +820,8 @@ class PoseFile(str):
         )
         given = {"angles": angles, "units": units, "coverage": coverage, "sheet": sheet, "bag": bag}
         files = {"commanded": commanded, "camera": camera, "board": board, "contact_sheet": contact_sheet}
-        given |= {name: os.fspath(file) for name, file in files.items() if file is not None}
         stated |= {name: value for name, value in given.items() if value is not None}
+        stated |= {name: os.fspath(file) for name, file in files.items() if file is not None}
         stated["frame"] = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
         result.reading = Reading(skip_gaps=skip_gaps, **stated)
         return result
@@ -835,14 +835,13 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
     """
     reading = reading_of(path)
     named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
-    is_apart = bool(named) or reading.frame is not None
 
     def file(part: TableRows) -> PoseFile:
         result = PoseFile(path)
         result.reading = replace(reading, frame=part)
         return result
 
-    return () if is_apart else tuple(map(file, divided(path, reading)))
+    return () if named or reading.frame is not None else tuple(map(file, divided(path, reading)))
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:

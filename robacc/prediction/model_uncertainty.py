@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from robacc.accuracy.grade import Scale
-from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Part, Term, effect_class
+from robacc.effects.base import Effect, Part, Term, effect_class
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
 from robacc.errors import InputError, Problem, RobaccError, refuse
@@ -338,7 +338,7 @@ def _held_columns(known: Known, model: Model, data: Measurements, sample: Measur
     inside = _within(model, data if sample is None else sample, limits)
     scalars: dict[int, Array] = {}
     for term in known.effect.terms(arm, inside):
-        for part in (part for part in term.parts if part.loads is None and part.motion != SCALE_OF_INSTRUMENT):
+        for part in (part for part in term.parts if part.loads is None and part.motion >= 0):
             before = scalars.get(part.motion, np.zeros(inside.n))
             scalars[part.motion] = before + known.values.get(term.name, 0.0) * part.factor
     sizes = np.sqrt(2.0 * np.mean(np.square([*scalars.values()]).reshape(len(scalars), inside.n), axis=1))

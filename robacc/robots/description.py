@@ -143,12 +143,14 @@ class Campaign(NamedTuple):
 
 
 class Fixture(NamedTuple):
-    """What poses are measured from: a socket, a plane or an anchor."""
+    """What poses are measured from: a socket, a plane, a line, a sphere or an anchor."""
 
     kind: str
     """Kind of measurement, of :data:`robacc.measurements.SHOWN`."""
     base: Frame = Frame()
     """Where the robot's base stands, seen from it."""
+    radius: float = 0.0
+    """Radius of a sphere that is not known, m."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -168,8 +170,8 @@ class Robot:
     """Payload's centre of mass in the last link's frame, m; None: at the tool."""
     targets: Mapping[str, Frame] = field(default_factory=dict)
     fixtures: Mapping[str, Fixture] = field(default_factory=dict)
-    """Sockets, planes and anchors of the poses by name, and the measuring frame as "" if they have positions; no part
-    of the robot file."""
+    """Sockets, planes, lines, spheres and anchors of the poses by name, and the measuring frame as "" if they have
+    positions; no part of the robot file."""
     effects: tuple[Mapping[str, Any], ...] = ()
     """Entries of the file's ``effects:``, unchanged; :mod:`robacc.effects` reads them."""
     effect_units: tuple[float, float] = (1.0, 1.0)

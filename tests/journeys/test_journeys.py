@@ -1,5 +1,6 @@
 """Journeys of new users, command by command, with positions, photos of boards and other kinds of measurements."""
 
+import dataclasses
 import json
 import math
 import re
@@ -25,6 +26,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
+from robacc.robots.description import Fixture
 
 ROBOT = str(SAMPLES / "robot.yaml")
 
@@ -115,6 +117,12 @@ NOISE = 1e-5
 LOW, HIGH = 0.6 * np.array(LIMITS).T
 SOCKETS = {"a": np.array([0.85, -0.2, 0.3]), "b": np.array([0.6, 0.5, 0.35]), "c": np.array([0.7, 0.1, 0.8])}
 PLANES = {"table": (np.array([0.05, -0.02, 1.0]), 0.3), "wall": (np.array([1.0, 0.1, 0.05]), 0.9)}
+LINES = {
+    "edge": (np.array([0.7, 0.0, 0.4]), np.array([0.1, 1.0, 0.05])),
+    "rail": (np.array([0.6, 0.3, 0.6]), np.array([1.0, -0.3, 0.4])),
+}
+SPHERES = {"ball": (np.array([0.8, 0.1, 0.5]), 0.03), "dome": (np.array([0.5, -0.5, 0.4]), 0.15)}
+"""Centre and radius, m."""
 ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
 Row = dict[str, object]
 
@@ -149,6 +157,20 @@ def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float 
             unit = normal / np.linalg.norm(normal)
             q = reached(lambda p, unit=unit, height=height, reading=reading: np.array([unit @ p - height - reading]), q)
             row |= {"plane": name, "reading_mm": 1e3 * (reading + error)}
+        elif kind == "line":
+            name = list(LINES)[found % 2]
+            place, along = LINES[name]
+            across = np.linalg.svd(along[None])[2][1:]
+            off = noise * generator.standard_normal(2)
+            q = reached(lambda p, place=place, across=across, off=off: across @ (p - place) - off, q)
+            row |= {"line": name}
+        elif kind in ("sphere", "gauge"):
+            name = list(SPHERES)[found % 2]
+            centre, radius = SPHERES[name]
+            height = radius + (reading if kind == "gauge" else error)
+            q = reached(lambda p, c=centre, height=height: np.array([np.linalg.norm(p - c) - height]), q)
+            of_gauge = {"kind": "sphere", "reading_mm": 1e3 * (reading + error), "radius_mm": 1e3 * radius}
+            row |= {"sphere": name} | (of_gauge if kind == "gauge" else {})
         elif kind == "anchor":
             name = list(ANCHORS)[found % 2]
             row |= {"kind": "distance", "anchor": name}
@@ -178,10 +200,14 @@ def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
     [
         ({"point": 48}, 0.25),
         ({"plane": 60}, 0.25),
+        ({"line": 48}, 0.25),
+        ({"sphere": 70}, 0.25),
+        ({"gauge": 70}, 0.1),
         ({"anchor": 70}, 0.05),
         ({"from": 160}, 0.05),
         ({"plane": 30, "point": 21, "from": 40}, 0.1),
         ({"position": 20, "plane": 30}, 0.05),
+        ({"line": 24, "gauge": 50}, 0.1),
     ],
     ids=lambda value: "+".join(value) if isinstance(value, dict) else None,
 )
@@ -193,7 +219,7 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     path = written(rows, tmp_path / "poses.csv", "kind" if one_kind else "")
     result = robacc.calibrate(path, robot=robot(), fit=DECLARED)
     assert any("measures a length" in warning for warning in result.warnings) == (
-        not {"anchor", "from", "position"} & {*kinds}
+        not {"anchor", "from", "position", "gauge"} & {*kinds}
     )
     parameters = {parameter.name: parameter for parameter in result.parameters}
     for number in (2, 3, 4, 5):
@@ -203,7 +229,7 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     assert result.after.held_out.position.rms < 4.0 * NOISE
     # What each kind brought sums to the coefficients less what priors determine.
     shares, fit = result.fit.information(), result.fit
-    assert shares.keys() == (set() if one_kind else {str(row["kind"]) for row in rows})
+    assert shares.keys() == (set() if one_kind else {"distance" if "radius_mm" in row else row["kind"] for row in rows})
     if shares:
         known = np.trace(np.linalg.solve(fit.gram + np.diag(fit.precision), fit.gram))
         assert sum(shares.values()) == pytest.approx(known, rel=5e-3)  # the last step is not in its matrix
@@ -217,14 +243,46 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     assert calibrated < elsewhere * nominal
 
 
-def test_exact_sockets_give_exact_zeros_and_planes_their_place(tmp_path: Path) -> None:
+def test_rows_of_several_kinds_show_no_less_than_those_of_one(tmp_path: Path) -> None:
+    """Standard errors of joint zeros: of lines, of spheres, and of both, at the same stated noise."""
+    generator = np.random.default_rng(5)
+    of_kind = {kind: [row | {"sigma": NOISE} for row in rows_of(kind, 40, generator)] for kind in ("line", "sphere")}
+    stds = [
+        [p.std for p in calibrated.parameters if p.name.startswith("joint_offset")]
+        for number, rows in enumerate((*of_kind.values(), [*of_kind["line"], *of_kind["sphere"]]))
+        for path in [written(rows, tmp_path / f"{number}.csv")]
+        for calibrated in [robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")]
+    ]
+    for of_line, of_sphere, of_both in zip(*stds, strict=True):
+        if of_both is not None:  # not identifiable from any
+            assert of_both <= 1.02 * min(of_line or math.inf, of_sphere or math.inf)
+    assert sum(std is not None for std in stds[2]) >= 4
+
+
+def test_a_sphere_has_a_radius_in_all_rows_or_in_none(tmp_path: Path) -> None:
+    row = f"{JOINTS},s"
+    path = saved(tmp_path / "poses.csv", f"q1,q2,q3,q4,q5,q6,sphere,radius_mm\n{row},20\n{row},\n")
+    assert (
+        missing("\n".join(problems_of(robacc.calibrate, path, robot=robot())), "poses.csv:3", "radius_mm: other rows")
+        == []
+    )
+
+
+def test_exact_rows_give_exact_zeros_and_the_place_of_planes_and_spheres(tmp_path: Path) -> None:
     """An arm of no size would reach every socket exactly."""
     generator = np.random.default_rng(4)
-    rows = [*rows_of("point", 36, generator, 0.0), *rows_of("plane", 40, generator, 0.0)]
+    rows = [
+        *rows_of("point", 36, generator, 0.0),
+        *rows_of("plane", 40, generator, 0.0),
+        *rows_of("sphere", 40, generator, 0.0),
+    ]
     result = robacc.calibrate(written(rows, tmp_path / "poses.csv"), robot=robot(), fit="tool_frame,joint_offset")
     values = {parameter.name: parameter.value for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-9)
+    for label, coordinate in zip("xyz", SPHERES["dome"][0], strict=True):
+        assert values[f"base_frame.dome.{label}"] == pytest.approx(-coordinate, abs=1e-8)
+    assert values["base_frame.dome.radius"] == pytest.approx(SPHERES["dome"][1], abs=1e-8)
     for label, coordinate in zip("xyz", SOCKETS["b"], strict=True):
         assert values[f"base_frame.b.{label}"] == pytest.approx(-coordinate, abs=1e-8)
     _, height = PLANES["table"]
@@ -247,21 +305,30 @@ def test_trace_names_what_planes_and_anchors_show(tmp_path: Path) -> None:
 
 def test_derivatives_of_all_kinds_are_those_of_the_predictions() -> None:
     generator = np.random.default_rng(8)
-    n = 12
+    n = 18
     q = generator.uniform(LOW, HIGH, (n, 6)).T
-    kinds = np.array(["position", "point", "plane", "distance"] * 3)
-    fixture = np.array(["", "a", "table", "p"] * 2 + ["", "a", "table", ""])
+    kinds = np.array(["position", "point", "plane", "line", "sphere", "distance"] * 3)
+    fixture = np.array(["", "a", "table", "edge", "ball", "p"] * 2 + ["", "a", "table", "edge", "dome", ""])
     earlier = Measurements(np.zeros((3, n)), q=generator.uniform(LOW, HIGH, (n, 6)).T)
     data = Measurements(np.zeros((3, n)), q=q, kind=kinds, fixture=fixture, reference=earlier)
     arm, _ = with_measured_targets(robot(), data)
-    effects = [effect_class(name).default(Model.of(arm).arm, data) for name in DECLARED.split(",")]
+    arm = dataclasses.replace(arm, fixtures={**arm.fixtures, "ball": arm.fixtures["ball"]._replace(radius=0.02)})
+    names = (*DECLARED.split(","), "instrument_scale")
+    effects = [effect_class(name).default(Model.of(arm).arm, data) for name in names]
     bound = Model.of(arm, effects).bind(data)
     theta = 1e-3 * generator.standard_normal(len(bound.terms))
     jacobian = bound.linearise(theta, rows=3)[1]
     for column, step in enumerate(1e-6 * np.eye(theta.size)):
         difference = bound.poses(theta + step).translation - bound.poses(theta - step).translation
         np.testing.assert_allclose(jacobian[:, column], difference / 2e-6, atol=1e-8)
-    assert not bound.poses(theta).translation[:2, kinds == "plane"].any()
+    shown = bound.poses(theta).translation
+    assert not shown[:2, np.isin(kinds, ("plane", "sphere"))].any()
+    assert not shown[2, kinds == "line"].any()
+    smaller = Model.of(dataclasses.replace(arm, fixtures={**arm.fixtures, "ball": Fixture("sphere")}), effects).bind(
+        data
+    )
+    bigger = np.where(fixture == "ball", 0.02, 0.0)
+    np.testing.assert_allclose(smaller.poses(theta).translation[2] - shown[2], bigger, atol=1e-12)
 
 
 GOOD = "q1,q2,q3,q4,q5,q6,kind,socket,plane,reading_mm,distance_mm,anchor,from,pose,sigma\n"
@@ -278,7 +345,7 @@ JOINTS = "0.1,0.2,0.3,0.4,0.5,0.6"
         ("distance,,,,12,,p9,p1,1e-5", "from: no earlier row is of the pose 'p9'"),
         ("distance,,,,,a,,p1,1e-5", "distance_mm: the value is missing, expected a number"),
         ("plane,,a,0,,,,p1,1e-5", "a is also the name of a socket"),
-        ("photo,,,,,,,p1,1e-5", "found 'photo', expected one of position, point, plane, distance"),
+        ("photo,,,,,,,p1,1e-5", "found 'photo', expected one of position, point, plane, line, sphere, distance"),
         ("point,a,,,,,,p1,0", "sigma: found 0 m, expected"),
     ],
 )

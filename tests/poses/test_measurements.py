@@ -30,8 +30,7 @@ def measured(**columns: np.ndarray) -> Measurements:
 
 
 def repeated(data: Measurements) -> np.ndarray | None:
-    groups = data.repetitions()
-    return None if groups is None else groups.repeated
+    return data.repetitions()
 
 
 @pytest.mark.parametrize("column", ["q", "commanded_position"])

@@ -209,6 +209,7 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
             registered, _ = _far_errors(data.position - register(data, robot, frames).commanded.translation)
             if not too_far(registered, data.position):
                 return frames
+            register(data, robot, frames, held_out=True)
             possible.append(frames)
     return next(iter(possible), ())
 
@@ -308,8 +309,8 @@ class DistanceErrors(NamedTuple):
     """Of the size of the errors."""
     scale: float
     """Share of the distance by which measured ones are longer on average, by least squares."""
-    between: tuple[str, str]
-    """Places of the poses of the largest error."""
+    between: tuple[str, ...]
+    """Places of the two poses of the largest error."""
     distance: float
     """Their commanded distance, m."""
     bands: tuple[DistanceBand, ...]
@@ -501,19 +502,19 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> DistanceError
     wanted, error = wanted[moved], (measured - wanted)[moved]
     size, order = np.abs(error), np.argsort(wanted, kind="stable")
     largest = int(np.argmax(size))
-    first, second = (data.place(int(end)) for end in ends[:, moved][:, largest])
-    bands = [
-        DistanceBand(float(wanted[part[-1]]), part.size, float(rms_length(error[None, part])), float(size[part].max()))
-        for part in np.array_split(order, _BANDS)
-        if part.size
-    ]
     return DistanceErrors(
         size.size,
         length_metrics(size),
         float(error @ wanted / (wanted @ wanted)),
-        (first, second),
+        tuple(data.place(int(end)) for end in ends[:, moved][:, largest]),
         float(wanted[largest]),
-        tuple(bands),
+        tuple(
+            DistanceBand(
+                float(wanted[part[-1]]), part.size, float(rms_length(error[None, part])), float(size[part].max())
+            )
+            for part in np.array_split(order, _BANDS)
+            if part.size
+        ),
     )
 
 

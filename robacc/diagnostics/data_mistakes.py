@@ -504,8 +504,8 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
     found = _simplest(pool, null)
     if found is None and null.orientation is not None:
         # Positions know nothing of how orientations were read, and an arm may have other errors besides.
-        readings = _screened(robot, data, [(), *((reading,) for reading in READINGS)])
-        turned = [item._replace(total=item.orientation) for item in readings if item.orientation is not None]
+        readings = _screened(robot, data, [(reading,) for reading in READINGS])
+        turned = [item._replace(total=item.orientation or 0.0) for item in readings]
         found = _simplest(turned, null._replace(total=null.orientation))
     return found
 

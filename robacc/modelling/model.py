@@ -595,8 +595,7 @@ def residuals(data: Measurements, poses: Poses) -> Array:
 
 def joint_columns(model: Model, data: Measurements) -> Array:
     """Return ``(6, J, N)`` Jacobian of the joint variables at the model's robot, without its free effects."""
-    bound = dataclasses.replace(model, free=()).bind(data).with_joints
-    return bound.linearise(np.zeros(len(model.arm.names)))[1]
+    return dataclasses.replace(model, free=()).bind(data).with_joints.linearise(np.zeros(len(model.arm.names)))[1]
 
 
 def observed_jacobian(jacobian: Array, residual: Array) -> Array:

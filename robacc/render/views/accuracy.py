@@ -322,12 +322,11 @@ def _distances(document: Document) -> list[Block]:
     """Return the errors of the distances between poses, in a sentence and by distance; none if they are unknown."""
     if (found := document.get("distances")) is None:
         return []
-    first, second = found["between"]
     return [
         Text(
             f"distances between poses: 95 % within {with_unit(found['p95_m'])}, largest error "
-            f"{with_unit(found['max_m'])} ({first} to {second}, {with_unit(found['distance_m'])}); measured ones "
-            f"are {100 * found['scale']:+.2g} % longer on average"
+            f"{with_unit(found['max_m'])} ({' to '.join(found['between'])}, {with_unit(found['distance_m'])}); "
+            f"measured ones are {100 * found['scale']:+.2g} % longer on average"
         ),
         Grid(
             ("distance up to, mm", "pairs", "rms error, mm", "largest, mm"),

@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
+from robacc.effects.specification import absorbed
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
@@ -208,6 +209,12 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     names = {effect.name for effect in model.free}
     if any(effect.traits.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
+        frames = tuple(effect for effect in model.free if effect.traits.is_frame)
+        if data.fixture is not None and frames != model.free:
+            # A mistaken row, or a tool that is off, would take the constants of the arm far away: frames go before.
+            placed = fit(dataclasses.replace(model, arm=Arm.of(robot), free=frames), data, Options(robust=options.robust))
+            options = dataclasses.replace(options, inliers=placed.inliers)
+            robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
         model = dataclasses.replace(model, arm=Arm.of(robot))
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
@@ -277,7 +284,7 @@ class _Solver:
         at_nominal = not self.theta.any()
         if not at_nominal:
             equations.columns = np.flatnonzero(is_free)
-        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(np.ones_like(self.inliers)))
+        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(self.inliers))
         free = [term for term in equations.terms if term.group is None]
         root = normal.subset(np.flatnonzero(is_free[equations.columns])).root()
         unmeasured = self._unmeasured(free)
@@ -294,7 +301,7 @@ class _Solver:
             )
         known = np.flatnonzero(is_free)[identified.columns]
         equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
-        if at_nominal and self.inliers.all():
+        if at_nominal:
             self.normal = normal.subset(equations.columns)
         return dataclasses.replace(identified, columns=equations.columns)
 

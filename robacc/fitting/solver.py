@@ -209,13 +209,10 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     names = {effect.name for effect in model.free}
     if any(effect.traits.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
-        frames = tuple(effect for effect in model.free if effect.traits.is_frame)
-        if data.fixture is not None and frames != model.free:
-            # A mistaken row, or a tool that is off, would take the constants of the arm far away: frames go before.
-            placed = fit(dataclasses.replace(model, arm=Arm.of(robot), free=frames), data, Options(robust=options.robust))
-            options = dataclasses.replace(options, inliers=placed.inliers)
-            robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
         model = dataclasses.replace(model, arm=Arm.of(robot))
+        if data.fixture is not None and options.inliers is None:
+            model, inliers = _placed(model, data)
+            options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
     if is_trimmed and options.start is None and solver.priors.is_broad.any():
@@ -226,6 +223,30 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
             break
         linear = solver.solve()
     return solver.result(linear)
+
+
+def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]:
+    """Return the model with its frames at the best four fifths of the rows of each socket, plane, anchor or camera.
+
+    A row of another socket displaces the place of its own one, so that the median of all rows does not show it, and would
+    take the constants of the arm far away. Least trimmed squares find it, by concentration steps (Rousseeuw and Van
+    Driessen, "Computing LTS regression for large data sets", 2006). The mask ``(N,)`` of inliers comes with the model.
+    """
+    frames = tuple(effect for effect in model.free if effect.traits.is_frame)
+    alone, inliers = dataclasses.replace(model, free=frames), np.ones(data.n, dtype=bool)
+    assert data.fixture is not None
+    of_fixture = [np.flatnonzero(data.fixture == name) for name in np.unique(data.fixture)]
+    for _ in range(ROUNDS):
+        placed, before = fit(alone, data, Options(robust=False, inliers=inliers)), inliers
+        error, inliers = np.square(placed.residual * placed.weight).sum(axis=0), np.zeros(data.n, dtype=bool)
+        for rows in of_fixture:
+            inliers[rows[np.argsort(error[rows])[: -(-4 * rows.size // 5)]]] = True
+        if np.array_equal(inliers, before):
+            break
+    robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
+    everything = np.ones(data.n, dtype=bool)
+    inliers = inlier_mask(placed.residual, placed.weight, everything, len(placed.names), shown=data.shown)
+    return dataclasses.replace(model, arm=Arm.of(robot)), inliers
 
 
 class _Solver:

@@ -1,9 +1,10 @@
 """Journeys of new users, command by command, with positions, photos of boards and other kinds of measurements."""
 
+import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -25,6 +26,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
+from robacc.robots.description import Frame
 
 ROBOT = str(SAMPLES / "robot.yaml")
 
@@ -215,6 +217,59 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
         robacc.estimate(others, robot=arm, align="base_frame").position.mean_error for arm in (robot(), result.robot)
     )
     assert calibrated < elsewhere * nominal
+
+
+def with_read_joints(rows: Iterable[Row], generator: np.random.Generator) -> list[Row]:
+    """Rows with joints as encoders read them."""
+    return [
+        row | {f"q{i}": float(row[f"q{i}"]) + 5e-5 * generator.standard_normal() for i in range(1, 7)} for row in rows
+    ]
+
+
+def test_poses_in_another_socket_cost_only_themselves(tmp_path: Path) -> None:
+    """The tool is unknown by 0.2 m, and link lengths are fitted, as nobody chose effects."""
+    generator = np.random.default_rng(12)
+    rows = with_read_joints(rows_of("point", 60, generator), generator)
+    mistaken = {7: "c", 31: "c", 44: "a"}
+    told = [{**row, "socket": mistaken.get(number, row["socket"])} for number, row in enumerate(rows)]
+    arm = dataclasses.replace(robot(), tool=Frame((0.1, -0.1, 0.3)))
+    fits = [
+        robacc.calibrate(written(each, tmp_path / f"{name}.csv", "kind"), robot=arm)
+        for name, each in (("right", rows), ("told", told))
+    ]
+    assert np.flatnonzero(~fits[1].fit.inliers).tolist() == [*mistaken]
+    assert any("3 rows, on lines 9, 33, 46" in warning for warning in fits[1].warnings)
+    right, other = fits[0].after.held_out.position.rms, fits[1].after.held_out_inliers.position.rms
+    assert other < 1.3 * right < 3e-4
+    values = [{each.name: each for each in result.parameters} for result in fits]
+    for name in (f"joint_offset.j{number}" for number in (2, 3, 4, 5)):
+        assert values[1][name].value == pytest.approx(values[0][name].value, abs=3.0 * values[0][name].std)
+
+
+def test_a_folder_with_a_table_of_joints_for_each_socket(tmp_path: Path) -> None:
+    """As MUKCa records them: no header, a file for each socket, and beside it what the controller says of the hand."""
+    generator = np.random.default_rng(14)
+    rows = with_read_joints(rows_of("point", 45, generator), generator)
+    folder = tmp_path / "front"
+    folder.mkdir()
+    for socket in SOCKETS:
+        joints = np.array([[row[f"q{i}"] for i in range(1, 7)] for row in rows if row["socket"] == socket])
+        np.savetxt(folder / f"hole_{socket}.csv", joints, delimiter=",")
+        turned = np.tile([0.0, 0.6, 0.0, 0.8], (len(joints), 1))
+        np.savetxt(folder / f"hole_{socket}_pose.csv", np.hstack((joints[:, :3], turned)), delimiter=",")
+    (folder / "comments.txt").write_text("ball of 20 mm\n")
+    bad = np.loadtxt(folder / "hole_b.csv", delimiter=",")
+    bad[4, 2] += 0.1
+    np.savetxt(folder / "hole_b.csv", bad, delimiter=",")
+    result = robacc.calibrate(folder, robot=robot(), fit=DECLARED)
+    table = robacc.calibrate(written(rows, tmp_path / "poses.csv", "kind"), robot=robot(), fit=DECLARED)
+    warnings = "\n".join(result.warnings)
+    assert "each file is a socket: hole_a (15 poses), hole_b (15 poses), hole_c (15 poses); not read" in warnings
+    assert "outliers left out of the fit: 1 row, on pose hole_b:5" in warnings
+    assert result.after.held_out_inliers.position.rms < 1.3 * table.after.held_out.position.rms < 3e-4
+    (folder / "hole_b.csv").write_text("1,2,3,4,5\n")
+    with pytest.raises(InputError, match=r"hole_b: has the columns q1, q2, q3, q4, q5, expected q1, .* as hole_a has"):
+        robacc.calibrate(folder, robot=robot(), fit=DECLARED)
 
 
 def test_exact_sockets_give_exact_zeros_and_planes_their_place(tmp_path: Path) -> None:

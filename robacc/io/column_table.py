@@ -182,6 +182,10 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
     return columns
 
 
+_SOCKET = re.compile(r"(?i)(hole|socket|cone|nest)s?[_ -]?\w*$")
+"""Names of lists of the joints at which the tip was in one socket."""
+
+
 def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
     """Return the records of a JSON, JSON Lines or YAML document, which are its longest list, as a table.
 
@@ -212,7 +216,9 @@ def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
             )
         ) from None
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
-    if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
+    if values and all(isinstance(items, list) for items in values) and all(map(_SOCKET.match, map(str, document))):
+        document = [{"socket": name, "joints": joints} for name, rows in document.items() for joints in rows]
+    elif len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
         document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
     for keys, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
         # A list of names and one of rows, as MoveIt's joint states.

@@ -295,7 +295,7 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
     )
     check_set(
         AXES,
-        "the attained position",
+        "the attained position, or of other measurements socket, plane, distance, or u_px and v_px",
         attained,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )
@@ -458,7 +458,7 @@ _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "accelera
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text, joints = heading.name.lower(), [name.lower() for name in names.robot.joint_names or ()]
-    if (match := re.fullmatch(r"observation\.state_(\d+)", text)) and int(match[1]) <= len(joints):  # LeRobot's list
+    if (match := re.fullmatch(r"(?:observation\.state|positions?)_(\d+)", text)) and int(match[1]) <= len(joints):  # a list
         return f"q{match[1]}"
     keys = (
         f"q{i}"

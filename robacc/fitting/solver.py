@@ -215,7 +215,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
             options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
-    if is_trimmed and options.start is None and solver.priors.is_broad.any():
+    if is_trimmed:
         solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
     linear = solver.solve()
     for _ in range(ROUNDS):

@@ -293,9 +293,10 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
             "the file has one row for each axis; export one row for each point, with its X, Y and Z",
         ),
     )
+    is_other = columns.keys().isdisjoint(AXES)
     check_set(
         AXES,
-        "the attained position, or of other measurements socket, plane, distance, or u_px and v_px",
+        "the attained position" + ", or of other measurements socket, plane, distance, or u_px and v_px" * is_other,
         attained,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )

@@ -272,6 +272,39 @@ def test_a_folder_with_a_table_of_joints_for_each_socket(tmp_path: Path) -> None
         robacc.calibrate(folder, robot=robot(), fit=DECLARED)
 
 
+def test_sockets_in_the_forms_that_programs_write(tmp_path: Path) -> None:
+    generator = np.random.default_rng(16)
+    rows = with_read_joints(rows_of("point", 45, generator), generator)
+    joints = np.array([[float(row[f"q{i}"]) for i in range(1, 7)] for row in rows])
+    names = [str(row["socket"]) for row in rows]
+    lists = list(zip(joints.tolist(), names, strict=True))
+    degrees = (
+        ",".join([*map(repr, np.degrees(q).tolist()), f"hole {name}"]) for q, name in zip(joints, names, strict=True)
+    )
+    forms = {
+        "records.json": json.dumps([{"joints": q, "socket": name} for q, name in lists]),
+        "states.yaml": "".join(f"- {{positions: {q}, hole_id: {name}}}\n" for q, name in lists),
+        "groups.json": json.dumps({f"hole_{key}": [q for q, name in lists if name == key] for key in SOCKETS}),
+        "degrees.csv": "\n".join(["j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,Hole", *degrees]) + "\n",
+    }
+    expected = robacc.calibrate(written(rows, tmp_path / "poses.csv", "kind"), robot=robot(), fit=DECLARED)
+    for file, text in forms.items():
+        result = robacc.calibrate(saved(tmp_path / file, text), robot=robot(), fit=DECLARED)
+        values = [{each.name: each.value for each in one.parameters} for one in (expected, result)]
+        for number in (2, 3, 4, 5):
+            name = f"joint_offset.j{number}"
+            assert values[1][name] == pytest.approx(values[0][name], abs=1e-5), file
+
+
+def test_joints_alone_are_no_calibration(tmp_path: Path) -> None:
+    rows = [{**row, "point": row["socket"]} for row in rows_of("point", 12, np.random.default_rng(2))]
+    path = written(
+        [{key: row[key] for key in row if key[0] == "q" or key == "point"} for row in rows], tmp_path / "a.csv"
+    )
+    with pytest.raises(InputError, match=r"x, y, z are missing; expected .*, or of other measurements socket, plane"):
+        robacc.calibrate(path, robot=robot())
+
+
 def test_exact_sockets_give_exact_zeros_and_planes_their_place(tmp_path: Path) -> None:
     """An arm of no size would reach every socket exactly."""
     generator = np.random.default_rng(4)
@@ -535,6 +568,35 @@ def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -
     left = robacc.estimate(written_photos(tmp_path, mount), robot=calibrated, align="base_frame,tool_frame")
     assert left.position.rms < 1e-7
     assert left.orientation.rms < 1e-7
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_photos_with_the_board_upside_down_cost_only_themselves(mount: str, tmp_path: Path) -> None:
+    """A detector of chessboards may count the corners from the other end in a photo that is turned."""
+    (tmp_path / "right").mkdir()
+    right = robacc.calibrate(written_photos(tmp_path / "right", mount, 40, 0.1), robot=robot())
+    path, turned = written_photos(tmp_path, mount, 40, 0.1), ("p3", "p11", "p20")
+    rows = [row.split(",") for row in Path(path).read_text().splitlines()]
+    ends = np.array([[float(cell) for cell in row[7:9]] for row in rows[1:]])
+    low_and_high = ends.min(axis=0) + ends.max(axis=0)
+    for row, end in zip(rows[1:], ends, strict=True):
+        row[7:9] = [f"{x:.6f}" for x in (low_and_high - end if row[0] in turned else end)]
+    Path(path).write_text("\n".join(",".join(row) for row in rows) + "\n")
+    result = robacc.calibrate(path, robot=robot())
+    assert {str(result.fit.data.pose[row]) for row in result.fit.outliers} == {*turned}
+    left, expected = result.after.held_out_inliers.position.rms, right.after.held_out.position.rms
+    assert left < 1.3 * expected
+
+
+def test_photos_with_the_joints_of_the_next_are_refused(tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "hand", 40, 0.1)
+    head, *rows = [row.split(",") for row in Path(path).read_text().splitlines()]
+    joints = {row[0]: row[1:7] for row in rows}
+    following = dict(zip(joints, [*joints][1:] + [*joints][:1], strict=True))
+    rows = [[row[0], *joints[following[row[0]]], *row[7:]] for row in rows]
+    Path(path).write_text("\n".join(",".join(row) for row in (head, *rows)) + "\n")
+    with pytest.raises(InputError, match=r"shifted by one row .* pair each measured pose with its own joint values"):
+        robacc.calibrate(path, robot=robot())
 
 
 def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:

@@ -208,8 +208,7 @@ class NormalEquations:
     @property
     def rhs(self) -> Array:
         """Return ``(K,)`` the right-hand side for the coefficients themselves: gram theta = rhs."""
-        rhs: Array = self.gradient + self.gram @ self.theta
-        return rhs
+        return np.asarray(self.gradient + self.gram @ self.theta)
 
     def step(self, prior: Array, damping: float = 0.0) -> Array:
         """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; see :func:`solved`."""
@@ -232,8 +231,7 @@ class NormalEquations:
     def root(self) -> Array:
         """Return a matrix ``(K, K)`` whose Gram matrix is ``gram``, which resolves independent parts of 1e-7."""
         values, vectors = np.linalg.eigh(unit_diagonal(self.gram)[0])
-        root: Array = np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * np.sqrt(np.diag(self.gram))
-        return root
+        return np.asarray(np.sqrt(np.maximum(values, 0.0))[:, None] * vectors.T * np.sqrt(np.diag(self.gram)))
 
 
 class PoseEquations:

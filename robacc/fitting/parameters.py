@@ -167,8 +167,7 @@ def correlations(names: Sequence[str], covariance: Array) -> tuple[Correlation, 
 def _stds(covariance: Array) -> Array:
     """Return the roots of the diagonal; NaN if rounding made a variance negative."""
     variance = np.diag(covariance)
-    result: Array = np.sqrt(np.where(variance >= 0.0, variance, np.nan))
-    return result
+    return np.asarray(np.sqrt(np.where(variance >= 0.0, variance, np.nan)))
 
 
 def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:

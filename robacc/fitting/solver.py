@@ -88,8 +88,7 @@ def broad_stds(model: Model, terms: Sequence[Term], owners: Sequence[int]) -> Ar
 
 def broad_precision(std: Array, theta: Array) -> Array:
     """Return the precision ``(P,)`` with which the broad prior pulls coefficients ``theta``; 0 where ``std`` is inf."""
-    precision: Array = 1.0 / (np.square(std) + 0.5 * np.square(theta))
-    return precision
+    return np.asarray(1.0 / (np.square(std) + 0.5 * np.square(theta)))
 
 
 class Priors:
@@ -228,9 +227,9 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
 def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]:
     """Return the model with its frames at the best four fifths of the rows of each socket, plane, anchor or camera.
 
-    A row of another socket displaces the place of its own one, so that the median of all rows does not show it, and would
-    take the constants of the arm far away. Least trimmed squares find it, by concentration steps (Rousseeuw and Van
-    Driessen, "Computing LTS regression for large data sets", 2006). The mask ``(N,)`` of inliers comes with the model.
+    A row of another socket displaces the place of its own one, so that the median of all rows does not show it, and
+    would take the constants of the arm far away. Least trimmed squares find it, by concentration steps (Rousseeuw and
+    Van Driessen, "Computing LTS regression for large data sets", 2006). The mask ``(N,)`` of inliers comes too.
     """
     frames = tuple(effect for effect in model.free if effect.traits.is_frame)
     alone, inliers = dataclasses.replace(model, free=frames), np.ones(data.n, dtype=bool)
@@ -244,8 +243,7 @@ def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]
         if np.array_equal(inliers, before):
             break
     robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
-    everything = np.ones(data.n, dtype=bool)
-    inliers = inlier_mask(placed.residual, placed.weight, everything, len(placed.names), shown=data.shown)
+    inliers = inlier_mask(placed.residual, placed.weight, np.ones_like(inliers), len(placed.names), shown=data.shown)
     return dataclasses.replace(model, arm=Arm.of(robot)), inliers
 
 
@@ -288,8 +286,7 @@ class _Solver:
         variance = np.sum(np.square(self.joints * self.scatter[:, None]), axis=1)
         if self.data.correlated_noise is not None:
             variance[:3] += np.diag(self.data.correlated_noise)[:, None]
-        result: Array = self.row / np.sqrt(1.0 + np.square(self.row) * variance)
-        return result
+        return np.asarray(self.row / np.sqrt(1.0 + np.square(self.row) * variance))
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 Value = TypeVar("Value")
-Counted = Literal["line", "row", "photo"]
+Counted = Literal["line", "row", "photo", "pose"]
 """Unit that places in a file are counted in."""
 
 MAX_PROBLEMS = 20

@@ -195,7 +195,7 @@ class Measurements:
 
     def label(self, i: int) -> str:
         """Return the line or row of pose i as text, or the name of its photo."""
-        return str(self.pose[i]) if self.counted == "photo" and self.pose is not None else str(self.line(i))
+        return str(self.pose[i]) if self.counted in ("photo", "pose") and self.pose is not None else str(self.line(i))
 
     def place(self, i: int) -> str:
         """Return where pose i stands in its file: ``line 7``, ``row 7`` or ``photo IMG_007``."""

@@ -427,11 +427,12 @@ _USUAL_ERROR = 3e-3
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """Raise an error if the data contain a mistake; return warnings of mistakes in a few rows.
 
-    Other kinds of measurement than positions are not checked.
+    Photos are checked by the poses that they show; other kinds of measurement than positions are not checked.
 
     Raises:
         InputError: the mistake, its errors and the fix.
     """
+    data = data.each_photo() or data
     if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)

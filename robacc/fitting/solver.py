@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
+from robacc.effects.specification import absorbed
 from robacc.errors import EquilibriumError, InputError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
@@ -208,9 +209,12 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     if any(effect.traits.is_frame for effect in model.free) and options.start is None:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
+        if data.fixture is not None and options.inliers is None:
+            model, inliers = _placed(model, data)
+            options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
-    if is_trimmed and options.start is None and solver.priors.is_broad.any():
+    if is_trimmed:
         solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
     linear = solver.solve()
     for _ in range(ROUNDS):
@@ -218,6 +222,29 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
             break
         linear = solver.solve()
     return solver.result(linear)
+
+
+def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]:
+    """Return the model with its frames at the best four fifths of the rows of each socket, plane, anchor or camera.
+
+    A row of another socket displaces the place of its own one, so that the median of all rows does not show it, and
+    would take the constants of the arm far away. Least trimmed squares find it, by concentration steps (Rousseeuw and
+    Van Driessen, "Computing LTS regression for large data sets", 2006). The mask ``(N,)`` of inliers comes too.
+    """
+    frames = tuple(effect for effect in model.free if effect.traits.is_frame)
+    alone, inliers = dataclasses.replace(model, free=frames), np.ones(data.n, dtype=bool)
+    assert data.fixture is not None
+    of_fixture = [np.flatnonzero(data.fixture == name) for name in np.unique(data.fixture)]
+    for _ in range(ROUNDS):
+        placed, before = fit(alone, data, Options(robust=False, inliers=inliers)), inliers
+        error, inliers = np.square(placed.residual * placed.weight).sum(axis=0), np.zeros(data.n, dtype=bool)
+        for rows in of_fixture:
+            inliers[rows[np.argsort(error[rows])[: -(-4 * rows.size // 5)]]] = True
+        if np.array_equal(inliers, before):
+            break
+    robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
+    inliers = inlier_mask(placed.residual, placed.weight, np.ones_like(inliers), len(placed.names), shown=data.shown)
+    return dataclasses.replace(model, arm=Arm.of(robot)), inliers
 
 
 class _Solver:
@@ -259,8 +286,7 @@ class _Solver:
         variance = np.sum(np.square(self.joints * self.scatter[:, None]), axis=1)
         if self.data.correlated_noise is not None:
             variance[:3] += np.diag(self.data.correlated_noise)[:, None]
-        result: Array = self.row / np.sqrt(1.0 + np.square(self.row) * variance)
-        return result
+        return np.asarray(self.row / np.sqrt(1.0 + np.square(self.row) * variance))
 
     def _identify(self) -> Identifiability:
         """Find the identifiable coefficients; coefficients with a group prior always are.
@@ -276,7 +302,7 @@ class _Solver:
         at_nominal = not self.theta.any()
         if not at_nominal:
             equations.columns = np.flatnonzero(is_free)
-        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(np.ones_like(self.inliers)))
+        _, normal = equations.linearise(np.zeros(is_free.size), self.whitening(self.inliers))
         free = [term for term in equations.terms if term.group is None]
         root = normal.subset(np.flatnonzero(is_free[equations.columns])).root()
         unmeasured = self._unmeasured(free)
@@ -293,7 +319,7 @@ class _Solver:
             )
         known = np.flatnonzero(is_free)[identified.columns]
         equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
-        if at_nominal and self.inliers.all():
+        if at_nominal:
             self.normal = normal.subset(equations.columns)
         return dataclasses.replace(identified, columns=equations.columns)
 

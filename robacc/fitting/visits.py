@@ -65,8 +65,7 @@ def places(data: Measurements) -> NDArray[np.int64]:
     count = np.bincount(place)
     if np.mean(count[place] > 1) < FEW or np.count_nonzero(count) < LEAST_PLACES:
         return groups
-    result: NDArray[np.int64] = np.unique(place[which], return_inverse=True)[1].astype(np.int64)
-    return result
+    return np.asarray(np.unique(place[which], return_inverse=True)[1], dtype=np.int64)
 
 
 def places_warning(data: Measurements) -> tuple[str, ...]:

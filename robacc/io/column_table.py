@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import datetime as dt
 import hashlib
-import itertools
-import json
 import os
 import re
 import sys
@@ -21,7 +19,7 @@ from numpy.typing import NDArray
 from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array
 from robacc.io.dialect import GAPS
-from robacc.io.files import STANDARD_STREAM, TEXT_LIMIT, clip, decode, opened
+from robacc.io.files import STANDARD_STREAM, clip, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
 from robacc.plug_ins import plug_in, plug_ins
 
@@ -182,73 +180,6 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
     return columns
 
 
-def records_table(data: bytes, file: str, skip_gaps: bool) -> ColumnTable:
-    """Return the records of a JSON, JSON Lines or YAML document, which are its longest list, as a table.
-
-    A record gives one row. Its columns are named by its keys, then the place in a list, then a unit at a key's end.
-
-    Raises:
-        InputError: The text is no such document, or has no records.
-    """
-    import yaml
-
-    text = decode(data, file)
-    try:
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
-        if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
-            document = [json.loads(line) for line in lines]
-        elif text.lstrip()[:1] in ("{", "[") and not file.lower().endswith((".yaml", ".yml")):
-            document = json.loads(text)
-        elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
-            raise ValueError("it has aliases")  # they could stand for more records than the memory holds
-        else:
-            # Messages of ros2 topic echo are a document each.
-            documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
-            document = documents[0] if len(documents) == 1 else documents
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(
-            Problem(
-                f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})", file, fix="export it again"
-            )
-        ) from None
-    values: list[Any] = list(document.values()) if isinstance(document, dict) else []
-    if len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
-        document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
-    for keys, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
-        # A list of names and one of rows, as MoveIt's joint states.
-        if all(isinstance(n, str) for n in keys) and all(isinstance(r, list) and len(r) == len(keys) for r in items):
-            values = [[dict(zip(keys, row, strict=True)) for row in items]]
-    lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
-    longest = max(lists, key=len, default=[])
-    rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
-    fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
-    no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
-    refuse((not rows or len(rows) < len(longest), no_list))
-    names = dict.fromkeys(name for row in rows for name in row)
-    columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
-    return ColumnTable(columns, file, skip_gaps, hashlib.sha256(data).hexdigest())
-
-
-def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
-    """Yield the name and value of each number and text in a record."""
-    if isinstance(value, dict):
-        names = value.get("name")
-        for key, item in value.items():
-            if isinstance(names, list) and isinstance(item, list) and item is not names and len(item) == len(names):
-                # Lists beside one of names, as in joint states of ROS, have a value for each name.
-                yield from ((f"{name}/{key}", entry) for name, entry in zip(names, item, strict=True))
-            else:
-                yield from _leaves(item, (*path, str(key)))
-    elif isinstance(value, list):
-        in_matrix = any(isinstance(item, list) for item in value) or (path and path[-1].isdecimal())
-        for i, item in enumerate(value):
-            yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
-    else:
-        # A unit goes last.
-        words = sorted("_".join(path).split("_"), key={"m", "mm", "um", "rad", "mrad", "deg"}.__contains__)
-        yield "_".join(words), value
-
-
 # Open a table: a data frame, records, what a plug-in reads, or else text.
 #
 # Other packages add readers of further kinds of files, see :class:`Reader`.
@@ -305,6 +236,11 @@ def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO
     return None if reader is None else reader.read(path, options)
 
 
+def are_records(file: str, text: bytes) -> bool:
+    """Return whether a file is a JSON, JSON Lines or YAML document, by its name or the first bytes of its text."""
+    return bool(re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text)) or file.lower().endswith((".yaml", ".yml"))
+
+
 def is_of_files(path: str) -> bool:
     """Return whether a path names files by a pattern, or a folder in an object store."""
     return ("*" in path and not os.path.isfile(path)) or ("://" in path and path.endswith("/"))
@@ -337,8 +273,8 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
         yield ColumnTable(frame_columns(options.frame, path), path, options.skip_gaps)
     elif os.path.isdir(path) or is_of_files(path):
         fix = (
-            "name a file, or a folder that has photos (.jpg, .png), Parquet files alone, meta/info.json (LeRobot) or "
-            "metadata.yaml (ROS 2)"
+            "name a file, or a folder that has photos (.jpg, .png), Parquet files alone, meta/info.json (LeRobot), "
+            "metadata.yaml (ROS 2), or a table of joints alone for each socket"
         )
         message = "is a folder, expected a file" if os.path.isdir(path) else "found no files of poses there"
         yield given(_by_plug_in(path, b"", options), Problem(message, path, fix=fix))
@@ -354,8 +290,9 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         first = stream.read(_LONGEST)
         stream.seek(0)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text) or file.lower().endswith((".yaml", ".yml")):
-        return records_table(stream.read(TEXT_LIMIT), file, options.skip_gaps)
+    if are_records(file, text):
+        records: Table = plug_in("robacc.readers", "records").read_stream(stream, file, options)
+        return records
     suffix = PurePath(file).suffix.lower()
     kind, fix = next(
         (kind for start, kind in _OTHER_FILES.items() if start in (first[: len(start)], text.lower()[: len(start)])),

@@ -39,7 +39,7 @@ class ProblemLog:
         self.total += 1
         # Problems stored while reading: they come in the file's order, so the first ones are those to report.
         if len(self.problems) < 1000:
-            line, row = (None, line) if self.counted == "row" else (line, None)
+            line, row = (None, line) if self.counted != "line" else (line, None)
             self.problems.append(Problem(message, self.file, line, column, fix, row))
 
     def add_rows(
@@ -61,7 +61,7 @@ class ProblemLog:
 
     def warn(self, text: str, line: int | None = None, *, of_file: bool = False) -> None:
         """Add a warning, or a :class:`~robacc.errors.Note`, of a line or row, or of the file as a whole."""
-        line, row = (None, line) if self.counted == "row" else (line, None)
+        line, row = (None, line) if self.counted != "line" else (line, None)
         place = self.file if of_file else Problem("", self.file, line, row=row).place
         self._warnings.append((of_file, type(text)(f"{place}: {text}")))
 

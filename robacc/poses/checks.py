@@ -266,11 +266,14 @@ def check_units(
     return frozenset([*millimetres, *(turning if degrees else ())]), frozenset(wrong)
 
 
-def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None) -> Values:
+def with_units(
+    values: Values, robot: KnownRobot, known_poses: KnownPoses | None, *, is_touched: bool = False
+) -> Values:
     """Return the values with the units that only one reading leaves; notes on them go to the log.
 
     Documented names are SI. They are read otherwise only where the values cannot be SI and the motion of the arm shows
-    the unit; other names also where the values alone leave one unit.
+    the unit; other names also where the values alone leave one unit. Poses ``is_touched`` of other measurements than
+    positions are in rad where in degrees no joint would turn by more than 2 pi degrees, as in no campaign.
     """
     layout, foreign = values.layout, {QUANTITY[column.kind] for column in values.layout.without_unit}
     columns = [
@@ -306,6 +309,9 @@ def with_units(values: Values, robot: KnownRobot, known_poses: KnownPoses | None
     of_arm = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
     shown = foreign if best >= _NEAR else foreign | ({"length", "angle"} if of_arm else {"length"})
     left = [units for units, score in scores.items() if best >= _NEAR or score < best + _APART]
+    q = rows.column_set(layout.joints()) if is_touched else None
+    if q is not None and index.size >= 10 and np.abs(q).max() <= 2.0 * np.pi:
+        left = [units for units in left if units[1] == "rad"]
     options = {name: {units[i] for units in left} for i, name in enumerate(_READINGS) if name in wrong & shown}
     found = {name: min(units) for name, units in options.items() if len(units) == 1}
     reason = f"no other unit agrees with the values{' and the motion of the arm' * (best < _NEAR)}"

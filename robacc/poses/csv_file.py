@@ -208,7 +208,7 @@ def read_poses(
         check_sizes(values)
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
-            values = with_units(values, robot, known_poses)
+            values = with_units(values, robot, known_poses, is_touched=kinds is not None)
             wrong_joints, _ = check_units(
                 values.rows(np.flatnonzero(np.isfinite(values.numbers).all(axis=0))) if log.total else values,
                 robot.limits,
@@ -446,6 +446,8 @@ def _seconds(text: str, day_first: bool) -> float | None:
 _NAMES = ("socket", "plane", "line", "sphere")
 _NAMED_BY = {"point": _NAMES[:1], **{kind: (kind,) for kind in _NAMES[1:]}, "distance": ("anchor", "from")}
 """Columns that name what a row of each kind is measured from."""
+_SOCKETS = frozenset({"hole", "hole_id", "cone", "nest", "socket_id", "socket_name"})
+"""Other names of the column socket."""
 _PIXELS = ("u_px", "v_px")
 _BOARD = ("board_x", "board_y", "board_z")
 _LENGTHS = ("distance", "reading", "radius", "sigma", *AXES, *_BOARD)
@@ -455,8 +457,8 @@ _FAR_OFF = 1.0
 
 def _key(heading: Heading) -> str:
     """Return the key of a column: its name without capitals, and without the unit of a length."""
-    text = heading.text.replace(" ", "_")
-    return text if text in _LENGTHS else heading.name.lower()
+    text, name = heading.text.replace(" ", "_"), heading.name.lower()
+    return text if text in _LENGTHS else "socket" if name.replace(" ", "_") in _SOCKETS else name
 
 
 class KindTable(ReshapedTable):

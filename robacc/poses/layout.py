@@ -293,9 +293,10 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
             "the file has one row for each axis; export one row for each point, with its X, Y and Z",
         ),
     )
+    others = ", or of other measurements socket, plane, distance, or u_px and v_px"
     check_set(
         AXES,
-        "the attained position",
+        "the attained position" + others * columns.keys().isdisjoint(AXES),
         attained,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )
@@ -458,7 +459,9 @@ _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "accelera
 def _named_joint(heading: Heading, names: Names) -> str | None:
     """Return the key of the robot's joint whose name stands in the heading."""
     text, joints = heading.name.lower(), [name.lower() for name in names.robot.joint_names or ()]
-    if (match := re.fullmatch(r"observation\.state_(\d+)", text)) and int(match[1]) <= len(joints):  # LeRobot's list
+    if (match := re.fullmatch(r"(?:observation\.state|positions?)_(\d+)", text)) and int(match[1]) <= len(
+        joints
+    ):  # a list
         return f"q{match[1]}"
     keys = (
         f"q{i}"

@@ -4,7 +4,7 @@ import dataclasses
 import json
 import math
 import re
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
 
@@ -26,7 +26,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
-from robacc.robots.description import Fixture
+from robacc.robots.description import Fixture, Frame
 
 ROBOT = str(SAMPLES / "robot.yaml")
 
@@ -266,6 +266,92 @@ def test_a_sphere_has_a_radius_in_all_rows_or_in_none(tmp_path: Path) -> None:
         missing("\n".join(problems_of(robacc.calibrate, path, robot=robot())), "poses.csv:3", "radius_mm: other rows")
         == []
     )
+
+
+def with_read_joints(rows: Iterable[Row], generator: np.random.Generator) -> list[Row]:
+    """Rows with joints as encoders read them."""
+    return [
+        row | {f"q{i}": float(row[f"q{i}"]) + 5e-5 * generator.standard_normal() for i in range(1, 7)} for row in rows
+    ]
+
+
+def test_poses_in_another_socket_cost_only_themselves(tmp_path: Path) -> None:
+    """The tool is unknown by 0.2 m, and link lengths are fitted, as nobody chose effects."""
+    generator = np.random.default_rng(12)
+    rows = with_read_joints(rows_of("point", 60, generator), generator)
+    mistaken = {7: "c", 31: "c", 44: "a"}
+    told = [{**row, "socket": mistaken.get(number, row["socket"])} for number, row in enumerate(rows)]
+    arm = dataclasses.replace(robot(), tool=Frame((0.1, -0.1, 0.3)))
+    fits = [
+        robacc.calibrate(written(each, tmp_path / f"{name}.csv", "kind"), robot=arm)
+        for name, each in (("right", rows), ("told", told))
+    ]
+    assert np.flatnonzero(~fits[1].fit.inliers).tolist() == [*mistaken]
+    assert any("3 rows, on lines 9, 33, 46" in warning for warning in fits[1].warnings)
+    right, other = fits[0].after.held_out.position.rms, fits[1].after.held_out_inliers.position.rms
+    assert other < 1.3 * right < 3e-4
+    values = [{each.name: each for each in result.parameters} for result in fits]
+    for name in (f"joint_offset.j{number}" for number in (2, 3, 4, 5)):
+        assert values[1][name].value == pytest.approx(values[0][name].value, abs=3.0 * values[0][name].std)
+
+
+def test_a_folder_with_a_table_of_joints_for_each_socket(tmp_path: Path) -> None:
+    """As MUKCa records them: no header, a file for each socket, and beside it what the controller says of the hand."""
+    generator = np.random.default_rng(14)
+    rows = with_read_joints(rows_of("point", 45, generator), generator)
+    folder = tmp_path / "front"
+    folder.mkdir()
+    for socket in SOCKETS:
+        joints = np.array([[row[f"q{i}"] for i in range(1, 7)] for row in rows if row["socket"] == socket])
+        np.savetxt(folder / f"hole_{socket}.csv", joints, delimiter=",")
+        turned = np.tile([0.0, 0.6, 0.0, 0.8], (len(joints), 1))
+        np.savetxt(folder / f"hole_{socket}_pose.csv", np.hstack((joints[:, :3], turned)), delimiter=",")
+    (folder / "comments.txt").write_text("ball of 20 mm\n")
+    bad = np.loadtxt(folder / "hole_b.csv", delimiter=",")
+    bad[4, 2] += 0.1
+    np.savetxt(folder / "hole_b.csv", bad, delimiter=",")
+    result = robacc.calibrate(folder, robot=robot(), fit=DECLARED)
+    table = robacc.calibrate(written(rows, tmp_path / "poses.csv", "kind"), robot=robot(), fit=DECLARED)
+    warnings = "\n".join(result.warnings)
+    assert "each file is a socket: hole_a (15 poses), hole_b (15 poses), hole_c (15 poses); not read" in warnings
+    assert "outliers left out of the fit: 1 row, on pose hole_b:5" in warnings
+    assert result.after.held_out_inliers.position.rms < 1.3 * table.after.held_out.position.rms < 3e-4
+    (folder / "hole_b.csv").write_text("1,2,3,4,5\n")
+    with pytest.raises(InputError, match=r"hole_b: has the columns q1, q2, q3, q4, q5, expected q1, .* as hole_a has"):
+        robacc.calibrate(folder, robot=robot(), fit=DECLARED)
+
+
+def test_sockets_in_the_forms_that_programs_write(tmp_path: Path) -> None:
+    generator = np.random.default_rng(16)
+    rows = with_read_joints(rows_of("point", 45, generator), generator)
+    joints = np.array([[float(row[f"q{i}"]) for i in range(1, 7)] for row in rows])
+    names = [str(row["socket"]) for row in rows]
+    lists = list(zip(joints.tolist(), names, strict=True))
+    degrees = (
+        ",".join([*map(repr, np.degrees(q).tolist()), f"hole {name}"]) for q, name in zip(joints, names, strict=True)
+    )
+    forms = {
+        "records.json": json.dumps([{"joints": q, "socket": name} for q, name in lists]),
+        "states.yaml": "".join(f"- {{positions: {q}, hole_id: {name}}}\n" for q, name in lists),
+        "groups.json": json.dumps({f"hole_{key}": [q for q, name in lists if name == key] for key in SOCKETS}),
+        "degrees.csv": "\n".join(["j1_deg,j2_deg,j3_deg,j4_deg,j5_deg,j6_deg,Hole", *degrees]) + "\n",
+    }
+    expected = robacc.calibrate(written(rows, tmp_path / "poses.csv", "kind"), robot=robot(), fit=DECLARED)
+    for file, text in forms.items():
+        result = robacc.calibrate(saved(tmp_path / file, text), robot=robot(), fit=DECLARED)
+        values = [{each.name: each.value for each in one.parameters} for one in (expected, result)]
+        for number in (2, 3, 4, 5):
+            name = f"joint_offset.j{number}"
+            assert values[1][name] == pytest.approx(values[0][name], abs=1e-5), file
+
+
+def test_joints_alone_are_no_calibration(tmp_path: Path) -> None:
+    rows = [{**row, "point": row["socket"]} for row in rows_of("point", 12, np.random.default_rng(2))]
+    path = written(
+        [{key: row[key] for key in row if key[0] == "q" or key == "point"} for row in rows], tmp_path / "a.csv"
+    )
+    with pytest.raises(InputError, match=r"x, y, z are missing; expected .*, or of other measurements socket, plane"):
+        robacc.calibrate(path, robot=robot())
 
 
 def test_exact_rows_give_exact_zeros_and_the_place_of_planes_and_spheres(tmp_path: Path) -> None:
@@ -547,6 +633,35 @@ def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -
     left = robacc.estimate(written_photos(tmp_path, mount), robot=calibrated, align="base_frame,tool_frame")
     assert left.position.rms < 1e-7
     assert left.orientation.rms < 1e-7
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_photos_with_the_board_upside_down_cost_only_themselves(mount: str, tmp_path: Path) -> None:
+    """A detector of chessboards may count the corners from the other end in a photo that is turned."""
+    (tmp_path / "right").mkdir()
+    right = robacc.calibrate(written_photos(tmp_path / "right", mount, 40, 0.1), robot=robot())
+    path, turned = written_photos(tmp_path, mount, 40, 0.1), ("p3", "p11", "p20")
+    rows = [row.split(",") for row in Path(path).read_text().splitlines()]
+    ends = np.array([[float(cell) for cell in row[7:9]] for row in rows[1:]])
+    low_and_high = ends.min(axis=0) + ends.max(axis=0)
+    for row, end in zip(rows[1:], ends, strict=True):
+        row[7:9] = [f"{x:.6f}" for x in (low_and_high - end if row[0] in turned else end)]
+    Path(path).write_text("\n".join(",".join(row) for row in rows) + "\n")
+    result = robacc.calibrate(path, robot=robot())
+    assert {str(result.fit.data.pose[row]) for row in result.fit.outliers} == {*turned}
+    left, expected = result.after.held_out_inliers.position.rms, right.after.held_out.position.rms
+    assert left < 1.3 * expected
+
+
+def test_photos_with_the_joints_of_the_next_are_refused(tmp_path: Path) -> None:
+    path = written_photos(tmp_path, "hand", 40, 0.1)
+    head, *rows = [row.split(",") for row in Path(path).read_text().splitlines()]
+    joints = {row[0]: row[1:7] for row in rows}
+    following = dict(zip(joints, [*joints][1:] + [*joints][:1], strict=True))
+    rows = [[row[0], *joints[following[row[0]]], *row[7:]] for row in rows]
+    Path(path).write_text("\n".join(",".join(row) for row in (head, *rows)) + "\n")
+    with pytest.raises(InputError, match=r"shifted by one row .* pair each measured pose with its own joint values"):
+        robacc.calibrate(path, robot=robot())
 
 
 def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:

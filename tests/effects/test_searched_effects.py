@@ -1,12 +1,14 @@
 """Effects that a search finds, and refines, on an arm with matrices of its own; loads and steps that no file states."""
 
 import dataclasses
-from collections.abc import Sequence
+from collections.abc import Callable, Mapping, Sequence
 from pathlib import Path
+from typing import NamedTuple
 
 import independent_arm
 import numpy as np
 import pytest
+from commands import missing
 from independent_arm import (
     DECLARED,
     DH,
@@ -32,7 +34,7 @@ from searched import ARM, SearchEnd, error_at, fitted, found, model, searched, v
 from robacc.api.inputs import read_poses, write_poses
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.effects.campaign import InstrumentScale, Step, TargetDecentre, TrackerError
+from robacc.effects.campaign import InstrumentScale, Step, TrackerError
 from robacc.effects.elastic import BaseCompliance, JointCompliance, LateralCompliance, PayloadCompliance
 from robacc.effects.frames import JointWarmup
 from robacc.effects.periodic import (
@@ -63,65 +65,8 @@ def positions(turn: np.ndarray) -> np.ndarray:
     return POSES.turned(1, turn)
 
 
-def coefficients(data: Measurements, effects: Sequence[Effect]) -> dict[str, float]:
-    return values_of(fitted(data, effects))
-
-
 def test_torques_of_the_independent_arm_agree() -> None:
     np.testing.assert_allclose(gravity_torques(ARM, POSES.q), TORQUES, atol=1e-5)
-
-
-@pytest.mark.parametrize(
-    ("turn", "seed", "directed", "expected", "sizes"),
-    [
-        (
-            8e-7 * TORQUE - 2.5e-7 * np.abs(TORQUE) * POSES.direction[1],
-            1,
-            True,
-            ["friction_windup[j2]", "joint_compliance[j2]"],
-            {"friction_windup.j2": (-2.5e-7, 0.1), "joint_compliance.j2": (8e-7, 0.05)},
-        ),
-        (
-            8e-7 * TORQUE * (1.0 + 0.3 * np.cos(2 * POSES.q[1] - 0.7)),
-            8,
-            False,
-            ["compliance_variation[j2]", "joint_compliance[j2]"],
-            {
-                "joint_compliance.j2": (8e-7, 0.05),
-                "compliance_variation.j2.cos2": (2.4e-7 * np.cos(0.7), 0.2),
-                "compliance_variation.j2.sin2": (2.4e-7 * np.sin(0.7), 0.2),
-            },
-        ),
-    ],
-    ids=["friction that grows with the load, and no play", "a compliance that differs with the angle"],
-)
-def test_what_acts_beside_a_spring_is_found(
-    turn: np.ndarray, seed: int, directed: bool, expected: list[str], sizes: dict[str, tuple[float, float]]
-) -> None:
-    data = measured(POSES, positions(turn), NOISE, seed, directed=directed)
-    effects = found(data)
-    assert sorted(map(str, effects)) == expected
-    values = coefficients(data, effects)
-    for name, (size, rel) in sizes.items():
-        assert values[name] == pytest.approx(size, rel=rel)
-
-
-def test_backlash_whose_flank_gravity_decides_is_found_although_the_approach_is_known() -> None:
-    turn = 1.5e-4 * np.sign(TORQUE)
-    data = measured(POSES, positions(turn), NOISE, 3, directed=True)
-    (effect,) = found(data)
-    assert (effect.name, effect.joints, effect.settings()) == ("backlash", ("j2",), {"by": "gravity"})
-    assert coefficients(data, [effect])["backlash.j2"] == pytest.approx(1.5e-4, rel=0.05)
-
-
-def test_one_delay_is_common_to_all_joints() -> None:
-    """All joints are read 12 ms late, at speeds of up to 0.02 rad/s that rise to the move's largest: one number."""
-    rng = np.random.default_rng(5)
-    speed = rng.uniform(-1, 1, (6, N))
-    data = dataclasses.replace(measured(POSES, targets(POSES.q - 2e-4 * speed), NOISE, 5), speed=speed)
-    (effect,) = found(data)
-    assert str(effect) == "approach_lag[common]"
-    assert coefficients(data, [effect])["approach_lag.common"] == pytest.approx(-2e-4, rel=0.05)
 
 
 @pytest.mark.parametrize("height", [0.0, 1.2])
@@ -130,7 +75,7 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     rows = [on_a_pedestal(q, compliance, height) for q in POSES.q.T]
     data = measured(POSES, np.array(rows).T, NOISE, 6)
     effects = found(data)
-    values = coefficients(data, effects)
+    values = values_of(fitted(data, effects))
     if height == 0.0:
         # A tilt about the base's origin and a first joint that bends are the same on an upright axis.
         assert str(effects[0]) in ("base_compliance", "lateral_compliance[j1]")
@@ -205,18 +150,6 @@ def search_end(mechanism: str, n: int, seed: int) -> SearchEnd:
     return searched(erring(mechanism, n, seed, NOISE), erring(mechanism, 60, seed + 1, 0.0))
 
 
-def test_the_knee_of_a_hardening_spring_is_found() -> None:
-    """The cube of the torque alone leaves more than noise, which a correction would describe."""
-    effects, values, error = search_end("hardening", 120, 71)
-    assert sorted(map(str, effects)) == ["joint_compliance[j2]", "joint_hardening[j2]"]
-    (hardening,) = [effect for effect in effects if effect.name == "joint_hardening"]
-    assert hardening.settings()["knee_nm"] == pytest.approx(KNEE, rel=0.15)
-    assert values["joint_compliance.j2"] == pytest.approx(SOFT, rel=0.05)
-    assert values["joint_hardening.j2"] == pytest.approx(SOFT, rel=0.15)
-    assert error < 1e-5
-    assert "twice as stiff at" in hardening.statement(ARM, values)
-
-
 @pytest.mark.parametrize("share", [0.01, 0.3, 1.0, 5.0])
 def test_the_spring_is_the_root_of_its_cubic(share: float) -> None:
     """The column plus the linear spring is the deflection found by bisection, at any torque over the knee."""
@@ -238,11 +171,6 @@ def test_a_harmonic_that_grows_with_the_load_is_found() -> None:
     sizes = [np.hypot(*(value for name, value in values.items() if name.startswith(effect.name))) for effect in effects]
     assert sizes[1] * LARGEST / sizes[0] == pytest.approx(0.6, rel=0.25)
     assert error < 2e-5
-
-
-@pytest.mark.slow
-def test_a_harmonic_without_load_brings_no_variation_of_the_compliance() -> None:
-    assert [str(effect) for effect in search_end("harmonic", 150, 75).effects] == ["transmission_error[j2]"]
 
 
 def test_friction_that_keeps_the_flank_is_refined() -> None:
@@ -390,18 +318,6 @@ def warm(joint: int, size: float, time_constant: float) -> np.ndarray:
     return TIMED.turned(joint, size * (1 - np.exp(-ELAPSED / time_constant)))
 
 
-def test_a_decentred_reflector_is_found_with_the_instruments_place() -> None:
-    data = measured(TIMED, decentred(0.0, 1.2e-4, -6e-5), NOISE, 1)
-    (effect,) = found(data)
-    assert isinstance(effect, TargetDecentre)
-    assert effect.axis == "x"
-    np.testing.assert_allclose(effect.place, TRACKER, atol=0.4)
-    values = values_of(fitted(data, [effect]))
-    assert values["target_decentre.across"] == pytest.approx(1.2e-4, rel=0.1)
-    assert values["target_decentre.beyond"] == pytest.approx(-6e-5, rel=0.15)
-    assert "turn it in its nest" in effect.statement(ARM, values)
-
-
 def test_an_eccentric_horizontal_circle_is_found_and_is_no_gear_of_joint_1() -> None:
     data = measured(TIMED, eccentric(2e-4, 1e-4), NOISE, 2)
     (effect,) = found(data)
@@ -429,14 +345,6 @@ def test_air_that_drifts_is_one_effect_about_the_instrument() -> None:
     statement = effect.statement(ARM, values_of(result))
     place = [float(text) for text in statement.split("about the point ")[1].split(" m:")[0].split(",")]
     np.testing.assert_allclose(place, TRACKER, atol=0.5)
-
-
-def test_a_base_that_drifts_is_no_drift_of_the_scale() -> None:
-    """A drift of the scale about a point far away is one of the base: the simpler name stays."""
-    share = ELAPSED / ELAPSED[-1] - 0.5
-    moved = true_positions() + np.array([[-2e-4], [3e-4], [1e-4]]) * share
-    (effect,) = found(measured(TIMED, moved, NOISE, 6, timed=True))
-    assert effect.name == "frame_drift"
 
 
 @pytest.mark.parametrize("share", [np.exp(-ELAPSED / ELAPSED[8]), np.sin(9.0 * ELAPSED / ELAPSED[-1]) ** 3])
@@ -482,18 +390,6 @@ def test_clean_arms_are_left_alone() -> None:
 ON_A_RAIL = Arm.of(robot_on_a_rail())
 
 
-def test_a_rails_curves_are_found_and_predict_other_poses() -> None:
-    data, fresh = measured_on_a_rail(140, 51, 1e-5, 1.0), measured_on_a_rail(60, 52, 0.0, 1.0)
-    effects, _, error = searched(data, fresh, ON_A_RAIL)
-    assert [str(effect) for effect in effects] == ["rail_errors[rail]"]
-    assert error < 2e-5
-    assert error_at(fitted(data, (), ON_A_RAIL), fresh) > 5e-5
-
-
-def test_a_straight_rail_is_left_alone() -> None:
-    assert found(measured_on_a_rail(90, 53, 1e-5, 0.0), ON_A_RAIL) == ()
-
-
 # A pedestal that tilts, on an arm whose masses nobody knows: torques are those of independent matrices.
 COMPLIANCE = 6e-7
 
@@ -521,12 +417,6 @@ def error_at_other_poses(effects: str) -> float:
 def test_a_pedestals_tilt_is_fitted_without_masses() -> None:
     assert error_at_other_poses("") > 8e-5
     assert error_at_other_poses(",base_compliance") < 2.5e-5
-
-
-@pytest.mark.slow
-def test_a_pedestal_is_found_without_masses() -> None:
-    (effect,) = found(on_a_tilting_pedestal(100, 41, NOISE), arm_without_masses())
-    assert (str(effect), effect.settings()) == ("base_compliance", {"masses": "unknown"})
 
 
 def test_unknown_masses_reproduce_known_ones() -> None:
@@ -564,16 +454,6 @@ def with_centre(n: int, seed: int, noise: float, com: Matrix) -> Measurements:
     """Poses of an arm whose joint 2 gives way to payloads of 0, 20 and 60 kg."""
     mass = np.random.default_rng(seed).choice([0.0, 20.0, 60.0], n)
     return dataclasses.replace(measured_with_loads(n, seed, noise, COMPLIANCE, mass, com), payload=mass)
-
-
-def error_with_centre(effect: PayloadCompliance, com: Matrix) -> float:
-    return error_at(fitted(with_centre(80, 61, NOISE, com), (effect,)), with_centre(60, 62, 0.0, com))
-
-
-def test_another_centre_is_found_and_predicts_other_poses() -> None:
-    assert found(with_centre(80, 61, NOISE, FAR)) == (PayloadCompliance(("j2",), "uncertain"),)
-    assert error_with_centre(PayloadCompliance(("j2",), "uncertain"), FAR) < 1.2e-5
-    assert error_with_centre(PayloadCompliance(("j2",)), FAR) > 2.4e-5
 
 
 def test_first_moments_times_the_centre_are_the_payload() -> None:
@@ -636,23 +516,6 @@ def with_a_change(seed: int, mass: float, noise: float = 2e-5) -> Measurements:
     poses = run(N_OF_LOADS_AND_STEPS, seed)
     turned = [q + OF_BOTH * load_torques(q, mass * (i >= AT)) for i, q in enumerate(poses.q.T)]
     return measured(poses, np.array([target(q) for q in turned]).T, noise, seed)
-
-
-def names(data: Measurements) -> list[str]:
-    return sorted(map(str, found(data)))
-
-
-def test_the_load_is_found_with_its_line_and_size() -> None:
-    data = with_a_change(4, 25.0)
-    effects = found(data)
-    assert sorted(map(str, effects)) == ["joint_compliance[j2]", "joint_compliance[j3]", "step[payload]"]
-    (step,) = [effect for effect in effects if effect.name == "step"]
-    assert abs(step.settings()["from_line"] - (AT + 2)) <= 3
-    values = values_of(fitted(data, effects))
-    assert [values["step.j2"], values["step.j3"]] == pytest.approx(25.0 * OF_BOTH[1:3], rel=0.3)
-    statement = step.statement(ARM, values)
-    assert "carries another load" in statement
-    assert "payload_kg" in statement
 
 
 def test_its_column_is_the_difference_of_two_torques() -> None:
@@ -866,3 +729,137 @@ def test_poses_of_another_file_come_after_the_step() -> None:
 def test_wrong_entries_are_refused(entry: dict[str, object], message: str) -> None:
     with pytest.raises(InputError, match=message):
         known_effects(dataclasses.replace(robot(), effects=(entry,)))
+
+
+# What a search finds, and that the fit of it gives back its size and other poses.
+
+
+class Case(NamedTuple):
+    """Poses of an arm with something wrong, and what a search and a fit of what it finds say."""
+
+    data: Callable[[], Measurements]
+    effects: Sequence[str]
+    values: Mapping[str, tuple[float, float]] = {}
+    """Coefficients: value and relative tolerance."""
+    settings: Mapping[str, object] = {}
+    said: tuple[str, ...] = ()
+    """Parts of the statements."""
+    fresh: Callable[[], Measurements] | None = None
+    """Poses without noise, which the fit has not seen."""
+    error: tuple[float, float] = (0.0, 0.0)
+    """RMS error there with what is found, at most, and with ``without`` in its place, at least; m."""
+    without: tuple[Effect, ...] = ()
+    arm: Arm = ARM
+
+
+def delayed() -> Measurements:
+    """Poses read 12 ms late, at speeds of up to 0.02 rad/s that rise to the largest of a move: one number for all."""
+    speed = np.random.default_rng(5).uniform(-1, 1, (6, N))
+    return dataclasses.replace(measured(POSES, targets(POSES.q - 2e-4 * speed), NOISE, 5), speed=speed)
+
+
+FOUND = {
+    "friction that grows with the load, and no play": Case(
+        lambda: measured(
+            POSES, positions(8e-7 * TORQUE - 2.5e-7 * np.abs(TORQUE) * POSES.direction[1]), NOISE, 1, directed=True
+        ),
+        ("friction_windup[j2]", "joint_compliance[j2]"),
+        {"friction_windup.j2": (-2.5e-7, 0.1), "joint_compliance.j2": (8e-7, 0.05)},
+    ),
+    "a compliance that differs with the angle": Case(
+        lambda: measured(POSES, positions(8e-7 * TORQUE * (1.0 + 0.3 * np.cos(2 * POSES.q[1] - 0.7))), NOISE, 8),
+        ("compliance_variation[j2]", "joint_compliance[j2]"),
+        {
+            "joint_compliance.j2": (8e-7, 0.05),
+            "compliance_variation.j2.cos2": (2.4e-7 * np.cos(0.7), 0.2),
+            "compliance_variation.j2.sin2": (2.4e-7 * np.sin(0.7), 0.2),
+        },
+    ),
+    "backlash whose flank gravity decides, although the approach is known": Case(
+        lambda: measured(POSES, positions(1.5e-4 * np.sign(TORQUE)), NOISE, 3, directed=True),
+        ("backlash[j2]",),
+        {"backlash.j2": (1.5e-4, 0.05)},
+        {"by": "gravity"},
+    ),
+    "one delay of all joints": Case(delayed, ("approach_lag[common]",), {"approach_lag.common": (-2e-4, 0.05)}),
+    # The cube of the torque alone leaves more than noise, which a correction would describe.
+    "the knee of a hardening spring": Case(
+        lambda: erring("hardening", 120, 71, NOISE),
+        ("joint_compliance[j2]", "joint_hardening[j2]"),
+        {"joint_compliance.j2": (SOFT, 0.05), "joint_hardening.j2": (SOFT, 0.15)},
+        {"knee_nm": pytest.approx(KNEE, rel=0.15)},
+        ("twice as stiff at",),
+        lambda: erring("hardening", 60, 72, 0.0),
+        (1e-5, 0.0),
+    ),
+    "a harmonic without load": Case(lambda: erring("harmonic", 150, 75, NOISE), ("transmission_error[j2]",)),
+    "a decentred reflector, with the instrument's place": Case(
+        lambda: measured(TIMED, decentred(0.0, 1.2e-4, -6e-5), NOISE, 1),
+        ("target_decentre",),
+        {"target_decentre.across": (1.2e-4, 0.1), "target_decentre.beyond": (-6e-5, 0.15)},
+        {"axis": "x", "instrument": pytest.approx(TRACKER.tolist(), abs=0.4)},
+        ("turn it in its nest",),
+    ),
+    # A drift of the scale about a point far away is one of the base: the simpler name stays.
+    "a base that drifts": Case(
+        lambda: measured(
+            TIMED,
+            true_positions() + np.array([[-2e-4], [3e-4], [1e-4]]) * (ELAPSED / ELAPSED[-1] - 0.5),
+            NOISE,
+            6,
+            timed=True,
+        ),
+        ("frame_drift",),
+    ),
+    "curves of a rail": Case(
+        lambda: measured_on_a_rail(140, 51, 1e-5, 1.0),
+        ("rail_errors[rail]",),
+        fresh=lambda: measured_on_a_rail(60, 52, 0.0, 1.0),
+        error=(2e-5, 5e-5),
+        arm=ON_A_RAIL,
+    ),
+    "a straight rail": Case(lambda: measured_on_a_rail(90, 53, 1e-5, 0.0), (), arm=ON_A_RAIL),
+    "a pedestal without masses": Case(
+        lambda: on_a_tilting_pedestal(100, 41, NOISE),
+        ("base_compliance",),
+        settings={"masses": "unknown"},
+        arm=arm_without_masses(),
+    ),
+    "another centre of the payload": Case(
+        lambda: with_centre(80, 61, NOISE, FAR),
+        ("payload_compliance[j2]",),
+        settings={"com": "uncertain"},
+        fresh=lambda: with_centre(60, 62, 0.0, FAR),
+        error=(1.2e-5, 2.4e-5),
+        without=(PayloadCompliance(("j2",)),),
+    ),
+    "a load that nobody logged, with its line and size": Case(
+        lambda: with_a_change(4, 25.0),
+        ("joint_compliance[j2]", "joint_compliance[j3]", "step[payload]"),
+        {f"step.{joint}": (25.0 * size, 0.3) for joint, size in zip(("j2", "j3"), OF_BOTH[1:3], strict=True)},
+        {"part": "payload", "from_line": pytest.approx(AT + 2, abs=3), "file": "poses.csv"},
+        ("carries another load", "payload_kg"),
+    ),
+}
+SLOW = ("a harmonic without load", "a pedestal without masses")
+
+
+@pytest.mark.parametrize(
+    "case", [pytest.param(case, id=name, marks=[pytest.mark.slow] * (name in SLOW)) for name, case in FOUND.items()]
+)
+def test_a_search_finds_what_is_wrong(case: Case) -> None:
+    data = case.data()
+    effects = found(data, case.arm)
+    assert sorted(map(str, effects)) == list(case.effects)
+    result = fitted(data, effects, case.arm)
+    values = values_of(result)
+    sizes = {name: pytest.approx(size, rel=rel) for name, (size, rel) in case.values.items()}
+    assert {name: values[name] for name in sizes} == sizes
+    if case.settings:
+        assert {name: value for effect in effects for name, value in effect.settings().items()} == case.settings
+    statements = " ".join(str(effect.statement(case.arm, values)) for effect in effects)
+    assert missing(statements, *case.said) == []
+    if case.fresh:
+        fresh = case.fresh()
+        assert error_at(result, fresh) < case.error[0]
+        assert error_at(fitted(data, case.without, case.arm), fresh) > case.error[1]

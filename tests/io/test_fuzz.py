@@ -84,7 +84,7 @@ def test_files_that_once_failed(reader: str) -> None:
 
 def attacked_of_hostile_fuzz(reader: str, count: int, seed: int) -> None:
     rng = random.Random(f"{reader} {seed}")
-    pool = list(seeds(reader))
+    pool = seeds(reader)
     mutate = mutate_json if pool[0].startswith(b"{") else mutate_text
     for number in range(count):
         data = mutate(rng.choice(pool), rng)

@@ -177,7 +177,7 @@ def made(n: int = 40, seed: int = 3) -> tuple[Matrix, Matrix, Matrix]:
     rng = np.random.default_rng(seed)
     low, high = np.array(independent_arm.LIMITS).T
     q = rng.uniform(low, high, (n, 6))
-    frames = np.array([independent_arm.link_frames(row)[-1] for row in q + rng.normal(scale=3e-3, size=6)])
+    frames = independent_arm.link_frames((q + rng.normal(scale=3e-3, size=6)).T)[-1]
     base, shift = Rotation.from_euler("xyz", rng.uniform(-2, 2, 3)), rng.uniform(-3, 3, 3)
     position = (
         base.apply((frames @ np.append(independent_arm.TOOL, 1.0))[:, :3]) + shift + rng.normal(scale=5e-5, size=(n, 3))
@@ -308,7 +308,7 @@ def test_an_unseen_sign_is_said() -> None:
     rng = np.random.default_rng(0)
     low, high = np.array(independent_arm.LIMITS).T
     q = rng.uniform(low, high, (30, 6))
-    position = np.array([independent_arm.target(row, np.array([0.0, 0.0, 0.1])) for row in q + 2e-3]).T
+    position = independent_arm.target((q + 2e-3).T, np.array([0.0, 0.0, 0.1])).T
     mistake = judged(q.T * signs("2"), position)
     assert mistake.name == "the sign of joint j2 seems to be reversed"
     assert "These poses do not show the sign of j6" in mistake.text

@@ -466,7 +466,7 @@ def sequence(seed: int) -> Run:
 
 def memory_p_value(poses: Run, memory: float, seed: int) -> float:
     """Return the p-value for joint 3 with play of 0.2 mrad and a share of it that follows the torque's change."""
-    torque = np.array([torques(q)[2] for q in poses.q.T])
+    torque = torques(poses.q)[2]
     change = np.sign(np.diff(torque, prepend=torque[0]))
     position = poses.turned(2, 2e-4 * ((1 - memory) * poses.direction[2] + memory * change))
     data = measured(poses, position, 2e-5, seed, timed=True, directed=True)

@@ -56,7 +56,7 @@ from robacc.tracing.trace import Trace, trace
 NOISE = 1e-5
 N = 80
 POSES = run(N, seed=21)
-TORQUES = np.array([torques(q) for q in POSES.q.T]).T
+TORQUES = torques(POSES.q)
 TORQUE = TORQUES[1]
 
 
@@ -72,8 +72,7 @@ def test_torques_of_the_independent_arm_agree() -> None:
 @pytest.mark.parametrize("height", [0.0, 1.2])
 def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
     compliance = 5e-7
-    rows = [on_a_pedestal(q, compliance, height) for q in POSES.q.T]
-    data = measured(POSES, np.array(rows).T, NOISE, 6)
+    data = measured(POSES, on_a_pedestal(POSES.q, compliance, height), NOISE, 6)
     effects = found(data)
     values = values_of(fitted(data, effects))
     if height == 0.0:
@@ -94,7 +93,7 @@ def test_a_pedestal_tilts_about_a_point_below(height: float) -> None:
 
 # Effects whose setting a search refines, or that it tries beside another, on an arm with matrices of its own.
 SOFT = 2.5e-6
-LARGEST = max(abs(torques(q)[1]) for q in run(200, seed=90).q.T)
+LARGEST = float(np.abs(torques(run(200, seed=90).q)[1]).max())
 KNEE = 0.5 * LARGEST
 FRICTION = 0.05 * LARGEST
 PLAY = 1.5e-4
@@ -128,7 +127,7 @@ def spring_torque(angle: float) -> float:
 def erring(mechanism: str, n: int, seed: int, noise: float) -> Measurements:
     """Poses of an arm whose joint 2 errs by one mechanism."""
     joints = run(n, seed)
-    torque = np.array([torques(q)[1] for q in joints.q.T])
+    torque = torques(joints.q)[1]
     approach = joints.direction[1]
     turn = {
         "hardening": lambda: np.array([hardened(value) for value in torque]),
@@ -154,7 +153,7 @@ def search_end(mechanism: str, n: int, seed: int) -> SearchEnd:
 def test_the_spring_is_the_root_of_its_cubic(share: float) -> None:
     """The column plus the linear spring is the deflection found by bisection, at any torque over the knee."""
     data = run(20, 5)
-    torque = np.array([torques(q)[1] for q in data.q.T])
+    torque = torques(data.q)[1]
     scale = share * LARGEST / np.abs(torque).max()
     # A torque and a knee that are both larger have a column that is as much larger.
     effect = REGISTRY["joint_hardening"].from_settings(("j2",), {"knee_nm": KNEE / scale})
@@ -178,7 +177,7 @@ def test_friction_that_keeps_the_flank_is_refined() -> None:
     effects, values, _ = search_end("loaded play", 200, 77)
     assert [(effect.name, effect.joints) for effect in effects] == [("backlash", ("j2",))]
     joints = run(200, 77)
-    torque = np.array([torques(q)[1] for q in joints.q.T])
+    torque = torques(joints.q)[1]
     opposed = np.abs(torque[np.sign(torque) != joints.direction[1]])
     low, high = opposed[opposed < FRICTION].max(), opposed[opposed > FRICTION].min()
     assert low < effects[0].settings()["friction_nm"] < high
@@ -283,14 +282,11 @@ def true_positions(poses: Run = TIMED) -> np.ndarray:
 
 def decentred(along: float, across: float, beyond: float) -> np.ndarray:
     """Targets whose optical centre is off in the frame of the beam, rolled by the tool's x."""
-    rows = []
-    for q in TIMED.q.T:
-        point, tool_x = target(q), link_frames(q)[-1][:3, 0]
-        beam = (point - TRACKER) / np.linalg.norm(point - TRACKER)
-        side = tool_x - beam * (beam @ tool_x)
-        side /= np.linalg.norm(side)
-        rows.append(point + along * beam + across * side + beyond * np.cross(beam, side))
-    return np.array(rows).T
+    sight, tool_x = true_positions() - TRACKER[:, None], link_frames(TIMED.q)[-1][:, :3, 0].T
+    beam = sight / np.linalg.norm(sight, axis=0)
+    side = tool_x - beam * np.sum(beam * tool_x, axis=0)
+    side /= np.linalg.norm(side, axis=0)
+    return true_positions() + along * beam + across * side + beyond * np.cross(beam, side, axis=0)
 
 
 def eccentric(cosine: float, sine: float) -> np.ndarray:
@@ -402,8 +398,7 @@ def arm_without_masses() -> Arm:
 
 def on_a_tilting_pedestal(n: int, seed: int, noise: float) -> Measurements:
     joints = run(n, seed)
-    position = np.array([on_a_pedestal(q, COMPLIANCE) for q in joints.q.T]).T
-    return measured(joints, position, noise, seed)
+    return measured(joints, on_a_pedestal(joints.q, COMPLIANCE), noise, seed)
 
 
 def error_at_other_poses(effects: str) -> float:
@@ -514,8 +509,8 @@ OF_BOTH = np.array([0.0, 8e-7, 1.2e-6, 0.0, 0.0, 0.0])
 def with_a_change(seed: int, mass: float, noise: float = 2e-5) -> Measurements:
     """Poses of an arm whose joints 2 and 3 give way to its weight and, from pose AT on, to a load at the tool."""
     poses = run(N_OF_LOADS_AND_STEPS, seed)
-    turned = [q + OF_BOTH * load_torques(q, mass * (i >= AT)) for i, q in enumerate(poses.q.T)]
-    return measured(poses, np.array([target(q) for q in turned]).T, noise, seed)
+    torque = load_torques(poses.q, mass * (np.arange(N_OF_LOADS_AND_STEPS) >= AT))
+    return measured(poses, targets(poses.q + OF_BOTH[:, None] * torque), noise, seed)
 
 
 def test_its_column_is_the_difference_of_two_torques() -> None:
@@ -532,7 +527,7 @@ OF_TWO = np.array([0.0, 6e-7, 8e-7, 0.0, 0.0, 0.0])
 def with_undeclared_load(n: int, seed: int, noise: float, link: int, mass: float, com: Matrix) -> Measurements:
     """Poses of an arm whose joints 2 and 3 give way to its own weight and to a mass at link ``link``, from 0."""
     poses = run(n, seed)
-    torque = np.array([load_torques(q, mass, com, link) for q in poses.q.T]).T
+    torque = load_torques(poses.q, mass, com, link)
     return measured(poses, targets(poses.q + OF_TWO[:, None] * torque), noise, seed)
 
 
@@ -620,17 +615,13 @@ STEPPED = 55
 
 
 def positions_of_loads_and_steps(poses: Run, part: str, size: float) -> np.ndarray:
-    """Targets of a run whose base, target or third joint steps at pose AT."""
-    result = []
-    for i, q in enumerate(poses.q.T):
-        after = i >= STEPPED
-        tool = TOOL + after * (part == "target") * size * np.array([0.6, -0.6, 0.53])
-        zero = after * (part == "joint") * size * np.array([0, 0, 1, 0, 0, 0])
-        point = target(q + zero, tool)
-        if after and part == "base":
-            point = rotation_about(2, size) @ point + size * np.array([0.0, 0.8, -0.6])
-        result.append(point)
-    return np.array(result).T
+    """Targets of a run whose base, target or third joint steps at pose STEPPED."""
+    tool = TOOL + (part == "target") * size * np.array([0.6, -0.6, 0.53])
+    zero = (part == "joint") * size * np.eye(6)[2]
+    after = target(poses.q + zero[:, None], tool)
+    if part == "base":
+        after = after @ rotation_about(2, size).T + size * np.array([0.0, 0.8, -0.6])
+    return np.where(np.arange(poses.q.shape[1]) >= STEPPED, after.T, targets(poses.q))
 
 
 def traced(data: Measurements) -> Trace:
@@ -685,7 +676,7 @@ def test_a_knocked_tracker_is_found_with_three_targets_a_visit() -> None:
     visits, first = 60, 35
     poses = run(visits, seed=12)
     rng = np.random.default_rng(12)
-    position = np.array([target(q, place) for q in poses.q.T for place in places_of_targets.values()]).T
+    position = np.stack([target(poses.q, at) for at in places_of_targets.values()], axis=1).reshape(-1, 3).T
     visit = np.repeat(np.arange(visits), 3)
     position += (visit >= first) * np.array([[2e-4], [0.0], [-1e-4]]) + rng.normal(
         scale=STEP_NOISE, size=position.shape

@@ -421,13 +421,6 @@ def measured(data: robacc.Measurements) -> Poses:
     return CENTRE @ Poses(data.rotation, data.position)
 
 
-@pytest.fixture
-def commands(data: robacc.Measurements, tmp_path: Path) -> Path:
-    lines = ["Pose," + ",".join(f"A{i} [deg]" for i in range(1, 7))]
-    lines += [f"P{k}," + ",".join(f"{v:.9f}" for v in q) for k, q in enumerate(np.degrees(data.q.T), 1)]
-    return saved(tmp_path / "joints.csv", "\n".join(lines) + "\n")
-
-
 def moving_xyz(rotation: Array) -> Array:
     """Return roll, pitch, yaw ``(3, N)`` of Rx Ry Rz, degrees."""
     pitch = np.arcsin(rotation[0, 2])
@@ -439,17 +432,6 @@ def table_of_motion_capture_exports(head: str, rows: Iterable[Iterable[object]],
     return head + "".join(separator.join(map(str, row)) + "\n" for row in rows)
 
 
-def qualisys(measured: Poses) -> str:
-    head = (
-        "NO_OF_FRAMES\t60\nNO_OF_CAMERAS\t8\nNO_OF_BODIES\t1\nFREQUENCY\t100\nDESCRIPTION\t--\n"
-        "TIME_STAMP\t2026-11-20, 10:47:17\t22107.99179716\nDATA_INCLUDED\t6D\nBODY_NAMES\tTool\n"
-        "Frame\tTime\tTool X\tY\tZ\tRoll\tPitch\tYaw\tResidual\tRot[0]\tRot[1]\n"
-    )
-    columns = np.vstack([1e3 * measured.translation, moving_xyz(measured.rotation)]).T
-    rows = ([k, 5.0 * k, *map("{:.7f}".format, row), 0.21, 1.0, 0.0] for k, row in enumerate(columns, 1))
-    return table_of_motion_capture_exports(head, rows, "\t")
-
-
 def rostopic(measured: Poses) -> str:
     fields = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
     head = ",".join(["%time,field.header.seq,field.header.frame_id", *(f"field.pose.{name}" for name in fields)]) + "\n"
@@ -458,15 +440,6 @@ def rostopic(measured: Poses) -> str:
     start = 1763635637123456789
     rows = ([start + k * 10**9, k, "tracker", *map("{:.9f}".format, row)] for k, row in enumerate(columns))
     return table_of_motion_capture_exports(head, rows, ",")
-
-
-def test_roll_pitch_yaw_about_moving_axes_are_known_by_the_commands(
-    measured: Poses, commands: Path, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
-) -> None:
-    path = saved(tmp_path / "export.tsv", qualisys(measured))
-    read = robacc.read_poses(path, robot=robot_of_motion_capture_exports, units="mm,deg", commanded=commands)
-    assert any("Roll, Pitch, Yaw taken as moving-xyz" in text for text in read.warnings)
-    np.testing.assert_allclose(read.rotation, measured.rotation, atol=1e-8)
 
 
 def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(

@@ -494,7 +494,7 @@ def traced_of_process(paths: int, points: int, size: float, seed: int) -> Trace:
     angle = rng.normal(scale=1.0 / LENGTH, size=(300, 6)) @ q + rng.uniform(0.0, 2.0 * np.pi, (300, 1))
     process = size * np.sqrt(2.0 / 300) * rng.normal(size=(3, 300)) @ np.cos(angle)
     offsets = rng.normal(scale=4e-4, size=(6, 1))
-    position = np.array([independent_arm.target(pose) for pose in (q + offsets).T]).T + process
+    position = independent_arm.targets(q + offsets) + process
     data = Measurements(position=position + NOISE_OF_PROCESS * rng.standard_normal(position.shape), q=q)
     robot = independent_arm.robot()
     return trace(Model.of(robot, build(parse_requests(independent_arm.DECLARED), Arm.of(robot), data)), data)

@@ -15,14 +15,12 @@ from sample_files import ROOT, SAMPLES, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
+from robacc import InputError, Measurements, Robot, UsageError
 from robacc.accuracy.error_sums import count_commands, smallest_hashes
 from robacc.accuracy.estimation import EstimateResult, commanded_poses, estimate, moved_warning, pose_errors
-from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
 from robacc.io.json_text import json_text
-from robacc.measurements import Measurements
 from robacc.modelling.model import predict, residuals
-from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 
 N = 40

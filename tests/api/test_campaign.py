@@ -20,12 +20,11 @@ from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_RO
 from scipy.spatial.transform import Rotation
 
 import robacc
-from robacc.api.correct import CorrectedProgram, correct, correct_program
+from robacc import InputError, Measurements, Robot, correct, read_robot
+from robacc.api.correct import CorrectedProgram, correct_program
 from robacc.effects.specification import with_effect_units
-from robacc.errors import InputError, MissingColumnError
+from robacc.errors import MissingColumnError
 from robacc.geometry import Poses
-from robacc.measurements import Measurements
-from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import format_poses
 from robacc.programs.program import read_program
 from robacc.programs.targets import (
@@ -37,7 +36,7 @@ from robacc.programs.targets import (
     write_program,
 )
 from robacc.robots.arm import Arm, inverse_kinematics
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 # Facts of one campaign: part of the prediction of its own poses, not inherited by other poses.

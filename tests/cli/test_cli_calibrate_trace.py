@@ -20,10 +20,9 @@ from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
 from slow_parameters import some_fast
 
 import robacc
+from robacc import Measurements, read_robot
 from robacc.effects.specification import parse_requests
-from robacc.measurements import Measurements
 from robacc.modelling.model import predict
-from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate

@@ -22,10 +22,9 @@ from results import run as run_in_project
 from sample_files import SAMPLES, saved
 
 import robacc
-from robacc.errors import InputError
+from robacc import InputError, Measurements
 from robacc.io.dialect import find_dialect
 from robacc.io.files import sha256_of
-from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import is_documented
 

@@ -16,17 +16,15 @@ from results import run
 from scipy.spatial.transform import Rotation
 
 import robacc
+from robacc import InputError, Measurements, Robot, read_robot
 from robacc.diagnostics.data_mistakes import Mistake, check_data, find_mistake, registered_poses
 from robacc.effects.specification import build, parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames
 from robacc.geometry import exp_so3, quaternion_from_rotation, rotate, rotation_about, rotation_from_quaternion
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate

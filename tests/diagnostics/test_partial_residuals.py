@@ -15,19 +15,17 @@ from sample_files import POSES as SAMPLE_POSES, ROBOT, saved
 from searched import ARM, fitted, found, model, values_of
 
 import robacc
+from robacc import InputError, Measurements, read_robot
 from robacc.diagnostics.partial_residuals import PartialResidual, partial_residuals
 from robacc.diagnostics.recorded import RowLoads, evident_rounding, memory_of_play, read_back_warning, unlogged_loads
 from robacc.diagnostics.robot_poses import read_robot_poses
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, effect_class
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.geometry import compose as product, log_so3, transpose
 from robacc.gravity import gravity_torques
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
-from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame

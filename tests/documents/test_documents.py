@@ -23,12 +23,11 @@ from jsonschema import Draft202012Validator, ValidationError
 from sample_files import SAMPLES, saved
 
 import robacc
-from robacc import __version__
+from robacc import InputError, UsageError, __version__
 from robacc.api.result import schema_names
 from robacc.cli.main import COMMANDS, FORMS, RENAMED
 from robacc.documents import envelope as module
 from robacc.documents.envelope import InputFile, Provenance, csv_text, read_identity, read_result, schema_version
-from robacc.errors import InputError, UsageError
 from robacc.io.json_text import json_text
 from robacc.render.page import identity_rows
 from robacc.robots.description import IDENTITY

@@ -31,7 +31,7 @@ from independent_arm import (
 from scipy.optimize import brentq
 from searched import ARM, SearchEnd, error_at, fitted, found, model, searched, values_of
 
-from robacc.api.inputs import read_poses, write_poses
+from robacc import InputError, Measurements, Robot, UsageError, read_poses, write_poses
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.campaign import InstrumentScale, Step, TrackerError
@@ -42,14 +42,11 @@ from robacc.effects.periodic import (
     origin_of,
 )
 from robacc.effects.specification import build, known_effects, parse_requests
-from robacc.errors import InputError, UsageError
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load
 from robacc.geometry import rotation_about
 from robacc.gravity import gravity_torques
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 from robacc.tracing.trace import Trace, trace
 
 # Wind-up, hardening, loaded backlash, a common delay and a pedestal, on an arm with matrices of its own.

@@ -6,7 +6,7 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from peer import by_scipy
 from scipy import stats
 
@@ -14,7 +14,7 @@ import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term
 from robacc.effects.periodic import TransmissionError
-from robacc.effects.specification import build, entry_of, parse_requests
+from robacc.effects.specification import entry_of
 from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options, held_out_poses, identify_terms
 from robacc.fitting.levels import DEPENDENT
 from robacc.fitting.normal_equations import Whitening, whitening
@@ -318,7 +318,7 @@ def measured_of_held_out(poses: int = 40, cycles: int = 1, *, orientation: bool 
 
 def fitted(data: Measurements, asked: str = FIT, **options: object) -> Fit:
     one = arm("puma560")
-    return fit(Model.of(one.robot, build(parse_requests(asked), one, data)), data, Options(**options))  # type: ignore[arg-type]
+    return fit(model_of(one.robot, asked, data), data, Options(**options))  # type: ignore[arg-type]
 
 
 def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:
@@ -373,7 +373,7 @@ def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose()
     q = data.q.copy()
     q[0, :-1] = 0.3
     one = arm("puma560")
-    model = Model.of(one.robot, build(parse_requests("gear_ratio[j1],base_frame"), one, data))
+    model = model_of(one.robot, "gear_ratio[j1],base_frame", data)
     moved = dataclasses.replace(data, q=q)
     bound = model.bind(moved)
     exact = bound.poses(np.array([2e-3 * name.startswith("gear_ratio") for name in bound.names]))

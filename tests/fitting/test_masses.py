@@ -8,9 +8,9 @@ from arms import arm
 from independent_arm import DH, Matrix, link_frames, measured, run, targets
 from searched import ARM, model
 
+from robacc import InputError, Measurements, Robot
 from robacc.effects.elastic import JointCompliance
 from robacc.effects.specification import parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior, solved
@@ -19,10 +19,8 @@ from robacc.fitting.registration import align, gravity_warning, with_gravity_dir
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.geometry import rotation_from_rpy
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate

@@ -7,14 +7,13 @@ from itertools import product
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from scipy.optimize import minimize
 
 import robacc.fitting.solver
 from robacc.documents.keys import COVARIANCE
 from robacc.effects import REGISTRY
 from robacc.effects.base import Term
-from robacc.effects.specification import build, parse_requests
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import LARGEST
 from robacc.fitting.normal_equations import NormalEquations, posterior
@@ -233,7 +232,7 @@ def geometry(
     name: str, data: Measurements, robot: Robot | None = None, options: Options | None = None, asked: str = GEOMETRY
 ) -> Fit:
     nominal = dataclasses.replace(robot or arm(name).robot, effects=())
-    model = Model.of(nominal, build(parse_requests(asked), Model.of(nominal).arm, data))
+    model = model_of(nominal, asked, data)
     return fit(model, data, options or Options())
 
 
@@ -383,7 +382,7 @@ def fitted(base_rpy: tuple[float, float, float]) -> Fit:
     data = dataclasses.replace(
         data, position=exact.translation + rng.normal(0, NOISE_OF_PARAMETER_COVARIANCE, (3, n)), rotation=rotation
     )
-    return fit(Model.of(robot, build(parse_requests(EFFECTS), Model.of(robot).arm, data)), data)
+    return fit(model_of(robot, EFFECTS, data), data)
 
 
 def written(result: Fit, theta: np.ndarray) -> dict[str, float]:

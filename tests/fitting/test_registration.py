@@ -7,26 +7,24 @@ from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.effects.frames import BaseFrame, LinkGeometry
-from robacc.effects.specification import build, entry_of, parse_requests
+from robacc.effects.specification import entry_of, parse_requests
 from robacc.error_model.structure import with_error_structure
-from robacc.errors import InputError, UsageError
 from robacc.fitting.fit_result import HoldOut, Options
 from robacc.fitting.parameters import absorb_constants, apply_fit, parameters
 from robacc.fitting.registration import align, align_commands
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places, places_warning
 from robacc.geometry import exp_so3, rpy_from_rotation
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
@@ -236,14 +234,13 @@ def test_the_order_of_rows_and_the_unit_do_not_matter() -> None:
 def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
     """16 groups of six poses, joints wrong by 50 urad in each: joint zeros are right within their standard errors."""
     robot, rng = arm("puma560").robot, np.random.default_rng(4)
-    model_arm = Arm.of(robot)
     scores: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(12):
         q = np.repeat(rng.uniform(-1.5, 1.5, (6, 16)), 6, axis=1) + rng.normal(scale=0.02, size=(6, 96))
         arrived = q + np.repeat(rng.normal(scale=5e-5, size=(6, 16)), 6, axis=1)
         exact = predict(robot, poses(arrived)).translation
         data = dataclasses.replace(poses(q), position=exact + rng.normal(scale=1e-5, size=exact.shape))
-        model = Model.of(robot, build(parse_requests("base_frame,tool_frame,joint_offset"), model_arm, data))
+        model = model_of(robot, "base_frame,tool_frame,joint_offset", data)
         plain = fit(model, data)
         allowed = with_error_structure(plain, data, Options(), functools.partial(fit, model, data)).fit
         for shared, answer in ((False, plain), (True, allowed)):

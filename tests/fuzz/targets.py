@@ -17,9 +17,8 @@ import commands
 import numpy as np
 from sample_files import CONFIGS, SAMPLES, saved
 
-from robacc.errors import RobaccError
+from robacc import RobaccError, read_robot
 from robacc.fitting.parameters import absorb_constants
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import build_chain
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

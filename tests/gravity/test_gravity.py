@@ -9,10 +9,8 @@ import pytest
 from arms import arm, circumstances
 from homogeneous import frame
 
-from robacc.api.correct import correct
-from robacc.api.inputs import read_poses
+from robacc import InputError, Measurements, Robot, correct, read_poses, read_robot
 from robacc.effects.specification import build, parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
 from robacc.geometry import Poses
@@ -26,11 +24,8 @@ from robacc.gravity import (
     unit_loads,
     weight_torques,
 )
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm, Sweep
-from robacc.robots.description import Robot
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search

@@ -8,9 +8,8 @@ import pytest
 from mutations import mutate_json, mutate_text
 from targets import READERS, seeds
 
-from robacc.errors import RobaccError
+from robacc import PoseFile, RobaccError
 from robacc.poses.csv_file import propose_columns, read_poses
-from robacc.poses.reading import PoseFile
 
 SEEDS = (
     "Titel;Zelle 3\nPunkt;A1;A2;X [mm];Y [mm];Z [mm];A;B;C;Zeit\n"

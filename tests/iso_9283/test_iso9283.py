@@ -14,8 +14,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.accuracy.estimation import commanded_poses
-from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
 from robacc.iso_9283 import criteria as estimates
 from robacc.iso_9283.criteria import (
@@ -39,10 +39,9 @@ from robacc.iso_9283.evaluation import (
     propose,
     protocol,
 )
-from robacc.measurements import Measurements, motion_between_rows
-from robacc.modelling.robot_file import read_robot
+from robacc.measurements import motion_between_rows
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 
 MM = 1e-3
 

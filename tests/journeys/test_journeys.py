@@ -18,10 +18,9 @@ from sample_files import SAMPLES, saved
 from typer.testing import Result
 
 import robacc
+from robacc import InputError, Measurements, PoseFile
 from robacc.api.inputs import with_measured_targets
 from robacc.effects.base import effect_class
-from robacc.errors import InputError
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile

@@ -12,22 +12,21 @@ from sample_files import ROOT
 from scipy.optimize import brentq
 
 import robacc
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.elastic import JointHardening
 from robacc.effects.frames import FrameDrift
 from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import Known, entry_of, known_effects, with_effect_units
-from robacc.errors import InputError, UsageError
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.gravity import weight_torques
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import model_text, read_robot
+from robacc.modelling.robot_file import model_text
 from robacc.modelling.validity import outside_validity
 from robacc.robots.arm import Arm
-from robacc.robots.description import DH_PARAMETERS, Campaign, Frame, Joint, Robot
+from robacc.robots.description import DH_PARAMETERS, Campaign, Frame, Joint
 from robacc.robots.yaml_robot import parse_robot, robot_document, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 

@@ -13,7 +13,7 @@ from homogeneous import frame, shift, turn
 from scipy import stats
 from slow_parameters import some_fast
 
-from robacc.measurements import Measurements
+from robacc import Measurements, Robot
 from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, Purpose, needed, plan_campaign, poses_for
 from robacc.planning.candidates import Constraints, Sight, conditions_of
@@ -30,7 +30,6 @@ from robacc.planning.design import (
     route,
 )
 from robacc.planning.expected import candidate_rows, coefficients, free_effects, power_problem, region_rows
-from robacc.robots.description import Robot
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])

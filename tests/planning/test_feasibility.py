@@ -13,10 +13,8 @@ from sample_files import ROBOT, saved
 from test_design import target_poses
 
 import robacc
-from robacc.api.expected import Planned
+from robacc import InputError, Measurements, Planned, UsageError
 from robacc.diagnostics.robot_poses import read_robot_poses
-from robacc.errors import InputError, UsageError
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.planning.candidates import (
     Constraints,

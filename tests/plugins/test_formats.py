@@ -18,15 +18,14 @@ from sample_files import ROOT, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
-from robacc import Exported, InputError, UsageError, export, import_
+from robacc import Exported, InputError, Measurements, Robot, UsageError, export, import_
 from robacc.exporters import remaining_error
 from robacc.geometry import Array
-from robacc.measurements import Measurements
 from robacc.modelling.model import predict
 from robacc.programs.program import Program, ProgramTarget, read_program
 from robacc.programs.targets import flange_targets, with_targets, write_program
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Joint, Mimic, Robot
+from robacc.robots.description import Frame, Joint, Mimic
 from robacc.robots.yaml_robot import parse_robot
 from robacc_plugins.denavit_hartenberg import dh_table, joint_frames
 from robacc_plugins.ros import write_transforms

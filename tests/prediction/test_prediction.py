@@ -13,17 +13,15 @@ from paper_matrices import error_matrices
 from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.accuracy.grade import default_scale
 from robacc.effects.base import Beyond
 from robacc.effects.frames import JointOffset
 from robacc.effects.periodic import TransmissionError
-from robacc.errors import InputError, UsageError
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.registration import registration_fit
 from robacc.geometry import Array, compose, exp_so3, log_between
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
-from robacc.modelling.robot_file import read_robot
 from robacc.modelling.validity import outside_validity
 from robacc.prediction.model_uncertainty import (
     ModelFit,
@@ -45,7 +43,7 @@ from robacc.prediction.predicting import (
     uncertain_parameters,
 )
 from robacc.robots.arm import BLOCK, Arm
-from robacc.robots.description import DH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint, Robot
+from robacc.robots.description import DH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"
 FOUR = {"theta": 1e-4, "d": 1e-4, "a": 1e-4, "alpha": 1e-4}

@@ -10,11 +10,9 @@ import numpy as np
 import pytest
 from scipy import optimize, special, stats
 
-from robacc.errors import InputError, UsageError
+from robacc import InputError, Measurements, UsageError, read_robot
 from robacc.geometry import Array, compose, exp_so3
-from robacc.measurements import Measurements
 from robacc.modelling.model import residuals
-from robacc.modelling.robot_file import read_robot
 from robacc.prediction.comparison import (
     SufficientStatistics,
     bartlett_mean,

@@ -16,11 +16,10 @@ from sample_files import ROOT
 from slow_parameters import some_fast
 
 import robacc
-from robacc.errors import InputError, RobaccError, UsageError
+from robacc import InputError, RobaccError, Robot, UsageError, read_robot
 from robacc.geometry import Array, rotation_from_rpy
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import build_chain
-from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
+from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

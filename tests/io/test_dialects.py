@@ -405,13 +405,8 @@ CENTRE = Poses.from_xyz_rpy(np.array([[2.0], [-1.5], [0.8]]), np.radians([[10.0]
 
 
 @pytest.fixture(scope="module")
-def robot_of_motion_capture_exports() -> robacc.Robot:
-    return robacc.read_robot(SAMPLES / "robot.yaml")
-
-
-@pytest.fixture(scope="module")
-def data(robot_of_motion_capture_exports: robacc.Robot) -> robacc.Measurements:
-    return robacc.read_poses(SAMPLES / "poses.csv", robot=robot_of_motion_capture_exports)
+def data(robot: robacc.Robot) -> robacc.Measurements:
+    return robacc.read_poses(SAMPLES / "poses.csv", robot=robot)
 
 
 @pytest.fixture(scope="module")
@@ -428,7 +423,7 @@ def moving_xyz(rotation: Array) -> Array:
     return np.degrees([roll, pitch, np.arctan2(-rotation[0, 1], rotation[0, 0])])
 
 
-def table_of_motion_capture_exports(head: str, rows: Iterable[Iterable[object]], separator: str) -> str:
+def joined(head: str, rows: Iterable[Iterable[object]], separator: str) -> str:
     return head + "".join(separator.join(map(str, row)) + "\n" for row in rows)
 
 
@@ -439,33 +434,31 @@ def rostopic(measured: Poses) -> str:
     columns = np.vstack([measured.translation, quaternion]).T
     start = 1763635637123456789
     rows = ([start + k * 10**9, k, "tracker", *map("{:.9f}".format, row)] for k, row in enumerate(columns))
-    return table_of_motion_capture_exports(head, rows, ",")
+    return joined(head, rows, ",")
 
 
 def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(
-    data: robacc.Measurements, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
+    data: robacc.Measurements, robot: robacc.Robot, tmp_path: Path
 ) -> None:
     assert data.q is not None
     head = ",".join([f"q{i}" for i in range(1, 7)]) + ",x,y,z,roll_deg,pitch_deg,yaw_deg\n"
     columns = np.vstack([data.q, data.position, moving_xyz(data.rotation)]).T
-    path = saved(tmp_path / "poses.csv", table_of_motion_capture_exports(head, columns, ","))
+    path = saved(tmp_path / "poses.csv", joined(head, columns, ","))
     with pytest.raises(InputError, match="documented as about fixed axes, which they do not fit"):
-        robacc.read_poses(path, robot=robot_of_motion_capture_exports)
-    read = robacc.read_poses(path, robot=robot_of_motion_capture_exports, angles="moving-xyz")
+        robacc.read_poses(path, robot=robot)
+    read = robacc.read_poses(path, robot=robot, angles="moving-xyz")
     np.testing.assert_allclose(read.rotation, data.rotation, atol=1e-12)
 
 
 def test_joint_states_of_rostopic_are_in_the_order_of_their_names(
-    data: robacc.Measurements, measured: Poses, robot_of_motion_capture_exports: robacc.Robot, tmp_path: Path
+    data: robacc.Measurements, measured: Poses, robot: robacc.Robot, tmp_path: Path
 ) -> None:
     order = [2, 1, 0, 3, 4, 5]  # as the driver of Universal Robots sorts them
     head = ",".join(["%time", *(f"field.name{i}" for i in range(6)), *(f"field.position{i}" for i in range(6))]) + "\n"
     rows = ([k, *(f"j{i + 1}" for i in order), *data.q[order, k]] for k in range(data.n))
-    (tmp_path / "joints.csv").write_text(table_of_motion_capture_exports(head, rows, ","), encoding="utf-8")
+    (tmp_path / "joints.csv").write_text(joined(head, rows, ","), encoding="utf-8")
     (tmp_path / "pose.csv").write_text(rostopic(measured), encoding="utf-8")
-    read = robacc.read_poses(
-        tmp_path / "pose.csv", robot=robot_of_motion_capture_exports, commanded=tmp_path / "joints.csv"
-    )
+    read = robacc.read_poses(tmp_path / "pose.csv", robot=robot, commanded=tmp_path / "joints.csv")
     np.testing.assert_allclose(read.q, data.q, rtol=1e-12)
 
 
@@ -473,8 +466,8 @@ COUNT_OF_COMMANDED = 12
 
 
 @pytest.fixture
-def data_of_commanded() -> robacc.Measurements:
-    return robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(ROBOT)).subset(slice(0, COUNT_OF_COMMANDED))
+def data_of_commanded(data: robacc.Measurements) -> robacc.Measurements:
+    return data.subset(slice(0, COUNT_OF_COMMANDED))
 
 
 def tracker(data_of_commanded: robacc.Measurements, order: list[int], names: bool = True) -> str:

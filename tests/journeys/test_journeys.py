@@ -73,38 +73,42 @@ ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
 Row = dict[str, object]
 
 
-def reached(along: np.ndarray, at: np.ndarray, q: np.ndarray, within: float = 1.0) -> np.ndarray | None:
-    """Joints near ``q`` with the target ``at`` these places ``along`` directions (K, 3); None if none ``within``."""
-    for _ in range(40):
-        frames = [np.eye(4), *link_frames(q + ZEROS)]
-        point = (frames[-1] @ np.append(INDEPENDENT_TOOL, 1.0))[:3]
-        gap = along @ point - at
-        if np.abs(gap).max() < 1e-13:
-            break
-        slope = np.array([np.cross(frame[:3, 2], point - frame[:3, 3]) for frame in frames[:6]])
-        q = q - np.clip(np.linalg.pinv(along @ slope.T) @ gap, -0.2, 0.2)
-    is_reached = np.abs(gap).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH))
-    return q if is_reached else None
+def reached(
+    along: np.ndarray, at: np.ndarray, generator: np.random.Generator, within: float = 1.0, starts: int = 400
+) -> Iterator[np.ndarray]:
+    """Yield joints with the target ``at`` these places ``along`` directions (K, 3), in a share of the ranges."""
+    while True:
+        q = generator.uniform(LOW, HIGH, (starts, 6)).T
+        for _ in range(25):
+            frames = [np.eye(4), *link_frames(q + ZEROS[:, None])]
+            point = (frames[-1] @ np.append(INDEPENDENT_TOOL, 1.0))[:, :3]
+            gap = point @ along.T - at
+            arms = [np.cross(frame[..., :3, 2], point - frame[..., :3, 3]) for frame in frames[:6]]
+            slope = along @ np.stack(arms, axis=2)
+            turned = slope.transpose(0, 2, 1)
+            step = turned @ np.linalg.solve(slope @ turned + 1e-12 * np.eye(len(along)), gap[..., None])
+            q = q - np.clip(step[..., 0].T, -0.2, 0.2)
+        is_reached = np.abs(gap).max(axis=1) < 1e-9
+        yield from q[:, is_reached & np.all((within * LOW < q.T) & (within * HIGH > q.T), axis=1)].T
 
 
 def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:
     """Rows of a pose file: joints, what they are measured from, and the measured number."""
-    start: np.ndarray | None = None
-    found = 0
-    while found < count:
-        q: np.ndarray | None = generator.uniform(LOW, HIGH)
-        name, reading = "", float(generator.uniform(-2e-3, 2e-3))
+    in_sockets = {name: reached(np.eye(3), place, generator) for name, place in SOCKETS.items()}
+    start = np.zeros(6)
+    for number in range(count):
+        q, reading = generator.uniform(LOW, HIGH), float(generator.uniform(-2e-3, 2e-3))
         error = noise * generator.standard_normal()
-        row: Row = {"kind": kind, "pose": f"{kind} {found}"}
+        row: Row = {"kind": kind, "pose": f"{kind} {number}"}
         if kind == "point":
-            name = list(SOCKETS)[found % 3]
-            q = reached(np.eye(3), SOCKETS[name], q)
+            name = list(SOCKETS)[number % 3]
+            q = next(in_sockets[name])
             row |= {"socket": name}
         elif kind == "plane":
-            name = list(PLANES)[found % 2]
+            name = list(PLANES)[number % 2]
             normal, height = PLANES[name]
             unit = normal / np.linalg.norm(normal)
-            q = reached(unit[None], np.array([height + reading]), q)
+            q = next(reached(unit[None], np.array([height + reading]), generator, starts=8))
             row |= {"plane": name, "reading_mm": 1e3 * (reading + error)}
         elif kind == "line":
             name = list(LINES)[found % 2]
@@ -121,19 +125,17 @@ def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float 
             of_gauge = {"kind": "sphere", "reading_mm": 1e3 * (reading + error), "radius_mm": 1e3 * radius}
             row |= {"sphere": name} | (of_gauge if kind == "gauge" else {})
         elif kind == "anchor":
-            name = list(ANCHORS)[found % 2]
+            name = list(ANCHORS)[number % 2]
             row |= {"kind": "distance", "anchor": name}
             row |= {"distance_mm": 1e3 * (np.linalg.norm(target(q + ZEROS) - ANCHORS[name]) + error)}
-        elif kind == "from" and found % 2 == 0:
+        elif kind == "from" and number % 2 == 0:
             row, start = {**row, "kind": "distance"}, q
         elif kind == "from":
             length = np.linalg.norm(target(q + ZEROS) - target(start + ZEROS)) + error
-            row |= {"kind": "distance", "from": f"from {found - 1}", "distance_mm": 1e3 * length}
+            row |= {"kind": "distance", "from": f"from {number - 1}", "distance_mm": 1e3 * length}
         else:
             row |= dict(zip("xyz", target(q + ZEROS) + noise * generator.standard_normal(3), strict=True))
-        if q is not None:
-            found += 1
-            yield {**{f"q{i}": angle for i, angle in enumerate(q, 1)}, **row}
+        yield {**{f"q{i}": angle for i, angle in enumerate(q, 1)}, **row}
 
 
 def zero_errors(result: robacc.Calibrated, *, in_std: bool = False) -> list[float]:
@@ -351,14 +353,11 @@ def in_plate(position: np.ndarray) -> np.ndarray:
 
 def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
     generator = np.random.default_rng(5)
-    joints, places = [], []
-    while len(joints) < 36:
-        place = PLATE[len(joints) % 3]
-        q = reached(np.eye(3), CORNER + TURNED @ place, generator.uniform(LOW, HIGH), 1.6)
-        if q is not None:
-            joints.append(q + generator.normal(0.0, SCATTER, 6))
-            places.append(place)
-    result = robacc.calibrate(Measurements(np.array(places).T, q=np.array(joints).T), robot=robot(), fit=DECLARED)
+    places = np.tile(PLATE, (12, 1))
+    in_sockets = [reached(np.eye(3), CORNER + TURNED @ place, generator, 1.6) for place in PLATE]
+    joints = np.array([next(in_sockets[i % 3]) for i in range(36)])
+    joints += generator.normal(0.0, SCATTER, joints.shape)
+    result = robacc.calibrate(Measurements(places.T, q=joints.T), robot=robot(), fit=DECLARED)
     assert max(zero_errors(result, in_std=True)) < 3.0
     q = generator.uniform(LOW, HIGH, (100, 6)).T
     elsewhere = Measurements(in_plate(target(q + ZEROS[:, None])).T, q=q)

@@ -7,6 +7,7 @@ import math
 import os
 import re
 import sys
+import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -161,23 +162,31 @@ def measured_twice(folder: Path) -> tuple[str, ...]:
     return f"{folder}/before.csv", f"{folder}/after.csv", "--model", f"{folder}/model.yaml"
 
 
-def history(folder: Path, *words: str) -> Document:
-    """A command on a database with an estimate and two fits of one arm, and with the model of a fit."""
+TEMPORARY = tempfile.TemporaryDirectory(prefix="robacc-history-")
+
+
+@cache
+def recorded() -> Path:
+    """A folder with a model, and a database with two fits and an estimate of one arm."""
+    folder = Path(TEMPORARY.name)
     fitted = robacc.calibrate(results.PROJECT / POSES, robot=results.PROJECT / ROBOT, folds=2)
     fitted.write_model(folder / "model.yaml")
-    for name, at in zip(
-        (*stored(folder), *stored(folder, alone=True)), ("2026-01-01", "2026-02-01", "2026-03-01"), strict=True
-    ):
-        robacc.history_add(name, db=folder / "arm.db", at=at, arm="sample arm")
-    return run(*words, "--db", str(folder / "arm.db"))
+    for month, name in enumerate((*stored(folder), *stored(folder, alone=True)), 1):
+        robacc.history_add(name, db=folder / "arm.db", at=f"2026-{month:02d}-01", arm="sample arm")
+    return folder
+
+
+def history(*words: str) -> Document:
+    """A command on the database."""
+    return run(*words, "--db", str(recorded() / "arm.db"))
 
 
 MADE: dict[str, Callable[[Path], Document]] = {
     "history-add": lambda folder: run("history", "add", *stored(folder), "--db", str(folder / "new.db")),
-    "history-show": lambda folder: history(folder, "history", "show"),
-    "history-trend": lambda folder: history(folder, "history", "trend", "joint_offset.j3"),
-    "history-changes": lambda folder: history(folder, "history", "changes"),
-    "health": lambda folder: history(folder, "health", POSES, "--robot", str(folder / "model.yaml")),
+    "history-show": lambda _: history("history", "show"),
+    "history-trend": lambda _: history("history", "trend", "joint_offset.j3"),
+    "history-changes": lambda _: history("history", "changes"),
+    "health": lambda _: history("health", POSES, "--robot", str(recorded() / "model.yaml")),
     "fleet": lambda folder: run("fleet", *stored(folder)),
     **{name: lambda _, name=name: results.document(name) for name in results.CALLS},
     "estimate, gate": lambda folder: run("estimate", *results.CALLS["estimate"], *gated(folder)),

@@ -614,12 +614,19 @@ def test_a_picture_becomes_a_file(form: str, iso_result: Path, tmp_path: Path) -
     assert (data[: len(MAGIC[form])], len(data) > 5000, data == again) == (MAGIC[form], True, True)
 
 
-def test_plot_says_what_it_can_do(iso_result: Path, tmp_path: Path) -> None:
-    for kind, name, message in (
-        ("poses", "x.gif", "ends in .svg, .png or .pdf"),
-        ("budget", "x.png", "it has iso9283, iso9283-cloud"),
-    ):
-        assert message in refused("report", iso_result, "--chart", kind, "-o", tmp_path / name)
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("{result}", "--chart", "poses", "-o", "{x}.gif"), "ends in .svg, .png or .pdf"),
+        (("{result}", "--chart", "budget", "-o", "{x}.png"), "it has iso9283, iso9283-cloud"),
+        (("{result}", "-o", "{result}"), "would be overwritten"),
+        (("-", "-", "-o", "{x}.html"), "standard input can be read only once"),
+    ],
+)
+def test_pages_and_charts_that_cannot_be_made(
+    words: tuple[str, ...], message: str, iso_result: Path, tmp_path: Path
+) -> None:
+    assert message in refused("report", *(word.format(result=iso_result, x=tmp_path / "x") for word in words))
     assert not list(tmp_path.glob("x.*"))
 
 
@@ -652,8 +659,3 @@ def test_a_result_that_its_command_did_not_write_is_refused_by_name(change: Any,
     broken = saved(tmp_path / "broken.json", json.dumps(document))
     assert missing(refused("report", broken, "-o", tmp_path / "x.html", status=3), "broken.json", told) == []
     assert not list(tmp_path.glob("*.html"))
-
-
-def test_the_result_is_not_overwritten_by_its_page(iso_result: Path) -> None:
-    assert "would be overwritten" in refused("report", iso_result, "-o", iso_result)
-    refused("report", "-", "-", "-o", iso_result.with_suffix(".html"))

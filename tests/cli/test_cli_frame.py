@@ -96,11 +96,6 @@ def test_wrong_usage_is_status_2(words: str, told: str) -> None:
     assert told in refused(*words.split())
 
 
-def test_bad_input_is_status_3_with_a_line_on_standard_error() -> None:
-    done = commands.run("estimate", "nowhere.csv")
-    assert (done.exit_code, done.stdout, done.stderr) == (3, "", "error: nowhere.csv: the file does not exist\n")
-
-
 def test_every_problem_has_its_line_and_each_tip_stands_once(capsys: pytest.CaptureFixture[str]) -> None:
     problem = Problem("found 'a', expected a number", "p.csv", 3, "x", "write 0.5 or 5e-1")
     many = [problem, Problem("is empty", column="y", fix="write 0.5 or 5e-1"), Problem("is odd")]

@@ -15,7 +15,6 @@ from robacc.robots.description import Frame
 
 FOLDER = Path(__file__).parent / "samples"
 SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())
-FANUC_RESOLUTION = 0.5e-3
 
 
 def moved(program: Program, size: float, seed: int = 7) -> list[tuple[float, ...]]:

@@ -110,8 +110,8 @@ def test_an_interrupt_while_it_starts(delay: float) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert out == ""
-    # On a loaded machine the signal may end the process before Python has a handler.
-    if process.returncode != -signal.SIGINT and "runpy" not in err:
+    # On a loaded machine the signal may end the process before Python has a handler, or its own start.
+    if process.returncode != -signal.SIGINT and not re.search("runpy|init_import_site", err):
         assert err == "interrupted; nothing was written\n"
 
 

@@ -7,7 +7,6 @@ import math
 import os
 import re
 import sys
-import tempfile
 import threading
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
@@ -162,13 +161,11 @@ def measured_twice(folder: Path) -> tuple[str, ...]:
     return f"{folder}/before.csv", f"{folder}/after.csv", "--model", f"{folder}/model.yaml"
 
 
-TEMPORARY = tempfile.TemporaryDirectory(prefix="robacc-history-")
-
-
 @cache
-def recorded() -> Path:
-    """A folder with a model, and a database with two fits and an estimate of one arm."""
-    folder = Path(TEMPORARY.name)
+def recorded(place: Path) -> Path:
+    """A folder of a place, made once, with a model, and a database with two fits and an estimate of one arm."""
+    folder = place / "recorded"
+    folder.mkdir()
     fitted = robacc.calibrate(results.PROJECT / POSES, robot=results.PROJECT / ROBOT, folds=2)
     fitted.write_model(folder / "model.yaml")
     for month, name in enumerate((*stored(folder), *stored(folder, alone=True)), 1):
@@ -176,17 +173,17 @@ def recorded() -> Path:
     return folder
 
 
-def history(*words: str) -> Document:
+def history(folder: Path, *words: str) -> Document:
     """A command on the database."""
-    return run(*words, "--db", str(recorded() / "arm.db"))
+    return run(*words, "--db", str(recorded(folder.parent) / "arm.db"))
 
 
 MADE: dict[str, Callable[[Path], Document]] = {
     "history-add": lambda folder: run("history", "add", *stored(folder), "--db", str(folder / "new.db")),
-    "history-show": lambda _: history("history", "show"),
-    "history-trend": lambda _: history("history", "trend", "joint_offset.j3"),
-    "history-changes": lambda _: history("history", "changes"),
-    "health": lambda _: history("health", POSES, "--robot", str(recorded() / "model.yaml")),
+    "history-show": lambda folder: history(folder, "history", "show"),
+    "history-trend": lambda folder: history(folder, "history", "trend", "joint_offset.j3"),
+    "history-changes": lambda folder: history(folder, "history", "changes"),
+    "health": lambda folder: history(folder, "health", POSES, "--robot", str(recorded(folder.parent) / "model.yaml")),
     "fleet": lambda folder: run("fleet", *stored(folder)),
     **{name: lambda _, name=name: results.document(name) for name in results.CALLS},
     "estimate, gate": lambda folder: run("estimate", *results.CALLS["estimate"], *gated(folder)),

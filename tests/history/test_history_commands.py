@@ -1,5 +1,6 @@
 """Database of results by its commands: what is added, shown and found; a kill, two writers, other files."""
 
+import json
 import shutil
 import signal
 import sqlite3

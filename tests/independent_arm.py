@@ -47,10 +47,10 @@ def robot(targets: dict[str, Matrix] | None = None) -> Robot:
     return parse_robot("\n".join(lines) + "\n", "independent.yaml")
 
 
-def link_frames(q: Matrix) -> list[Matrix]:
-    """Frames (..., 4, 4) of the links at joints (6, ...)."""
+def link_frames(q: Matrix, geometry: Matrix | float = 0.0) -> list[Matrix]:
+    """Frames (..., 4, 4) of the links at joints (6, ...); ``geometry`` (6, 4) are errors of the table."""
     frames = [np.eye(4)]
-    for (theta, d, a, alpha, _, _), angle in zip(DH, q, strict=True):
+    for (theta, d, a, alpha), angle in zip(np.array([row[:4] for row in DH]) + geometry, q, strict=True):
         frames.append(frames[-1] @ dh(theta + angle, d, a, alpha))
     return frames[1:]
 
@@ -60,11 +60,11 @@ def target(q: Matrix, tool: Matrix = TOOL) -> Matrix:
     return (link_frames(q)[-1] @ np.append(tool, 1.0))[..., :3]
 
 
-def torques(q: Matrix, extra: Callable[[list[Matrix]], Matrix] | None = None) -> Matrix:
+def torques(q: Matrix, extra: Callable[[list[Matrix]], Matrix] | None = None, geometry: Matrix | float = 0.0) -> Matrix:
     """Torques of gravity about the joints (6, ...), positive along gravity: minus the slope of the energy."""
 
     def energy(at: Matrix) -> Matrix:
-        frames = link_frames(at)
+        frames = link_frames(at, geometry)
         own = sum(m * (frame @ np.append(com, 1.0))[..., 2] for frame, (*_, m, com) in zip(frames, DH, strict=True))
         return np.asarray(GRAVITY * own + (0.0 if extra is None else extra(frames)))
 

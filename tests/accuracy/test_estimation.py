@@ -467,24 +467,30 @@ def test_an_estimate_in_parts_is_that_of_the_whole_file(
     assert lengths[1] == pytest.approx(lengths[0], abs=1e-15 if align is None else 0.3 * whole.position.rms)
 
 
-def test_repetitions_effects_and_circumstances_are_those_of_the_whole_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+TRUE_ARM = str(ROOT / "sample_data" / "trace" / "truth.yaml")
+REPEATED = {"cycles": 4, "motion": True, "time_step": 5.0, "temperature": (20.0, 30.0)}
+COMMANDED = {"commanded": True, "noise_orientation": "0.01deg"}
+
+
+@pytest.mark.parametrize(
+    ("robot", "n", "made", "call"),
+    [
+        (TRUE_ARM, 600, REPEATED, {"robot": TRUE_ARM}),
+        (ROBOT_OF_IN_PARTS, 2000, COMMANDED, {"align": ("base_frame",)}),
+        (ROBOT_OF_IN_PARTS, 300, {}, {"robot": ROBOT_OF_IN_PARTS}),
+    ],
+    ids=["repetitions, effects and circumstances", "commands of the file", "few poses"],
+)
+def test_files_with_a_byte_order_mark_are_read_in_parts(
+    robot: str, n: int, made: dict[str, Any], call: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    truth = str(ROOT / "sample_data" / "trace" / "truth.yaml")
-    path = simulated(tmp_path / "poses.csv", truth, 600, cycles=4, motion=True, time_step=5.0, temperature=(20.0, 30.0))
-    whole = robacc.estimate(path, robot=truth)
+    path = Path(simulated(tmp_path / "poses.csv", robot, n, **made))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    whole = robacc.estimate(str(path), **call)
     in_parts(monkeypatch)
-    parts = robacc.estimate(path, robot=truth)
-    check_same(whole, parts)
-    assert parts.position.n_poses == 600
-    assert "read in parts" in parts.position.structure.text
-
-
-def test_commands_of_the_file_are_registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = simulated(tmp_path / "poses.csv", commanded=True, noise_orientation="0.01deg")
-    whole = robacc.estimate(path, align=("base_frame",))
-    in_parts(monkeypatch)
-    check_same(whole, robacc.estimate(path, align=("base_frame",)), fitted=True)
+    parts = robacc.estimate(str(path), **call)
+    check_same(whole, parts, fitted="align" in call)
+    assert ("read in parts" in parts.position.structure.text) == ("cycles" in made)
 
 
 def test_processes_change_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -535,14 +541,6 @@ def test_what_is_not_of_the_documented_form_is_read_as_a_whole(tmp_path: Path, m
     semicolons = saved(tmp_path / "semicolons.csv", path.read_text(encoding="utf-8").replace(",", ";"))
     in_parts(monkeypatch)
     assert not any("was read in" in note for note in robacc.estimate(str(semicolons), robot=ROBOT_OF_IN_PARTS).notes)
-
-
-def test_a_byte_order_mark_moves_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = Path(simulated(tmp_path / "poses.csv", n=300))
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    whole = robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
-    in_parts(monkeypatch)
-    check_same(whole, robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS))
 
 
 @pytest.mark.parametrize("count", [1, 60, 20_000, 600_000])

@@ -381,12 +381,6 @@ def test_a_fit_to_positions_expects_no_orientation_error() -> None:
     assert "after_rms_rad" not in columns
 
 
-def test_a_correction_by_the_nominal_model_is_named_zero() -> None:
-    targets = robacc.simulate(TRACED_ROBOT, poses=3, seed=5, motion=False).data
-    [text] = robacc.correct(targets, model=TRACED_ROBOT).doubts
-    assert "every correction is zero" in text
-
-
 DRILL = Frame((0.0, 0.0, 0.05))
 
 
@@ -670,13 +664,6 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
     problem = caught.value.problems[0]
     assert (problem.file, problem.line) == (str(path), 2)
     assert "no target can be corrected" in (problem.fix or "")
-
-
-def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
-    nominal, _ = arms()
-    path = tmp_path / "joints.script"
-    result = corrected(path, write_program("urscript", [("t", Q[:, 0])]), model=nominal)
-    assert any("every correction is zero" in warning for warning in result.warnings)
 
 
 def test_joint_targets_of_another_number_of_joints_are_refused(tmp_path: Path) -> None:

@@ -187,12 +187,6 @@ def test_the_table(files: Path) -> None:
     assert "shrunk to nominal" in one_line(output(*gear))
 
 
-def test_a_file_of_its_own_judges(files: Path) -> None:
-    found = calibrated(files, GEOMETRY, "--holdout", str(files / "apart.csv"))
-    assert found["n_folds"] == 0
-    assert found["after"]["held_out"] != calibrated(files, GEOMETRY)["after"]["held_out"]
-
-
 def test_without_frames_the_error_before_is_not_registered_either(files: Path) -> None:
     found = calibrated(files, "joint_offset")
     before = found["nominal_unregistered"]["held_out"]["position"]["rms_m"]
@@ -363,26 +357,6 @@ def test_a_clean_arm(traced_files: Path) -> None:
     assert (found["verdict"], found["findings"], found["after"]) == ("clean", [], found["before"])
     told = ("declared effects explain it; nothing else found", "none, at a false-alarm rate")
     assert missing(table, *told, "extended model") == ["extended model"]
-
-
-@pytest.mark.slow
-def test_the_written_model_is_a_robot_file_that_finds_nothing_more(traced_files: Path, tmp_path: Path) -> None:
-    model = tmp_path / "model.yaml"
-    found = traced(traced_files, "--write-model", str(model))
-    data = read_poses(str(traced_files / "poses.csv"))
-    residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
-    fitted = found["after"]["fitted"]["position"]
-    assert fitted["rms_m"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0, abs=1e-12)
-    assert fitted["max_m"] == pytest.approx(residual.max(), rel=0, abs=1e-12)
-    text = model.read_text(encoding="utf-8")
-    assert text.startswith("# written by robacc")
-    assert "poses.csv" in text.splitlines()[0]
-    assert "backlash" in text
-    again = commands.document("trace", traced_files / "poses.csv", "--robot", model, "--declared", DECLARED)
-    assert again["findings"] == []
-    # Poses that had no part in it: what is left is noise, root three times 0.02 mm, and the coefficients' own error.
-    fresh = commands.document("estimate", traced_files / "apart.csv", "--robot", model)
-    assert fresh["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
 
 
 def test_poses_held_out_by_a_file(traced_files: Path) -> None:
@@ -577,14 +551,6 @@ def test_without_units_each_command_asks(export: tuple[str, np.ndarray], tmp_pat
         columns = f"{path.name}:1, A1, A2, A3, A4, A5, A6: these columns state no unit"
         assert missing(told, columns, "--units") == []
         assert not Path(out).exists()
-
-
-def test_limits_leave_one_unit(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    out = str(tmp_path / "out.csv")
-    done = run("simulate", ROBOT, "--at", export[0], "-o", out)
-    assert done.exit_code == 0
-    np.testing.assert_allclose(robacc.read_poses(out, robot=robacc.read_robot(ROBOT)).q, export[1], atol=2e-6)
-    assert "A1, A2, A3, A4, A5, A6 taken as deg: no other unit agrees with the values" in done.stderr
 
 
 def test_correct_reads_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:

@@ -202,13 +202,6 @@ def test_an_eccentric_gear_is_no_counterbalance(seed: int) -> None:
     assert sorted({effect.name for effect in effects}) == ["joint_compliance", "transmission_error"]
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("seed", range(400, 420))
-def test_a_spring_alone_is_no_counterbalance(seed: int) -> None:
-    effects, _, _ = search_end("balanced spring", 80, seed)
-    assert [str(effect) for effect in effects] == ["joint_compliance[j2]"]
-
-
 def test_the_columns_are_the_torque_of_the_spring() -> None:
     """With the place of the simulated spring, both coefficients follow from stiffness and radii."""
     a, b = float(np.linalg.norm(FIXED)), float(np.linalg.norm(MOVING))
@@ -364,19 +357,6 @@ def test_a_warm_up_does_not_depend_on_the_clocks_zero() -> None:
     later = dataclasses.replace(data, time=data.time + 1e9)
     first, second = (fitted(at, [JointWarmup.default(ARM, at, ("j3",))]) for at in (data, later))
     np.testing.assert_allclose(second.theta, first.theta, rtol=0, atol=1e-9)
-
-
-@pytest.mark.slow
-def test_clean_arms_are_left_alone() -> None:
-    """Twenty arms with a clock and directions, and nothing wrong but noise: no finding."""
-    names = []
-    for seed in range(20):
-        poses = run(80, seed=100 + seed)
-        names += [
-            str(effect)
-            for effect in found(measured(poses, true_positions(poses), NOISE, seed, timed=True, directed=True))
-        ]
-    assert names == []
 
 
 # An arm on a rail that is bent and twisted: kinematics are those of the independent arm, carried by hand.
@@ -643,19 +623,6 @@ def test_part_place_and_size_are_found(part: str, timed: bool) -> None:
     assert np.linalg.norm(sizes) == pytest.approx(2e-4, rel=0.2)
     assert "line 5" in finding.statement
     assert ("jumps" if part == "joint" else "displaced") in finding.statement
-
-
-@pytest.mark.slow
-def test_two_steps_are_found() -> None:
-    poses = run(N_OF_LOADS_AND_STEPS, seed=6)
-    position = positions_of_loads_and_steps(poses, "target", 2.5e-4)
-    late = np.arange(N_OF_LOADS_AND_STEPS) >= 75
-    position = np.where(late, position + np.array([[3e-4], [0.0], [-3e-4]]), position)
-    result = traced(measured(poses, position, STEP_NOISE, 6))
-    assert sorted(finding.settings["part"] for finding in result.findings) == ["base", "target"]
-    at = {finding.settings["part"]: finding.settings["from_line"] for finding in result.findings}
-    assert abs(at["target"] - (STEPPED + 2)) <= 2
-    assert abs(at["base"] - 77) <= 2
 
 
 def test_errors_that_wander_are_no_steps() -> None:

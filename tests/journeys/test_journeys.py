@@ -337,39 +337,8 @@ def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
 
 
 # A calibration without an instrument: the tip of the tool rests in sockets of a plate, arm simulated independently.
-PLATE = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0]])
-"""Sockets in the frame of the plate, m."""
-CORNER, YAW = np.array([0.75, -0.15, 0.3]), 0.4
-SCATTER = 3e-5
-"""Repeatability of the joints, rad."""
 
 
-TURNED = turn(2, YAW)[:3, :3]
-
-
-def in_plate(position: np.ndarray) -> np.ndarray:
-    return (position - CORNER) @ TURNED
-
-
-def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
-    generator = np.random.default_rng(5)
-    places = np.tile(PLATE, (12, 1))
-    in_sockets = [reached(np.eye(3), CORNER + TURNED @ place, generator, 1.6) for place in PLATE]
-    joints = np.array([next(in_sockets[i % 3]) for i in range(36)])
-    joints += generator.normal(0.0, SCATTER, joints.shape)
-    result = robacc.calibrate(Measurements(places.T, q=joints.T), robot=robot(), fit=DECLARED)
-    assert max(zero_errors(result, in_std=True)) < 3.0
-    q = generator.uniform(LOW, HIGH, (100, 6)).T
-    elsewhere = Measurements(in_plate(target(q + ZEROS[:, None])).T, q=q)
-    nominal, calibrated = (
-        robacc.estimate(elsewhere, robot=arm, align=frames).position.mean_error
-        for arm, frames in ((robot(), "base_frame,tool_frame"), (result.robot, "none"))
-    )
-    assert nominal > 1e-3
-    assert calibrated < 0.25 * nominal
-
-
-"""Errors of the joint zeros, rad."""
 MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
 """Joints about which the photos are taken, rad."""
 REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
@@ -493,19 +462,6 @@ def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -
     assert left.orientation.rms < 1e-7
 
 
-def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:
-    path = written_photos(tmp_path, "world", 70, 0.1)
-    rows = Path(path).read_text().splitlines()
-    for i, row in enumerate(rows[1:], 1):
-        cells = row.split(",")
-        # The joint stands where its gear takes it: the commanded angle differs by the gear's error.
-        cells[3] = repr(float(cells[3]) - 1.5e-3 * math.sin(2.0 * float(cells[3]) + 0.4))
-        rows[i] = ",".join(cells)
-    Path(path).write_text("\n".join(rows) + "\n")
-    result = robacc.trace(path, robot=robot(), declared=DECLARED)
-    assert ("transmission_error", ("j3",)) in [(finding.effect, finding.joints) for finding in result.findings]
-
-
 def test_photos_in_their_order_show_the_backlash_of_a_servo(tmp_path: Path) -> None:
     """Half a degree in the third joint, as servos of low-cost arms have it."""
     gap, taken, before = math.radians(0.5), [], MIDDLE
@@ -551,12 +507,6 @@ def test_derivatives_of_images_are_those_of_the_predictions() -> None:
     q = (MIDDLE + REACH * generator.uniform(-1.0, 1.0, (n, 6))).T
     data = Measurements(np.zeros((3, n)), q=q, kind=kind, fixture=fixture, seen=seen)
     check_derivatives(data, 1e-2, 3.0, rtol=1e-6, atol=1e-7)  # Others are seen at more than 75 degrees.
-
-
-def test_rays_undo_the_lens() -> None:
-    points = np.random.default_rng(2).uniform(-0.3, 0.3, (3, 50)) + np.array([[0.0], [0.0], [1.0]])
-    camera = Camera(tuple(FOCAL), tuple(CENTRE), DISTORTION)
-    np.testing.assert_allclose(camera.rays(image(points)), points[:2] / points[2], atol=1e-10)
 
 
 def test_three_points_show_nearly_as_much_as_the_board() -> None:

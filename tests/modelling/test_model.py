@@ -402,26 +402,6 @@ def test_harmonics_over_a_common_period_repeat_and_narrower_ones_are_held() -> N
         assert TransmissionError(("j1",), orders).beyond(one, "j1", (0.0, reach)).is_held == is_held
 
 
-def test_the_written_model_reproduces_the_fit_and_is_bounded_beyond_its_range() -> None:
-    one = arm("puma560")
-    rng = np.random.default_rng(3)
-    data = circumstances(one.robot, 150, 1)
-    q = np.array(data.q)
-    q[0] = rng.uniform(-0.8, 0.8, 150)
-    data = dataclasses.replace(data, q=q)
-    true = dataclasses.replace(one.robot, effects=(_harmonics(),))
-    data = dataclasses.replace(data, position=predict(true, data).translation + rng.normal(0, 2e-5, (3, 150)))
-    profile = TransmissionError(("j1",), tuple(float(n) for n in range(1, 30)), True)
-    fitted = fit(Model.of(one.robot, [profile]), data)
-    robot = parse_robot(robot_to_yaml(apply_fit(fitted)), "model.yaml")
-    np.testing.assert_allclose(predict(robot, data).translation, fitted.poses.translation, rtol=0, atol=1e-15)
-    beyond = circumstances(one.robot, 400, 5)
-    np.testing.assert_array_equal(predict(robot, beyond).translation, fitted.predict(beyond).translation)
-    lever = 1.2
-    moved = np.linalg.norm(predict(robot, beyond).translation - one.chain.forward(beyond.q).translation, axis=0)
-    assert moved.max() < 4 * 3e-4 * lever, "the profile is as large outside as inside, not larger"
-
-
 def _harmonics() -> dict[str, object]:
     return {
         "effect": "transmission_error",

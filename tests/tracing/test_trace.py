@@ -226,20 +226,6 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     assert low < high
 
 
-@pytest.mark.slow
-def test_several_effects_at_once() -> None:
-    gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
-    found = traced(arm("puma560").robot, measured("puma560", gear, lag, WAVE))
-    assert sorted(named(found)) == [
-        ("backlash", ("j3",)),
-        ("gear_ratio", ("j2",)),
-        ("transmission_error", ("j3",)),
-    ]
-    # Each finding's part in the whole: without it the poses held out are worse.
-    for finding in found.findings:
-        assert finding.held_out_after < finding.held_out_before
-
-
 def test_a_beam_break_is_no_effect() -> None:
     plan = Plan(80, seed=1, noise_position=NOISE_OF_TRACE, orientation=False, outliers=3, outlier_size=0.01)
     made = simulate(arm("puma560").robot, plan)

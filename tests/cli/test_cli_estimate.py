@@ -302,13 +302,6 @@ def test_one_document_holds_what_each_file_alone_gives(folder: Path) -> None:
         assert one["summary"]["n_poses"] == alone["n_poses"]
 
 
-@pytest.mark.slow
-def test_processes_change_nothing(folder: Path) -> None:
-    alone = run(*files(folder), *HOW, "--format", "json", "--jobs", "1")
-    several = run(*files(folder), *HOW, "--format", "json", "--jobs", "3")
-    assert (several.exit_code, several.stdout, several.stderr) == (alone.exit_code, alone.stdout, alone.stderr)
-
-
 @pytest.mark.parametrize(
     ("form", "suffix", "more"),
     [("json", ".json", ()), ("table", ".txt", ()), ("table", ".txt", ("--full",)), ("markdown", ".md", ())],

@@ -27,8 +27,6 @@ from robacc.geometry import compose as product, log_so3, transpose
 from robacc.gravity import gravity_torques
 from robacc.modelling.model import Model, predict, residuals
 from robacc.poses.csv_file import format_poses, read_poses
-from robacc.robots.arm import Arm
-from robacc.robots.description import Frame
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search
 from robacc.tracing.trace import trace
@@ -129,27 +127,6 @@ def test_an_error_that_resembles_the_difference_is_no_settling() -> None:
     assert search(model(data), data, only=["read_back", "gear_ratio"]).effects == ()
 
 
-UR10 = Path(__file__).resolve().parents[2].parent / "shared" / "data" / "ipa_ur10"
-needs_data = pytest.mark.skipif(not UR10.is_dir(), reason="the real data are not here")
-
-
-def recorded(series: str) -> tuple[Arm, Measurements]:
-    """Every fifth pose of a recorded campaign."""
-    arm = robacc.read_robot(UR10 / "robot.yaml")
-    data = robacc.read_poses(UR10 / f"series_{series}.csv", robot=arm)
-    return Arm.of(arm), data.subset(np.arange(0, data.n, 5))
-
-
-@needs_data
-@pytest.mark.parametrize("series", ["B", "D"])
-def test_real_joints_are_not_rounded_until_they_are(series: str) -> None:
-    arm, data = recorded(series)
-    assert evident_rounding(fitted(data, (), arm), data) is None
-    for step, is_evident in ((1e-4, False), (1e-3, False), (0.1, True)):
-        rounded = dataclasses.replace(data, q=np.radians(step * np.round(np.degrees(data.q) / step)))
-        assert (evident_rounding(fitted(rounded, (), arm), rounded) is not None) is is_evident, step
-
-
 @pytest.mark.parametrize("is_command", [False, True])
 def test_an_estimate_names_the_rounding_that_its_errors_show(tmp_path: Path, is_command: bool) -> None:
     path = saved(tmp_path / "poses.csv", format_poses(rounded(0.1, is_command)))
@@ -222,20 +199,6 @@ def test_what_is_explained_is_the_difference_of_the_residuals(name: str) -> None
     assert np.sqrt(np.mean(np.square(ratio))) < 1.3
 
 
-def payload_moment(data: Measurements) -> np.ndarray:
-    """About the second axis by hand: the work of the payload's weight as the joint turns, by central differences."""
-    robot = dataclasses.replace(arm("puma560").robot, effects=(), tool=Frame(arm("puma560").payload_com))
-
-    def height(shift: float) -> np.ndarray:
-        q = np.array(data.q)
-        q[1] += shift
-        return predict(robot, dataclasses.replace(data, q=q)).translation[2]
-
-    # Gravity pulls along -z: what sinks is turned that way.
-    rise: np.ndarray = (height(1e-5) - height(-1e-5)) / 2e-5
-    return -9.81 * data.payload * rise
-
-
 EXPECTED = {
     "backlash": lambda data: -2e-4 * data.direction[2],
     "approach_lag": lambda data: 3e-4 * data.speed[1],
@@ -243,7 +206,6 @@ EXPECTED = {
     "joint_coupling": lambda data: 1e-3 * data.q[4],
     "transmission_error": lambda data: 1.2e-4 * np.cos(7.5 * data.q[0]) - 1.6e-4 * np.sin(7.5 * data.q[0]),
     "joint_compliance": lambda data: 5e-6 * gravity_torques(arm("puma560"), data.q)[1],
-    "payload_compliance": lambda data: 2e-5 * payload_moment(data),
 }
 
 
@@ -419,8 +381,7 @@ def groups_of(turn: np.ndarray, seed: int, declared: str = DECLARED) -> RowLoads
 
 def deflections(seed: int, mass: np.ndarray) -> np.ndarray:
     """Turns ``(6, N)`` of the joints by the arm's weight and a load of ``mass`` ``(N,)`` at the tool."""
-    pairs = zip(run(N_OF_ROW_LOADS, seed).q.T, mass, strict=True)
-    return np.array([COMPLIANCE * load_torques(q, load) for q, load in pairs]).T
+    return COMPLIANCE[:, None] * load_torques(run(N_OF_ROW_LOADS, seed).q, mass)
 
 
 @pytest.mark.parametrize("loads", [(0.0, 20.0, 40.0), (0.0, 30.0)])

@@ -366,13 +366,6 @@ def test_warnings_carry_their_files_name(folder: Path) -> None:
     assert done.stderr.count("(the same in 2 files)") == 2
 
 
-@pytest.mark.slow
-def test_one_page_has_the_results_side_by_side(folder: Path) -> None:
-    page = folder / "page.html"
-    assert run(*files(folder), *HOW, "--report", str(page)).exit_code == 3
-    assert missing(page.read_text(encoding="utf-8"), "2 results side by side", "a.csv") == []
-
-
 def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:
     (folder / "c.csv").write_text("x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3.001\n1,2,4,1,2,4.002\n", encoding="utf-8")
     table, found = run(*files(folder, "ac")), run(*files(folder, "ac"), "--format", "json")

@@ -1,6 +1,7 @@
 """The frame of the command line: exit statuses, streams, colour, completion, help, names of options, build servers."""
 
 import ast
+import contextlib
 import inspect
 import itertools
 import json
@@ -170,14 +171,10 @@ def terminal(*arguments: str, **environment: str) -> str:
     )
     os.close(theirs)
     text = b""
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # what Linux says when the other side has closed
-            break
-        if not part:
-            break
-        text += part
+    # Linux says by an error that the other side has closed.
+    with contextlib.suppress(OSError):
+        while part := os.read(ours, 65536):
+            text += part
     process.wait()
     os.close(ours)
     return text.decode()

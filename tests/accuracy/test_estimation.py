@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import independent_arm
 import numpy as np
 import pytest
 from arms import arm
-from homogeneous import shift, turn
 from sample_files import ROOT, SAMPLES, saved
 from scipy.spatial.transform import Rotation
 
@@ -27,40 +26,31 @@ N = 40
 FRAMES = ("base_frame", "tool_frame")
 ROBOT = independent_arm.robot()
 LOW, HIGH = np.array(independent_arm.LIMITS).T[..., None]
-TABLE = np.array([row[:4] for row in independent_arm.DH])
 NOISE = 1e-5
 
 
-@dataclasses.dataclass(frozen=True)
-class Arm:
-    """An arm with errors of its geometry and of its joints, which vary once to three times a turn."""
+class Arm(NamedTuple):
+    """An arm with errors ``(6, 4)`` of its table and of its joints, which vary once to three times a turn."""
 
-    table: Any
+    geometry: Any
     size: Any
     phase: Any
     order: Any
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Arm:
-        size = 3e-4 * np.exp(rng.normal(0.0, 0.7, TABLE.shape))
-        return cls(
-            TABLE + size * rng.normal(size=TABLE.shape),
-            2e-4 * rng.normal(size=(6, 1)),
-            rng.uniform(0.0, 6.3, (6, 1)),
-            rng.integers(1, 4, (6, 1)),
-        )
+        scale = 3e-4 * np.exp(rng.normal(0.0, 0.7, (6, 4)))
+        waves = 2e-4 * rng.normal(size=(6, 1)), rng.uniform(0.0, 6.3, (6, 1)), rng.integers(1, 4, (6, 1))
+        return cls(scale * rng.normal(size=(6, 4)), *waves)
 
     def poses(self, q: Any) -> tuple[Any, Any]:
         """Positions ``(3, N)`` and rotations ``(3, 3, N)`` of the target."""
-        pose = np.eye(4)
-        angles = q + self.size * np.sin(self.order * q + self.phase)
-        for (theta, d, a, alpha), angle in zip(self.table, angles, strict=True):
-            pose = pose @ turn(2, theta + angle) @ shift(a, 0.0, d) @ turn(0, alpha)
-        position = pose[:, :3, 3] + pose[:, :3, :3] @ independent_arm.TOOL
-        return position.T, np.moveaxis(pose[:, :3, :3], 0, 2)
+        turned = q + self.size * np.sin(self.order * q + self.phase)
+        pose = independent_arm.link_frames(turned, self.geometry)[-1]
+        return (pose @ [*independent_arm.TOOL, 1.0])[:, :3].T, np.moveaxis(pose[:, :3, :3], 0, 2)
 
 
-NOMINAL = Arm(TABLE, np.zeros((6, 1)), np.zeros((6, 1)), np.ones((6, 1)))
+NOMINAL = Arm(0.0, 0.0, 0.0, 0.0)
 
 
 # Positions of order 1 carry rounding of some 1e-16 each; the last case has more poses than are computed at a time.

@@ -2,13 +2,12 @@
 
 import dataclasses
 import math
-from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
 import pytest
 from arms import arm
-from homogeneous import frame, shift, turn
+from described_arm import forward
 from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 
@@ -84,42 +83,6 @@ def toleranced(name: str) -> Robot:
     lengths, angles = dict.fromkeys("xyz", 2e-4), dict.fromkeys(("roll", "pitch", "yaw", "offset"), 1.5e-4)
     robot = with_tolerances(robot, {**lengths, **angles})
     return dataclasses.replace(robot, base_tolerance={"x": 1e-4, "yaw": 1e-4}, tool_tolerance={"z": 3e-4})
-
-
-def frame_with(value: Frame, errors: Mapping[str, np.ndarray]) -> np.ndarray:
-    xyz = [value.xyz[i] + errors.get(name, 0.0) for i, name in enumerate("xyz")]
-    nominal = frame(xyz, value.rpy)
-    for axis, name in enumerate(("roll", "pitch", "yaw")):
-        nominal = nominal @ turn(axis, errors.get(name, 0.0))
-    return nominal
-
-
-def link(joint: Joint, convention: str, q: float, errors: Mapping[str, np.ndarray]) -> np.ndarray:
-    """A joint's transform from the textbook's definition, each parameter with its errors ``(M,)``; no chain."""
-    p = {name: value + errors.get(name, 0.0) for name, value in joint.parameters.items()}
-    if convention == "urdf":
-        xyz, rpy = ([joint.parameters[k] for k in names] for names in ("xyz", ("roll", "pitch", "yaw")))
-        before = frame_with(Frame(tuple(xyz), tuple(rpy)), errors)
-        if joint.type == "fixed":
-            return before
-        angle = np.atleast_1d(q + p["offset"])
-        result = np.tile(np.eye(4), (angle.size, 1, 1))
-        result[:, :3, :3] = Rotation.from_rotvec(angle[:, None] * np.array(joint.axis)).as_matrix()
-        return before @ result
-    p["theta" if joint.type == "revolute" else "d"] += joint.sign * q
-    z = turn(2, p["theta"]) @ shift(z=p["d"])
-    x, along, y = turn(0, p["alpha"]), shift(p["a"]), turn(1, p["beta"])
-    return z @ along @ x @ y if convention == "standard" else x @ along @ y @ z
-
-
-def forward(robot: Robot, q: np.ndarray, errors: Mapping[str, Mapping[str, np.ndarray]]) -> np.ndarray:
-    """Tool pose ``(M, 4, 4)`` at one configuration, with errors by owner and parameter."""
-    pose = np.eye(4)[None] @ frame_with(robot.base, errors.get("base", {}))
-    values = iter(q)
-    for joint in robot.joints:
-        joint_errors = errors.get(joint.name, {})
-        pose = pose @ link(joint, robot.convention, next(values) if joint.is_variable else 0.0, joint_errors)
-    return pose @ frame_with(robot.tool, errors.get("tool", {}))
 
 
 def error_jacobian(robot: Robot, q: np.ndarray) -> np.ndarray:

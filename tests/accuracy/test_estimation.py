@@ -105,17 +105,6 @@ def test_worst_poses_and_ties() -> None:
     assert {(pose.pose, pose.target, pose.orientation) for pose in worst} == {(None, None, None)}
 
 
-def test_each_target_has_its_own_metrics() -> None:
-    position = np.array([[1e-3, -1e-3, 3e-3, 4e-3], [0, 0, 0, 0], [0, 0, 0, 0]])
-    data = Measurements(position=position, commanded_position=np.zeros((3, 4)), target=np.array(["a", "a", "b", "b"]))
-    a, b = estimate(data).targets
-    assert (a.name, a.n_poses, b.name, b.n_poses) == ("a", 2, "b", 2)
-    assert a.position.rms == pytest.approx(1e-3)
-    assert b.position.rms == pytest.approx(np.sqrt(12.5) * 1e-3)
-    # 3 and 4 mm: 95 % of the way from one to the other.
-    assert (b.position.mean, b.position.p95, b.position.max) == pytest.approx((3.5e-3, 3.95e-3, 4e-3))
-
-
 def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
     rng = np.random.default_rng(8)
     q = rng.uniform(LOW, HIGH, (6, N))

@@ -17,14 +17,13 @@ import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
 from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
-from slow_parameters import some_fast
 
 import robacc
 from robacc import Measurements, read_robot
 from robacc.effects.specification import parse_requests
 from robacc.modelling.model import predict
 from robacc.poses.csv_file import read_poses
-from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
 
@@ -88,19 +87,6 @@ def test_coefficients_that_the_poses_do_not_show_have_their_reason(files: Path) 
     assert dropped == {name for name, one in values(found).items() if one["std"] is None}
 
 
-def test_stages_are_before_and_after(files: Path) -> None:
-    found = calibrated(files, f"{GEOMETRY},gear_ratio[j2]")
-    rms = [found[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "before", "after")]
-    assert min(rms[:2]) > 5 * rms[2]
-    assert rms[2] < 1.6 * np.sqrt(3) * NOISE
-    assert found["after"]["fitted"]["position"]["rms_m"] < rms[2]
-    gear = values(found)["gear_ratio.j2"]
-    assert abs(gear["value"] - 5e-4) < 4 * gear["std"]
-    # Noise by the residual: 300 numbers less 31.
-    assert (found["noise"]["source"], found["noise"]["position_m"]) == ("residual", pytest.approx(NOISE, rel=0.2))
-    assert found["gain_m"]["low"] > 0
-
-
 def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     fitted = calibrated(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model))["after"]["fitted"]
@@ -113,19 +99,6 @@ def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path
     for before, after in zip(read_robot(files / "arm.yaml").joints, read_robot(model).joints, strict=True):
         for label, value in after.parameters.items():
             assert abs(value - before.parameters.get(label, 0.0)) < 0.01
-
-
-@pytest.mark.parametrize("name", some_fast(("panda", "puma560", "urdf:ur10", "stanford", "targets:puma560"), 3))
-def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
-    robot = arm(name).robot
-    joint = arm(name).names[1]
-    wrong = ({"effect": "joint_offset", "joints": [joint], "values": {joint: 1e-3}},)
-    data = simulate(dataclasses.replace(robot, effects=wrong), Plan(40, seed=5, noise_position=NOISE)).data
-    wave = f"transmission_error[{joint}]"
-    found = calibrate(robot, data, parse_requests(f"{GEOMETRY},backlash[{joint}],{wave},instrument_scale"))
-    poses = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
-    np.testing.assert_allclose(poses.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow

@@ -94,21 +94,6 @@ def test_same_bytes_every_time_and_seed_matters() -> None:
     assert len(lower) == 2
 
 
-def test_alignment_stands_beside_the_unaligned_figures() -> None:
-    plain, aligned = document(*SAMPLE), document(*SAMPLE, "--align", "base_frame,tool_frame")
-    assert plain["alignment"] is plain["unaligned"] is None
-    assert aligned["alignment"]["what"] == ["base_frame", "tool_frame"]
-    assert aligned["alignment"]["n_parameters"] == len(aligned["alignment"]["parameters"]) == 12
-    for key, unit in (("position", "m"), ("orientation", "rad")):
-        for name in (f"rms_{unit}", f"mean_error_{unit}", f"p95_{unit}", f"max_{unit}"):
-            assert aligned["unaligned"][key][name] == pytest.approx(plain[key][name], rel=1e-12)
-    assert aligned["position"]["rms_m"] < 0.5 * plain["position"]["rms_m"]
-    table = run(*SAMPLE, "--align", "base_frame,tool_frame", "--full").stdout
-    assert missing(table, "registered: base_frame and tool_frame fitted, 12 parameters", "unregistered") == []
-    assert "unregistered" not in run(*SAMPLE, "--full").stdout
-    assert "not registered" in run(*SAMPLE).stdout
-
-
 def test_table_is_as_it_was() -> None:
     """Golden: a change of looks is a change to review. Rewrite with the command in the failure's message."""
     message = f"robacc estimate - --full > {GOLDEN.name} if it should be"

@@ -29,7 +29,6 @@ from sample_files import (
 
 from robacc.documents.descriptions import SHOW
 from robacc.effects import REGISTRY
-from robacc.io.files import sha256_of
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
@@ -64,25 +63,6 @@ def test_table_is_in_millimetres_and_degrees() -> None:
     assert rows == [*geometry, ["j3", "revolute", "-245", "65", "°", "+1", "-"]]
     told = ("payload  at (0, 0, 100) mm in the last link's frame", "masses   unknown", "effects  none")
     assert missing(text, *told, "\x1b") == ["\x1b"]
-
-
-def test_json_is_the_contracts_and_nothing_else() -> None:
-    path = CONFIGS / "stanford.yaml"
-    result = commands.run("show", path, "--format", "json")
-    assert (result.exit_code, result.stderr, str(ROOT) in result.stdout) == (0, "", False)
-    found = json.loads(result.stdout)
-    robot = read_robot(path)
-    assert {key: found[key] for key in ("schema", "inputs", "options", "n_joints")} == {
-        "schema": "robacc.show/1",
-        "inputs": [{"name": path.name, "sha256": sha256_of(path), "kind": "robot"}],
-        "options": {"base_link": None, "tip_link": None},
-        "n_joints": 6,
-    }
-    third = found["joints"][2]
-    assert (third["type"], third["unit"], third["limits"]) == ("prismatic", "m", [0.3048, 1.27])
-    assert third["parameters"] == pytest.approx(dict(robot.joints[2].parameters), rel=1e-11)
-    assert found["moved_mass_kg"] == pytest.approx(9.29 + 5.01 + 4.25 + 1.08 + 0.63 + 0.51)
-    assert set(found["reach"]) == {"tool"}
 
 
 def test_reach_of_arms_that_can_be_worked_out() -> None:
@@ -280,14 +260,6 @@ def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_pa
     output("simulate", file, "--at", plan, "-o", poses)
     data = read_poses(poses)
     assert (data.target.tolist(), data.q[0].tolist()) == (["a", "b", "a", "b"], [0.1, 0.1, 0.2, 0.2])
-
-
-def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
-    urdf = tmp_path / "puma.urdf"
-    output("export", PUMA, "--urdf", urdf)
-    same = [output("simulate", robot, "--poses", 5, "--noise", "1um") for robot in (PUMA, urdf)]
-    one, other = (np.array([row.split(",")[6:9] for row in text.splitlines()[2:]], dtype=float) for text in same)
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
 
 
 def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:

@@ -23,9 +23,8 @@ from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, effect_class
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
-from robacc.geometry import compose as product, log_so3, transpose
 from robacc.gravity import gravity_torques
-from robacc.modelling.model import Model, predict, residuals
+from robacc.modelling.model import Model, predict
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.search import search
@@ -196,7 +195,7 @@ def test_what_is_explained_is_the_difference_of_the_residuals(name: str) -> None
     np.testing.assert_allclose((one.before - one.after)[good], one.effect[good], rtol=1e-9, atol=1e-15)
     # With the truth in the model what is left is the noise of each reading.
     ratio = one.after[good] / one.sd[good]
-    assert np.sqrt(np.mean(np.square(ratio))) < 1.3
+    assert 0.75 < np.sqrt(np.mean(np.square(ratio))) < 1.3
 
 
 EXPECTED = {
@@ -220,29 +219,6 @@ def test_a_joints_effect_is_told_as_its_own_angle(name: str, oriented: bool) -> 
     # To first order in angles of some 1e-4, and of a coefficient that noise moves by less than a hundredth.
     sure = np.isfinite(one.sd) & (one.sd < 20 * np.nanmedian(one.sd))
     assert np.max(np.abs(one.effect - wanted)[sure]) < 0.03 * np.max(np.abs(wanted))
-
-
-def test_the_reading_is_the_least_squares_angle_by_finite_differences() -> None:
-    """Against the derivative of the prediction by central differences, and the normal equation written out."""
-    one = curve("gear_ratio")
-    found, _, data = fitted_of_partial_residuals("gear_ratio")
-    robot, step = found.model.arm.robot, 1e-6
-
-    def reached(shift: float) -> Any:
-        q = np.array(data.q)
-        q[1] += shift
-        return predict(robot, dataclasses.replace(data, q=q))
-
-    ahead, back = reached(step), reached(-step)
-    moved = (ahead.translation - back.translation) / (2 * step)
-    turned = log_so3(product(ahead.rotation, transpose(back.rotation))) / (2 * step)
-    column = np.concatenate((moved, turned))
-    lacking = residuals(data, predict(robot, data))
-    for i in (0, 17, 80):
-        weight = np.diag(np.square(found.weight[:, i]))
-        c, r = column[:, i], lacking[:, i]
-        assert one.before[i] == pytest.approx(c @ weight @ r / (c @ weight @ c), rel=1e-4)
-        assert one.sd[i] == pytest.approx((c @ weight @ c) ** -0.5, rel=1e-4)
 
 
 def test_the_spectrum_shows_the_order_and_nothing_after() -> None:
@@ -337,19 +313,6 @@ def test_rows_in_turn_are_not_judged_by_one_of_them(tmp_path: Path) -> None:
         read_robot_poses(rewritten(tmp_path, "m", 1e3, repeat=100), robot)
     data = read_robot_poses(rewritten(tmp_path, "mm", 1e3, repeat=100), robot)
     assert data.n == 6000
-
-
-@pytest.mark.parametrize("offset", [0.0, 150.0])
-def test_where_the_instrument_stands_does_not_matter(tmp_path: Path, offset: float) -> None:
-    path = rewritten(tmp_path, "m", 1.0)
-    with path.open(newline="") as stream:
-        header, *rows = csv.reader(stream)
-    at = header.index("x_m")
-    with path.open("w", newline="") as stream:
-        csv.writer(stream).writerows([header, *([*r[:at], float(r[at]) + offset, *r[at + 1 :]] for r in rows)])
-    data = read_robot_poses(path, read_robot(str(ROBOT)))
-    assert data.position[0].mean() == pytest.approx(offset, abs=1.0)
-    assert np.ptp(data.position[0]) < 3.0
 
 
 def test_several_targets_want_a_robot_that_tells_them_apart(tmp_path: Path) -> None:

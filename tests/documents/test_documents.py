@@ -4,10 +4,8 @@ import csv
 import io
 import json
 import math
-import os
 import re
 import sys
-import threading
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from hashlib import sha256
@@ -398,16 +396,6 @@ def test_standard_input(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(sys, "stdin", io.TextIOWrapper(io.BytesIO(b"{")))
     with pytest.raises(InputError, match=r"^<stdin>:1: is incomplete; the file was truncated$"):
         read_result("-")
-
-
-def test_a_pipe_is_read_once(tmp_path: Path) -> None:
-    pipe = tmp_path / "pipe"
-    os.mkfifo(pipe)
-    text = json_text(good()).encode()
-    writer = threading.Thread(target=pipe.write_bytes, args=(text,))
-    writer.start()
-    assert read_result(str(pipe)).sha256 == sha256(text).hexdigest()
-    writer.join()
 
 
 def test_every_truncation_is_one_clear_error(tmp_path: Path) -> None:

@@ -309,14 +309,6 @@ def test_a_wrong_file_is_corrected(changes: dict[tuple[int, str], float], n: int
     assert rms[1] < 1.15 * rms[0]
 
 
-def test_outliers_do_not_leave_a_wrong_length() -> None:
-    data = measured_of_weak_parameters(made("ur10", 8), joints("ur10", 30, 8), 9, oriented=True, noise=5e-5)
-    data = dataclasses.replace(data, position=data.position + 0.5 * (np.arange(30) < 2))
-    found = geometry("ur10", data, altered(arm("ur10").robot, {(1, "a"): 0.03}))
-    assert found.outliers.tolist() == [0, 1]
-    assert found.theta[found.names.index(f"link_geometry.{arm('ur10').names[1]}.a")] == pytest.approx(-0.03, abs=2e-3)
-
-
 def test_poses_of_nearly_one_orientation_leave_the_tool_unknown() -> None:
     """The orientation of the flange stays the same but for a thousandth."""
     q, small = joints("irb1600", 80, 2), 1e-3 * np.random.default_rng(0).standard_normal((4, 80))

@@ -981,9 +981,7 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
 
 
 def test_junit_carries_the_numbers_the_reason_and_the_time() -> None:
-    root = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
-    assert faults(root) == []
-    (suite,) = root
+    (suite,) = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
     assert (suite.get("timestamp"), suite.get("time")) == ("1971-01-01T00:00:00", "6.000")
     assert [case.get("time") for case in suite.findall("testcase")] == ["1.500"] * 4
     failure = suite.find("testcase[@name='second']/failure")

@@ -86,21 +86,6 @@ def test_new_values_are_read_back(path: Path, tmp_path: Path) -> None:
         assert np.all(np.abs(new - after.values) <= limits), (before.name, new - after.values)
 
 
-@pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.name)
-def test_a_single_target_changes_alone(path: Path) -> None:
-    program = read_program(path)
-    lines = path.read_bytes().splitlines()
-    for i, values in enumerate(moved(program, 1e-3)):
-        changes: list[tuple[float, ...] | None] = [None] * len(program.targets)
-        changes[i] = values
-        after = with_targets(program, changes).splitlines()
-        changed = [k + 1 for k, (a, b) in enumerate(zip(lines, after, strict=True)) if a != b]
-        first = program.targets[i].line
-        last = program.source.line(program.targets[i].numbers[-1].start)
-        assert changed
-        assert first <= min(changed) <= max(changed) <= last
-
-
 PIECES = [
     b"{",
     b"}",

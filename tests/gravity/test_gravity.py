@@ -315,6 +315,12 @@ def torques_of_copies(waist: float, lift: float, shoulder: float) -> list[float]
     ]
 
 
+@pytest.fixture(name="poses", scope="module")
+def _poses() -> tuple[np.ndarray, np.ndarray]:
+    rng = np.random.default_rng(4)
+    return rng.uniform(-1.2, 1.2, (2, 15)), rng.uniform(-1.2, 1.2, (1, 15))
+
+
 def followed(robot: Robot, poses: tuple[np.ndarray, np.ndarray]) -> np.ndarray:
     q, other = poses
     return weight_torques(Arm.of(robot), Measurements(np.zeros((3, q.shape[1])), q=q, branches=other))

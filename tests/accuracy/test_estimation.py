@@ -50,6 +50,7 @@ class Arm(NamedTuple):
         return (pose @ [*independent_arm.TOOL, 1.0])[:, :3].T, np.moveaxis(pose[:, :3, :3], 0, 2)
 
 
+TABLE = np.array([row[:4] for row in independent_arm.DH])
 NOMINAL = Arm(0.0, 0.0, 0.0, 0.0)
 
 
@@ -222,7 +223,7 @@ def test_an_estimate_names_the_mistake_that_a_trace_would_refuse() -> None:
     """Angles about fixed axes, read as a rotation vector, on an arm whose links are 3 % longer than its file says."""
     rng = np.random.default_rng(5)
     q = rng.uniform(0.3 * LOW, 0.3 * HIGH, (6, N)) + np.array([[0.0], [0.4], [0.6], [0.0], [-0.9], [0.0]])
-    position, rotation = Arm(TABLE * [1.0, 1.03, 1.03, 1.0], 0.0, 0.0, 1).poses(q)
+    position, rotation = Arm(TABLE * [0.0, 0.03, 0.03, 0.0], 0.0, 0.0, 1).poses(q)
     angles = Rotation.from_matrix(np.moveaxis(rotation, 2, 0)).as_euler("xyz")
     misread = np.moveaxis(Rotation.from_rotvec(angles).as_matrix(), 0, 2)
     right, wrong = (robacc.estimate(Measurements(position, turned, q=q), robot=ROBOT) for turned in (rotation, misread))

@@ -6,11 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
+from robacc import Measurements, Robot, read_robot
 from robacc.effects import REGISTRY
-from robacc.measurements import Measurements
-from robacc.modelling.robot_file import read_robot
+from robacc.effects.specification import build, parse_requests
+from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs" / "robots"
@@ -54,3 +55,8 @@ def circumstances(robot: Robot, n: int, seed: int = 0) -> Measurements:
         speed=rng.uniform(-1, 1, shape),
         read_back=q + rng.normal(scale=3e-4, size=shape),
     )
+
+
+def model_of(robot: Robot, asked: str, data: Measurements) -> Model:
+    """Return the model of a robot whose free effects are asked for as ``--fit`` names them."""
+    return Model.of(robot, build(parse_requests(asked), Arm.of(robot), data))

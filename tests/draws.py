@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from arms import arm
+from arms import arm, model_of
 from scipy import stats
 
 from robacc.effects import REGISTRY
@@ -108,7 +108,7 @@ class Draw:
 
     def model(self, data: Measurements) -> Model:
         """The robot as delivered, with what is declared."""
-        return Model.of(self.robot, build(parse_requests(self.declared), Arm.of(self.robot), data))
+        return model_of(self.robot, self.declared, data)
 
     def is_named(self, found: Trace) -> bool:
         """Whether the effect on its joint is the only finding, or an alternative of it."""
@@ -147,7 +147,7 @@ def draw(kind: Kind, seed: int) -> Draw:
     )
     built = erring(robot, rng, "joint_offset" in kind.declared, "link_geometry" in kind.declared)
     blank = simulate(built, plan).data
-    declared = fit(Model.of(robot, build(parse_requests(kind.declared), Arm.of(robot), blank)), blank)
+    declared = fit(model_of(robot, kind.declared, blank), blank)
     forms = list(_forms(kind, declared.model.arm, blank))
     for left_out, number in enumerate(rng.permutation(len(forms))):
         effect, log_prior = forms[number]

@@ -9,8 +9,8 @@ Matrix = np.ndarray
 
 def turn(axis: int, angle: float | Matrix) -> Matrix:
     """Rotations about a coordinate axis, 0 to 2."""
-    angle = np.asarray(angle, dtype=float)
-    result = np.zeros((*angle.shape, 4, 4))
+    angle = np.asarray(angle)
+    result = np.zeros((*angle.shape, 4, 4), np.result_type(angle, float))
     i, j = (axis + 1) % 3, (axis + 2) % 3
     result[..., axis, axis] = result[..., 3, 3] = 1.0
     result[..., i, i] = result[..., j, j] = np.cos(angle)
@@ -22,7 +22,7 @@ def turn(axis: int, angle: float | Matrix) -> Matrix:
 def shift(x: float | Matrix = 0.0, y: float | Matrix = 0.0, z: float | Matrix = 0.0) -> Matrix:
     """Translations."""
     place = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-    result = np.tile(np.eye(4), (*place.shape[:-1], 1, 1))
+    result = np.tile(np.eye(4, dtype=np.result_type(place, float)), (*place.shape[:-1], 1, 1))
     result[..., :3, 3] = place
     return result
 

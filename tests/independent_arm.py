@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
-from homogeneous import shift, turn
+from homogeneous import dh, shift, turn
 
 from robacc.measurements import Measurements
 from robacc.robots.description import Joint, Robot
@@ -47,46 +47,41 @@ def robot(targets: dict[str, Matrix] | None = None) -> Robot:
     return parse_robot("\n".join(lines) + "\n", "independent.yaml")
 
 
-def link_frames(q: Matrix) -> list[Matrix]:
-    """Frames (4, 4) of the links at one pose."""
-    frame, frames = np.eye(4), []
-    for (theta, d, a, alpha, _, _), angle in zip(DH, q, strict=True):
-        ct, st, ca, sa = np.cos(theta + angle), np.sin(theta + angle), np.cos(alpha), np.sin(alpha)
-        frame = frame @ np.array(
-            [[ct, -st * ca, st * sa, a * ct], [st, ct * ca, -ct * sa, a * st], [0, sa, ca, d], [0, 0, 0, 1]]
-        )
-        frames.append(frame)
-    return frames
+def link_frames(q: Matrix, geometry: Matrix | float = 0.0) -> list[Matrix]:
+    """Frames (..., 4, 4) of the links at joints (6, ...); ``geometry`` (6, 4) are errors of the table."""
+    frames = [np.eye(4)]
+    for (theta, d, a, alpha), angle in zip(np.array([row[:4] for row in DH]) + geometry, q, strict=True):
+        frames.append(frames[-1] @ dh(theta + angle, d, a, alpha))
+    return frames[1:]
 
 
 def target(q: Matrix, tool: Matrix = TOOL) -> Matrix:
-    """Position of the target at one pose."""
-    return (link_frames(q)[-1] @ np.append(tool, 1.0))[:3]
+    """Positions (..., 3) of the target at joints (6, ...)."""
+    return (link_frames(q)[-1] @ np.append(tool, 1.0))[..., :3]
 
 
-def torques(q: Matrix, extra: Callable[[list[Matrix]], float] | None = None) -> Matrix:
-    """Torques of gravity about the joints at one pose, positive along gravity: minus the slope of the energy."""
+def torques(q: Matrix, extra: Callable[[list[Matrix]], Matrix] | None = None, geometry: Matrix | float = 0.0) -> Matrix:
+    """Torques of gravity about the joints (6, ...), positive along gravity: minus the slope of the energy."""
 
-    def energy(at: Matrix) -> float:
-        frames = link_frames(at)
-        masses = sum(
-            mass * GRAVITY * (frame @ np.append(com, 1.0))[2] for frame, (*_, mass, com) in zip(frames, DH, strict=True)
-        )
-        return float(masses) + (0.0 if extra is None else extra(frames))
+    def energy(at: Matrix) -> Matrix:
+        frames = link_frames(at, geometry)
+        own = sum(m * (frame @ np.append(com, 1.0))[..., 2] for frame, (*_, m, com) in zip(frames, DH, strict=True))
+        return np.asarray(GRAVITY * own + (0.0 if extra is None else extra(frames)))
 
     step = 1e-5
-    return np.array([(energy(q - e) - energy(q + e)) / (2 * step) for e in step * np.eye(6)])
+    steps = step * np.eye(6).reshape(6, 6, *[1] * (q.ndim - 1))
+    return np.array([(energy(q - e) - energy(q + e)) / (2 * step) for e in steps])
 
 
 def targets(q: Matrix) -> Matrix:
     """Positions (3, N) of the target at joints (6, N)."""
-    return np.array([target(angles) for angles in q.T]).T
+    return target(q).T
 
 
-def load_torques(q: Matrix, mass: float, com: Matrix = TOOL, link: int = -1) -> Matrix:
-    """Torques about the joints at one pose by the links and by a mass in the frame of a link."""
+def load_torques(q: Matrix, mass: float | Matrix, com: Matrix = TOOL, link: int = -1) -> Matrix:
+    """Torques about the joints by the links and by a mass, or one for each pose, in the frame of a link."""
     weight, place = mass * GRAVITY, np.append(com, 1.0)
-    return torques(q, lambda frames: weight * float((frames[link] @ place)[2]))
+    return torques(q, lambda frames: weight * (frames[link] @ place)[..., 2])
 
 
 @dataclass(frozen=True)
@@ -129,12 +124,12 @@ def measured(
 
 
 def on_a_pedestal(q: Matrix, compliance: float, height: float = 0.0) -> Matrix:
-    """Target at one pose of an arm that tilts about a point ``height`` below its base by the moment of all links."""
-    weights = [(mass, (f @ np.append(com, 1.0))[:3]) for f, (*_, mass, com) in zip(link_frames(q), DH, strict=True)]
+    """Targets (3, N) of an arm that tilts about a point ``height`` below its base by the moment of all links."""
+    weights = [(mass, (f @ np.append(com, 1.0))[:, :3]) for f, (*_, mass, com) in zip(link_frames(q), DH, strict=True)]
     moment = compliance * sum(np.cross(point, [0.0, 0.0, -mass * GRAVITY]) for mass, point in weights)
-    tilt = (turn(0, moment[0]) @ turn(1, moment[1]))[:3, :3]
+    tilt = (turn(0, moment[:, 0]) @ turn(1, moment[:, 1]))[:, :3, :3]
     pivot = np.array([0.0, 0.0, -height])
-    return tilt @ (target(q) - pivot) + pivot
+    return (np.einsum("nij,nj->ni", tilt, target(q) - pivot) + pivot).T
 
 
 RAIL = 3.0
@@ -165,5 +160,5 @@ def measured_with_loads(
 ) -> Measurements:
     """Poses of an arm whose joint 2 gives way to loads (N,) in the last link's frame, and to no other weight."""
     poses = run(n, seed)
-    turns = [(load_torques(q, m, com) - load_torques(q, 0.0))[1] for q, m in zip(poses.q.T, mass, strict=True)]
-    return measured(poses, poses.turned(1, compliance * np.array(turns)), noise, seed)
+    turns = (load_torques(poses.q, mass, com) - torques(poses.q))[1]
+    return measured(poses, poses.turned(1, compliance * turns), noise, seed)

@@ -5,8 +5,7 @@ from typing import Any
 
 import pytest
 
-from robacc.errors import InputError
-from robacc.measurements import Measurements
+from robacc import InputError, Measurements
 
 PLAIN = "q1,q2,x,y,z\n0.1,0.2,1,2,3\n-0.1,0.3,1.5,2.5,3.5\n"
 Reader = Callable[..., Measurements]

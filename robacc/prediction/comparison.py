@@ -540,12 +540,10 @@ def compare_with_measured(
         (not all(std is None or 0.0 < std < math.inf for std in noise), "`noise` is a standard deviation above 0"),
     )
     check_confidence(confidence)
-    alignment = registration.align(robot, data, align) if align else None
-    registered_robot = robot if alignment is None else alignment.robot
     # With fewer poses, base and tool absorb everything that was measured.
     refuse(
         (
-            alignment is not None and data.n < 3,
+            bool(align) and data.n < 3,
             Problem(
                 f"fitting frames to {data.n} poses leaves no errors to compare",
                 data.source,
@@ -553,6 +551,8 @@ def compare_with_measured(
             ),
         )
     )
+    alignment = registration.align(robot, data, align) if align else None
+    registered_robot = robot if alignment is None else alignment.robot
     statistics = reduce_residuals(registered_robot, data, parameters, noise=noise, aligned=tuple(align))
     errors = residuals(data, predict(registered_robot, data))
     tests, scale, verdict = consistency(statistics, seed=seed)

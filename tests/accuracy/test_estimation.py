@@ -4,65 +4,54 @@ from __future__ import annotations
 
 import dataclasses
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import independent_arm
 import numpy as np
 import pytest
 from arms import arm
-from homogeneous import shift, turn
 from sample_files import ROOT, SAMPLES, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
+from robacc import InputError, Measurements, Robot, UsageError
 from robacc.accuracy.error_sums import count_commands, smallest_hashes
 from robacc.accuracy.estimation import EstimateResult, commanded_poses, estimate, moved_warning, pose_errors
-from robacc.errors import InputError, UsageError
 from robacc.fitting.registration import align
 from robacc.io.json_text import json_text
-from robacc.measurements import Measurements
 from robacc.modelling.model import predict, residuals
-from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 
 N = 40
 FRAMES = ("base_frame", "tool_frame")
 ROBOT = independent_arm.robot()
 LOW, HIGH = np.array(independent_arm.LIMITS).T[..., None]
-TABLE = np.array([row[:4] for row in independent_arm.DH])
 NOISE = 1e-5
 
 
-@dataclasses.dataclass(frozen=True)
-class Arm:
-    """An arm with errors of its geometry and of its joints, which vary once to three times a turn."""
+class Arm(NamedTuple):
+    """An arm with errors ``(6, 4)`` of its table and of its joints, which vary once to three times a turn."""
 
-    table: Any
+    geometry: Any
     size: Any
     phase: Any
     order: Any
 
     @classmethod
     def drawn(cls, rng: np.random.Generator) -> Arm:
-        size = 3e-4 * np.exp(rng.normal(0.0, 0.7, TABLE.shape))
-        return cls(
-            TABLE + size * rng.normal(size=TABLE.shape),
-            2e-4 * rng.normal(size=(6, 1)),
-            rng.uniform(0.0, 6.3, (6, 1)),
-            rng.integers(1, 4, (6, 1)),
-        )
+        scale = 3e-4 * np.exp(rng.normal(0.0, 0.7, (6, 4)))
+        waves = 2e-4 * rng.normal(size=(6, 1)), rng.uniform(0.0, 6.3, (6, 1)), rng.integers(1, 4, (6, 1))
+        return cls(scale * rng.normal(size=(6, 4)), *waves)
 
     def poses(self, q: Any) -> tuple[Any, Any]:
         """Positions ``(3, N)`` and rotations ``(3, 3, N)`` of the target."""
-        pose = np.eye(4)
-        angles = q + self.size * np.sin(self.order * q + self.phase)
-        for (theta, d, a, alpha), angle in zip(self.table, angles, strict=True):
-            pose = pose @ turn(2, theta + angle) @ shift(a, 0.0, d) @ turn(0, alpha)
-        position = pose[:, :3, 3] + pose[:, :3, :3] @ independent_arm.TOOL
-        return position.T, np.moveaxis(pose[:, :3, :3], 0, 2)
+        turned = q + self.size * np.sin(self.order * q + self.phase)
+        pose = independent_arm.link_frames(turned, self.geometry)[-1]
+        return (pose @ [*independent_arm.TOOL, 1.0])[:, :3].T, np.moveaxis(pose[:, :3, :3], 0, 2)
 
 
-NOMINAL = Arm(TABLE, np.zeros((6, 1)), np.zeros((6, 1)), np.ones((6, 1)))
+TABLE = np.array([row[:4] for row in independent_arm.DH])
+NOMINAL = Arm(0.0, 0.0, 0.0, 0.0)
 
 
 # Positions of order 1 carry rounding of some 1e-16 each; the last case has more poses than are computed at a time.
@@ -115,17 +104,6 @@ def test_worst_poses_and_ties() -> None:
     assert [pose.line for pose in worst] == [7, 2, 4, 6, 8]
     assert [pose.position for pose in worst] == [4.0, 3.0, 3.0, 3.0, 3.0]
     assert {(pose.pose, pose.target, pose.orientation) for pose in worst} == {(None, None, None)}
-
-
-def test_each_target_has_its_own_metrics() -> None:
-    position = np.array([[1e-3, -1e-3, 3e-3, 4e-3], [0, 0, 0, 0], [0, 0, 0, 0]])
-    data = Measurements(position=position, commanded_position=np.zeros((3, 4)), target=np.array(["a", "a", "b", "b"]))
-    a, b = estimate(data).targets
-    assert (a.name, a.n_poses, b.name, b.n_poses) == ("a", 2, "b", 2)
-    assert a.position.rms == pytest.approx(1e-3)
-    assert b.position.rms == pytest.approx(np.sqrt(12.5) * 1e-3)
-    # 3 and 4 mm: 95 % of the way from one to the other.
-    assert (b.position.mean, b.position.p95, b.position.max) == pytest.approx((3.5e-3, 3.95e-3, 4e-3))
 
 
 def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
@@ -245,7 +223,7 @@ def test_an_estimate_names_the_mistake_that_a_trace_would_refuse() -> None:
     """Angles about fixed axes, read as a rotation vector, on an arm whose links are 3 % longer than its file says."""
     rng = np.random.default_rng(5)
     q = rng.uniform(0.3 * LOW, 0.3 * HIGH, (6, N)) + np.array([[0.0], [0.4], [0.6], [0.0], [-0.9], [0.0]])
-    position, rotation = Arm(TABLE * [1.0, 1.03, 1.03, 1.0], 0.0, 0.0, 1).poses(q)
+    position, rotation = Arm(TABLE * [0.0, 0.03, 0.03, 0.0], 0.0, 0.0, 1).poses(q)
     angles = Rotation.from_matrix(np.moveaxis(rotation, 2, 0)).as_euler("xyz")
     misread = np.moveaxis(Rotation.from_rotvec(angles).as_matrix(), 0, 2)
     right, wrong = (robacc.estimate(Measurements(position, turned, q=q), robot=ROBOT) for turned in (rotation, misread))
@@ -469,24 +447,30 @@ def test_an_estimate_in_parts_is_that_of_the_whole_file(
     assert lengths[1] == pytest.approx(lengths[0], abs=1e-15 if align is None else 0.3 * whole.position.rms)
 
 
-def test_repetitions_effects_and_circumstances_are_those_of_the_whole_file(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+TRUE_ARM = str(ROOT / "sample_data" / "trace" / "truth.yaml")
+REPEATED = {"cycles": 4, "motion": True, "time_step": 5.0, "temperature": (20.0, 30.0)}
+COMMANDED = {"commanded": True, "noise_orientation": "0.01deg"}
+
+
+@pytest.mark.parametrize(
+    ("robot", "n", "made", "call"),
+    [
+        (TRUE_ARM, 600, REPEATED, {"robot": TRUE_ARM}),
+        (ROBOT_OF_IN_PARTS, 2000, COMMANDED, {"align": ("base_frame",)}),
+        (ROBOT_OF_IN_PARTS, 300, {}, {"robot": ROBOT_OF_IN_PARTS}),
+    ],
+    ids=["repetitions, effects and circumstances", "commands of the file", "few poses"],
+)
+def test_files_with_a_byte_order_mark_are_read_in_parts(
+    robot: str, n: int, made: dict[str, Any], call: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    truth = str(ROOT / "sample_data" / "trace" / "truth.yaml")
-    path = simulated(tmp_path / "poses.csv", truth, 600, cycles=4, motion=True, time_step=5.0, temperature=(20.0, 30.0))
-    whole = robacc.estimate(path, robot=truth)
+    path = Path(simulated(tmp_path / "poses.csv", robot, n, **made))
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    whole = robacc.estimate(str(path), **call)
     in_parts(monkeypatch)
-    parts = robacc.estimate(path, robot=truth)
-    check_same(whole, parts)
-    assert parts.position.n_poses == 600
-    assert "read in parts" in parts.position.structure.text
-
-
-def test_commands_of_the_file_are_registered(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = simulated(tmp_path / "poses.csv", commanded=True, noise_orientation="0.01deg")
-    whole = robacc.estimate(path, align=("base_frame",))
-    in_parts(monkeypatch)
-    check_same(whole, robacc.estimate(path, align=("base_frame",)), fitted=True)
+    parts = robacc.estimate(str(path), **call)
+    check_same(whole, parts, fitted="align" in call)
+    assert ("read in parts" in parts.position.structure.text) == ("cycles" in made)
 
 
 def test_processes_change_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -537,14 +521,6 @@ def test_what_is_not_of_the_documented_form_is_read_as_a_whole(tmp_path: Path, m
     semicolons = saved(tmp_path / "semicolons.csv", path.read_text(encoding="utf-8").replace(",", ";"))
     in_parts(monkeypatch)
     assert not any("was read in" in note for note in robacc.estimate(str(semicolons), robot=ROBOT_OF_IN_PARTS).notes)
-
-
-def test_a_byte_order_mark_moves_no_row(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = Path(simulated(tmp_path / "poses.csv", n=300))
-    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
-    whole = robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS)
-    in_parts(monkeypatch)
-    check_same(whole, robacc.estimate(str(path), robot=ROBOT_OF_IN_PARTS))
 
 
 @pytest.mark.parametrize("count", [1, 60, 20_000, 600_000])

@@ -20,12 +20,11 @@ from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_RO
 from scipy.spatial.transform import Rotation
 
 import robacc
-from robacc.api.correct import CorrectedProgram, correct, correct_program
+from robacc import InputError, Measurements, Robot, correct, read_robot
+from robacc.api.correct import CorrectedProgram, correct_program
 from robacc.effects.specification import with_effect_units
-from robacc.errors import InputError, MissingColumnError
+from robacc.errors import MissingColumnError
 from robacc.geometry import Poses
-from robacc.measurements import Measurements
-from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import format_poses
 from robacc.programs.program import read_program
 from robacc.programs.targets import (
@@ -37,7 +36,7 @@ from robacc.programs.targets import (
     write_program,
 )
 from robacc.robots.arm import Arm, inverse_kinematics
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 # Facts of one campaign: part of the prediction of its own poses, not inherited by other poses.
@@ -382,12 +381,6 @@ def test_a_fit_to_positions_expects_no_orientation_error() -> None:
     assert "after_rms_rad" not in columns
 
 
-def test_a_correction_by_the_nominal_model_is_named_zero() -> None:
-    targets = robacc.simulate(TRACED_ROBOT, poses=3, seed=5, motion=False).data
-    [text] = robacc.correct(targets, model=TRACED_ROBOT).doubts
-    assert "every correction is zero" in text
-
-
 DRILL = Frame((0.0, 0.0, 0.05))
 
 
@@ -671,13 +664,6 @@ def test_a_joint_target_out_of_range_does_not_refuse_the_cartesian_ones(tmp_path
     problem = caught.value.problems[0]
     assert (problem.file, problem.line) == (str(path), 2)
     assert "no target can be corrected" in (problem.fix or "")
-
-
-def test_a_model_without_a_fit_is_doubted(tmp_path: Path) -> None:
-    nominal, _ = arms()
-    path = tmp_path / "joints.script"
-    result = corrected(path, write_program("urscript", [("t", Q[:, 0])]), model=nominal)
-    assert any("every correction is zero" in warning for warning in result.warnings)
 
 
 def test_joint_targets_of_another_number_of_joints_are_refused(tmp_path: Path) -> None:

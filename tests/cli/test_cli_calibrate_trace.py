@@ -17,15 +17,13 @@ import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
 from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
-from slow_parameters import some_fast
 
 import robacc
+from robacc import Measurements, read_robot
 from robacc.effects.specification import parse_requests
-from robacc.measurements import Measurements
 from robacc.modelling.model import predict
-from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
-from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
 
@@ -89,19 +87,6 @@ def test_coefficients_that_the_poses_do_not_show_have_their_reason(files: Path) 
     assert dropped == {name for name, one in values(found).items() if one["std"] is None}
 
 
-def test_stages_are_before_and_after(files: Path) -> None:
-    found = calibrated(files, f"{GEOMETRY},gear_ratio[j2]")
-    rms = [found[stage]["held_out"]["position"]["rms_m"] for stage in ("nominal", "before", "after")]
-    assert min(rms[:2]) > 5 * rms[2]
-    assert rms[2] < 1.6 * np.sqrt(3) * NOISE
-    assert found["after"]["fitted"]["position"]["rms_m"] < rms[2]
-    gear = values(found)["gear_ratio.j2"]
-    assert abs(gear["value"] - 5e-4) < 4 * gear["std"]
-    # Noise by the residual: 300 numbers less 31.
-    assert (found["noise"]["source"], found["noise"]["position_m"]) == ("residual", pytest.approx(NOISE, rel=0.2))
-    assert found["gain_m"]["low"] > 0
-
-
 def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path) -> None:
     model = tmp_path / "model.yaml"
     fitted = calibrated(files, f"{GEOMETRY},gear_ratio[j2]", "--write-model", str(model))["after"]["fitted"]
@@ -114,19 +99,6 @@ def test_the_written_model_reproduces_the_prediction(files: Path, tmp_path: Path
     for before, after in zip(read_robot(files / "arm.yaml").joints, read_robot(model).joints, strict=True):
         for label, value in after.parameters.items():
             assert abs(value - before.parameters.get(label, 0.0)) < 0.01
-
-
-@pytest.mark.parametrize("name", some_fast(("panda", "puma560", "urdf:ur10", "stanford", "targets:puma560"), 3))
-def test_a_model_written_and_read_predicts_the_same(name: str) -> None:
-    robot = arm(name).robot
-    joint = arm(name).names[1]
-    wrong = ({"effect": "joint_offset", "joints": [joint], "values": {joint: 1e-3}},)
-    data = simulate(dataclasses.replace(robot, effects=wrong), Plan(40, seed=5, noise_position=NOISE)).data
-    wave = f"transmission_error[{joint}]"
-    found = calibrate(robot, data, parse_requests(f"{GEOMETRY},backlash[{joint}],{wave},instrument_scale"))
-    poses = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
-    np.testing.assert_allclose(poses.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(poses.rotation, found.fit.poses.rotation, rtol=0, atol=1e-12)
 
 
 @pytest.mark.slow
@@ -186,12 +158,6 @@ def test_the_table(files: Path) -> None:
     )
     gear = calibrate_command(files, "base_frame,tool_frame,gear_ratio[j2],link_geometry", "--folds", "2", "--full")
     assert "shrunk to nominal" in one_line(output(*gear))
-
-
-def test_a_file_of_its_own_judges(files: Path) -> None:
-    found = calibrated(files, GEOMETRY, "--holdout", str(files / "apart.csv"))
-    assert found["n_folds"] == 0
-    assert found["after"]["held_out"] != calibrated(files, GEOMETRY)["after"]["held_out"]
 
 
 def test_without_frames_the_error_before_is_not_registered_either(files: Path) -> None:
@@ -364,26 +330,6 @@ def test_a_clean_arm(traced_files: Path) -> None:
     assert (found["verdict"], found["findings"], found["after"]) == ("clean", [], found["before"])
     told = ("declared effects explain it; nothing else found", "none, at a false-alarm rate")
     assert missing(table, *told, "extended model") == ["extended model"]
-
-
-@pytest.mark.slow
-def test_the_written_model_is_a_robot_file_that_finds_nothing_more(traced_files: Path, tmp_path: Path) -> None:
-    model = tmp_path / "model.yaml"
-    found = traced(traced_files, "--write-model", str(model))
-    data = read_poses(str(traced_files / "poses.csv"))
-    residual = np.linalg.norm(data.position - predict(read_robot(model), data).translation, axis=0)
-    fitted = found["after"]["fitted"]["position"]
-    assert fitted["rms_m"] == pytest.approx(np.sqrt(np.mean(residual**2)), rel=0, abs=1e-12)
-    assert fitted["max_m"] == pytest.approx(residual.max(), rel=0, abs=1e-12)
-    text = model.read_text(encoding="utf-8")
-    assert text.startswith("# written by robacc")
-    assert "poses.csv" in text.splitlines()[0]
-    assert "backlash" in text
-    again = commands.document("trace", traced_files / "poses.csv", "--robot", model, "--declared", DECLARED)
-    assert again["findings"] == []
-    # Poses that had no part in it: what is left is noise, root three times 0.02 mm, and the coefficients' own error.
-    fresh = commands.document("estimate", traced_files / "apart.csv", "--robot", model)
-    assert fresh["position"]["rms_m"] < 1.3 * np.sqrt(3) * 2e-5
 
 
 def test_poses_held_out_by_a_file(traced_files: Path) -> None:
@@ -578,14 +524,6 @@ def test_without_units_each_command_asks(export: tuple[str, np.ndarray], tmp_pat
         columns = f"{path.name}:1, A1, A2, A3, A4, A5, A6: these columns state no unit"
         assert missing(told, columns, "--units") == []
         assert not Path(out).exists()
-
-
-def test_limits_leave_one_unit(export: tuple[str, np.ndarray], tmp_path: Path) -> None:
-    out = str(tmp_path / "out.csv")
-    done = run("simulate", ROBOT, "--at", export[0], "-o", out)
-    assert done.exit_code == 0
-    np.testing.assert_allclose(robacc.read_poses(out, robot=robacc.read_robot(ROBOT)).q, export[1], atol=2e-6)
-    assert "A1, A2, A3, A4, A5, A6 taken as deg: no other unit agrees with the values" in done.stderr
 
 
 def test_correct_reads_them(export: tuple[str, np.ndarray], tmp_path: Path) -> None:

@@ -94,21 +94,6 @@ def test_same_bytes_every_time_and_seed_matters() -> None:
     assert len(lower) == 2
 
 
-def test_alignment_stands_beside_the_unaligned_figures() -> None:
-    plain, aligned = document(*SAMPLE), document(*SAMPLE, "--align", "base_frame,tool_frame")
-    assert plain["alignment"] is plain["unaligned"] is None
-    assert aligned["alignment"]["what"] == ["base_frame", "tool_frame"]
-    assert aligned["alignment"]["n_parameters"] == len(aligned["alignment"]["parameters"]) == 12
-    for key, unit in (("position", "m"), ("orientation", "rad")):
-        for name in (f"rms_{unit}", f"mean_error_{unit}", f"p95_{unit}", f"max_{unit}"):
-            assert aligned["unaligned"][key][name] == pytest.approx(plain[key][name], rel=1e-12)
-    assert aligned["position"]["rms_m"] < 0.5 * plain["position"]["rms_m"]
-    table = run(*SAMPLE, "--align", "base_frame,tool_frame", "--full").stdout
-    assert missing(table, "registered: base_frame and tool_frame fitted, 12 parameters", "unregistered") == []
-    assert "unregistered" not in run(*SAMPLE, "--full").stdout
-    assert "not registered" in run(*SAMPLE).stdout
-
-
 def test_table_is_as_it_was() -> None:
     """Golden: a change of looks is a change to review. Rewrite with the command in the failure's message."""
     message = f"robacc estimate - --full > {GOLDEN.name} if it should be"
@@ -302,13 +287,6 @@ def test_one_document_holds_what_each_file_alone_gives(folder: Path) -> None:
         assert one["summary"]["n_poses"] == alone["n_poses"]
 
 
-@pytest.mark.slow
-def test_processes_change_nothing(folder: Path) -> None:
-    alone = run(*files(folder), *HOW, "--format", "json", "--jobs", "1")
-    several = run(*files(folder), *HOW, "--format", "json", "--jobs", "3")
-    assert (several.exit_code, several.stdout, several.stderr) == (alone.exit_code, alone.stdout, alone.stderr)
-
-
 @pytest.mark.parametrize(
     ("form", "suffix", "more"),
     [("json", ".json", ()), ("table", ".txt", ()), ("table", ".txt", ("--full",)), ("markdown", ".md", ())],
@@ -371,13 +349,6 @@ def test_warnings_carry_their_files_name(folder: Path) -> None:
         "warning: c.csv: the errors are too large for an arm and suggest frames that are not registered",
     ]
     assert done.stderr.count("(the same in 2 files)") == 2
-
-
-@pytest.mark.slow
-def test_one_page_has_the_results_side_by_side(folder: Path) -> None:
-    page = folder / "page.html"
-    assert run(*files(folder), *HOW, "--report", str(page)).exit_code == 3
-    assert missing(page.read_text(encoding="utf-8"), "2 results side by side", "a.csv") == []
 
 
 def test_a_file_that_the_call_does_not_fit_fails_alone(folder: Path) -> None:

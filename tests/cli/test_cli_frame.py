@@ -1,6 +1,7 @@
 """The frame of the command line: exit statuses, streams, colour, completion, help, names of options, build servers."""
 
 import ast
+import contextlib
 import inspect
 import itertools
 import json
@@ -96,11 +97,6 @@ def test_wrong_usage_is_status_2(words: str, told: str) -> None:
     assert told in refused(*words.split())
 
 
-def test_bad_input_is_status_3_with_a_line_on_standard_error() -> None:
-    done = commands.run("estimate", "nowhere.csv")
-    assert (done.exit_code, done.stdout, done.stderr) == (3, "", "error: nowhere.csv: the file does not exist\n")
-
-
 def test_every_problem_has_its_line_and_each_tip_stands_once(capsys: pytest.CaptureFixture[str]) -> None:
     problem = Problem("found 'a', expected a number", "p.csv", 3, "x", "write 0.5 or 5e-1")
     many = [problem, Problem("is empty", column="y", fix="write 0.5 or 5e-1"), Problem("is odd")]
@@ -175,14 +171,10 @@ def terminal(*arguments: str, **environment: str) -> str:
     )
     os.close(theirs)
     text = b""
-    while True:
-        try:
-            part = os.read(ours, 65536)
-        except OSError:  # what Linux says when the other side has closed
-            break
-        if not part:
-            break
-        text += part
+    # Linux says by an error that the other side has closed.
+    with contextlib.suppress(OSError):
+        while part := os.read(ours, 65536):
+            text += part
     process.wait()
     os.close(ours)
     return text.decode()
@@ -316,13 +308,13 @@ def library_files() -> Iterator[tuple[str, Path]]:
             yield name, path
 
 
-def texts(path: Path) -> Iterator[str]:
+@cache
+def texts(path: Path) -> list[str]:
     """String literals of a file, parts of f-strings included and docstrings left out."""
-    tree = ast.parse(path.read_text(encoding="utf-8"))
-    docstrings = {id(node.value) for node in ast.walk(tree) if isinstance(node, ast.Expr)}
-    for node in ast.walk(tree):
-        if isinstance(node, ast.Constant) and isinstance(node.value, str) and id(node) not in docstrings:
-            yield node.value
+    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
+    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
+    literals = (node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
+    return [node.value for node in literals if id(node) not in docstrings]
 
 
 def test_no_text_of_the_library_has_an_option():

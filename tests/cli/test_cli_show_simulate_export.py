@@ -29,7 +29,6 @@ from sample_files import (
 
 from robacc.documents.descriptions import SHOW
 from robacc.effects import REGISTRY
-from robacc.io.files import sha256_of
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
@@ -43,7 +42,7 @@ from robacc.simulation.simulate import Plan, simulate
 
 # ``robacc show``: its figures, its table, its JSON, its exit statuses.
 
-_, show, shown, refused_show = commands.calls_of("show")
+_, show, shown, _ = commands.calls_of("show")
 
 
 def drawn(robot: Robot, width: int = 100) -> str:
@@ -64,31 +63,6 @@ def test_table_is_in_millimetres_and_degrees() -> None:
     assert rows == [*geometry, ["j3", "revolute", "-245", "65", "°", "+1", "-"]]
     told = ("payload  at (0, 0, 100) mm in the last link's frame", "masses   unknown", "effects  none")
     assert missing(text, *told, "\x1b") == ["\x1b"]
-
-
-def test_json_is_the_contracts_and_nothing_else() -> None:
-    path = CONFIGS / "stanford.yaml"
-    result = commands.run("show", path, "--format", "json")
-    assert (result.exit_code, result.stderr, str(ROOT) in result.stdout) == (0, "", False)
-    found = json.loads(result.stdout)
-    robot = read_robot(path)
-    assert {key: found[key] for key in ("schema", "inputs", "options", "n_joints")} == {
-        "schema": "robacc.show/1",
-        "inputs": [{"name": path.name, "sha256": sha256_of(path), "kind": "robot"}],
-        "options": {"base_link": None, "tip_link": None},
-        "n_joints": 6,
-    }
-    third = found["joints"][2]
-    assert (third["type"], third["unit"], third["limits"]) == ("prismatic", "m", [0.3048, 1.27])
-    assert third["parameters"] == pytest.approx(dict(robot.joints[2].parameters), rel=1e-11)
-    assert found["moved_mass_kg"] == pytest.approx(9.29 + 5.01 + 4.25 + 1.08 + 0.63 + 0.51)
-    assert set(found["reach"]) == {"tool"}
-
-
-def test_exit_statuses() -> None:
-    assert "error: nothing.yaml: the file does not exist" in refused_show("nothing.yaml", status=3)
-    assert "choose a chain of a URDF" in refused_show("configs/robots/ur10.yaml", "--tip-link", "x")
-    commands.refused("show")
 
 
 def test_reach_of_arms_that_can_be_worked_out() -> None:
@@ -288,14 +262,6 @@ def test_a_plan_names_no_target_and_all_are_measured_at_each_of_its_poses(tmp_pa
     assert (data.target.tolist(), data.q[0].tolist()) == (["a", "b", "a", "b"], [0.1, 0.1, 0.2, 0.2])
 
 
-def test_a_urdf_is_simulated_as_the_robot_file_is(tmp_path: Path) -> None:
-    urdf = tmp_path / "puma.urdf"
-    output("export", PUMA, "--urdf", urdf)
-    same = [output("simulate", robot, "--poses", 5, "--noise", "1um") for robot in (PUMA, urdf)]
-    one, other = (np.array([row.split(",")[6:9] for row in text.splitlines()[2:]], dtype=float) for text in same)
-    np.testing.assert_allclose(one, other, rtol=0, atol=1e-9)
-
-
 def test_outliers_are_named_by_the_file_s_lines(tmp_path: Path) -> None:
     path = tmp_path / "poses.csv"
     arguments = ("simulate", PUMA, "--poses", 20, "--outliers", 2, "--outlier-size", "3mm")
@@ -331,8 +297,7 @@ def test_each_wrong_option_has_its_message(arguments: tuple[str, ...], message: 
     assert message in refused("simulate", PUMA, "--poses", 5, *arguments)
 
 
-def test_no_poses_is_wrong_usage_and_a_robot_that_lacks_something_is_named(tmp_path: Path) -> None:
-    assert "Invalid value for '--poses'" in refused("simulate", PUMA, "--poses", 0)
+def test_a_robot_that_lacks_something_is_named(tmp_path: Path) -> None:
     path = saved(tmp_path / "robot.yaml", SCARA.read_text(encoding="utf-8").replace("limits: [0, 195]", ""))
     assert "the prismatic joint j3 has no limits" in refused("simulate", path, "--poses", 3, status=3)
     entry = "effects: [{effect: frame_drift, values: {x: 1e-4}}]\n"
@@ -387,7 +352,6 @@ def test_one_effect_in_detail_and_one_that_is_none() -> None:
     told = ("{effect: backlash, joints: [j2], values: {j2: -1e-4}}", "applicable to j1, j2, j3, j4, j5, j6")
     assert missing(text, *told, "backlash.j2 (rad)", "Ruderman") == []
     assert "36 more" in run("show", "effects", "joint_correction", "--robot", PUMA).stdout
-    assert "no effect 'backlsh', did you mean 'backlash'?" in refused("show", "effects", "backlsh")
 
 
 def test_what_is_offered_for_a_robot_and_its_poses() -> None:
@@ -409,11 +373,6 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     assert "not applicable: no masses in the robot file" in one_line(text)
 
 
-def test_poses_without_a_robot_cannot_be_judged() -> None:
-    message = "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot"
-    assert message in refused("show", "effects", "--poses", POSES)
-
-
 def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
     urdf = tmp_path / "arm.urdf"
     result = run("export", TRUTH, "--urdf", urdf, "--format", "json")
@@ -432,13 +391,10 @@ def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> No
     np.testing.assert_allclose(read.rotation, data.rotation, rtol=0, atol=1e-12)
 
 
-def test_export_to_standard_output_is_the_urdf_and_nothing_else(tmp_path: Path) -> None:
+def test_export_to_standard_output_is_the_urdf_and_nothing_else() -> None:
     result = run("export", PUMA, "--urdf", "-")
     assert re.fullmatch(r"<\?xml.*</robot>\s*", result.stdout, re.DOTALL)
     assert "warning: a URDF cannot represent gear ratio" in result.stderr
-    message = "--format json and --urdf - both write to standard output; name a file for --urdf"
-    assert message in refused("export", PUMA, "--urdf", "-", "--format", "json")
-    assert "its folder does not exist" in refused("export", PUMA, "--urdf", tmp_path / "no" / "x.urdf", status=3)
 
 
 CONF = ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
@@ -471,6 +427,18 @@ def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("words", "message"),
     [
+        (("show",), "Missing argument"),
+        (("show", UR10, "--tip-link", "x"), "choose a chain of a URDF"),
+        (("show", "effects", "backlsh"), "no effect 'backlsh', did you mean 'backlash'?"),
+        (
+            ("show", "effects", "--poses", POSES),
+            "--poses, --ordered, --ignore-limits, --base-link and --tip-link need --robot",
+        ),
+        (("simulate", PUMA, "--poses", 0), "Invalid value for '--poses'"),
+        (
+            ("export", PUMA, "--urdf", "-", "--format", "json"),
+            "--format json and --urdf - both write to standard output; name a file for --urdf",
+        ),
         (("export", PUMA, "-o", "-"), "name the format of the file with --format: joint-offsets, json"),
         (("export", UR10, "--format", "mdh"), "name the file to write with --output"),
         (("export", UR10, "--format", "mdh", "--urdf", "-"), "--urdf writes a URDF, --format mdh another file"),
@@ -481,5 +449,16 @@ def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> No
         (("init", "--from", CONF, "-o", "-"), "does not say which arm it belongs to"),
     ],
 )
-def test_wrong_usage_of_exports_is_explained(words: tuple[object, ...], message: str) -> None:
+def test_wrong_usage_is_explained(words: tuple[object, ...], message: str) -> None:
     assert message in refused(*words)
+
+
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (("show", "nothing.yaml"), "error: nothing.yaml: the file does not exist"),
+        (("export", PUMA, "--urdf", "no/x.urdf"), "its folder does not exist"),
+    ],
+)
+def test_files_that_are_not_there_are_named(words: tuple[object, ...], message: str) -> None:
+    assert message in refused(*words, status=3)

@@ -19,13 +19,12 @@ import pytest
 from commands import output, refused, run
 from pose_files import Reader
 from results import run as run_in_project
-from sample_files import ROOT, SAMPLES, saved
+from sample_files import SAMPLES, saved
 
 import robacc
-from robacc.errors import InputError
+from robacc import InputError, Measurements
 from robacc.io.dialect import find_dialect
 from robacc.io.files import sha256_of
-from robacc.measurements import Measurements
 from robacc.poses.csv_file import format_poses, read_poses
 from robacc.poses.reading import is_documented
 
@@ -111,8 +110,8 @@ def test_an_interrupt_while_it_starts(delay: float) -> None:
     process.send_signal(signal.SIGINT)
     out, err = process.communicate(timeout=20)
     assert out == ""
-    # On a loaded machine the signal may end the process before Python has a handler.
-    if process.returncode != -signal.SIGINT and "runpy" not in err:
+    # On a loaded machine the signal may end the process before Python has a handler, or its own start.
+    if process.returncode != -signal.SIGINT and not re.search("runpy|init_import_site", err):
         assert err == "interrupted; nothing was written\n"
 
 
@@ -321,15 +320,6 @@ def test_status(command: str, status: int, folder: Path) -> None:
     assert done.exit_code == status, done.stderr
     # What cannot be used leaves nothing on standard output for the next program to take as a result.
     assert bool(done.stdout) == (status in (0, 4, 5))
-
-
-def test_a_shell_can_tell_fail_from_undecided(folder: Path) -> None:
-    script = (
-        f'"{sys.executable}" -m robacc estimate {" ".join(SAMPLE)} --gate {folder}/inconclusive.yaml > /dev/null\n'
-        'case $? in 0) echo pass;; 4) echo fail;; 5) echo "measure more";; *) echo broken;; esac\n'
-    )
-    done = subprocess.run(script, shell=True, cwd=ROOT, capture_output=True, text=True, check=True)
-    assert done.stdout == "measure more\n"
 
 
 # Robots, errors and poses at the edges of what there is: each command answers with finite numbers or says why.

@@ -9,9 +9,8 @@ from refusals import problems_of
 from robot_files import MINIMAL
 from sample_files import saved
 
-from robacc.errors import InputError, UsageError
+from robacc import InputError, UsageError, read_robot
 from robacc.io.files import read_text, sha256_of, write_file
-from robacc.modelling.robot_file import read_robot
 
 
 def test_text_is_read_whatever_marks_its_encoding(tmp_path: Path) -> None:

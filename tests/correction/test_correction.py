@@ -2,15 +2,16 @@
 
 import dataclasses
 import json
+import os
 import subprocess
 import sys
 from functools import cache
 from pathlib import Path
 
+import independent_arm
 import numpy as np
 import pytest
 from arms import CONFIGS, arm, circumstances
-from homogeneous import dh
 from slow_parameters import some_fast
 
 import robacc
@@ -45,99 +46,44 @@ def joint_targets(q: Array) -> Measurements:
     return Measurements(position=np.zeros((3, q.shape[1])), q=q)
 
 
-# -- a simulation of its own: homogeneous matrices, and equilibrium from the potential energy
-def frames_of(robot: Robot, q: Array, geometry: dict[str, dict[str, float]]) -> list[Array]:
-    """Frames of the links ``(4, 4)`` at joint variables ``q`` ``(J,)``; base and tool left out."""
-    frames, pose = [], np.eye(4)
-    for joint, value in zip(robot.joints, q, strict=True):
-        row = {name: joint.parameters[name] + geometry.get(joint.name, {}).get(name, 0.0) for name in _ROW}
-        row["theta" if joint.type == "revolute" else "d"] += joint.sign * value
-        pose = pose @ dh(*(row[name] for name in _ROW))
-        frames.append(pose)
-    return frames
-
-
-_ROW = ("theta", "d", "a", "alpha")
-
-
-def energy(robot: Robot, q: Array, geometry: dict[str, dict[str, float]]) -> float:
-    """Potential energy of the links, J."""
-    heights = [
-        -joint.mass * np.dot(robot.gravity, (frame @ [*joint.com, 1.0])[:3])
-        for joint, frame in zip(robot.joints, frames_of(robot, q, geometry), strict=True)
-        if joint.mass and joint.com
-    ]
-    return float(sum(heights))
-
-
-def real_pose(
-    robot: Robot,
-    q: Array,
-    approach: Array,
-    geometry: dict[str, dict[str, float]],
-    offsets: Array,
-    scale: Array,
-    play: Array,
-    compliance: Array,
-) -> Array:
-    """Pose ``(4, 4)`` of the arm: geometry, gear ratios, play by the approach, and sag in equilibrium."""
-    rigid = q * (1.0 + scale) + offsets + play * np.sign(approach)
-    turned = rigid
-    step = 1e-5
-    for _ in range(30):
-        torque = [
-            -(energy(robot, turned + step * unit, geometry) - energy(robot, turned - step * unit, geometry))
-            / (2 * step)
-            for unit in np.eye(q.size)
-        ]
-        turned = rigid + compliance * np.array(torque)
-    return frames_of(robot, turned, geometry)[-1]
-
-
 def test_an_independent_arm_reaches_its_wanted_poses() -> None:
-    robot = dataclasses.replace(
-        robacc.read_robot(ROBOT), tool=arm("irb1600").robot.tool, base=dataclasses.replace(arm("irb1600").robot.base)
-    )
-    flange = dataclasses.replace(robot, tool=type(robot.tool)(), base=type(robot.base)())
-    rng = np.random.default_rng(5)
-    geometry = {"j2": {"a": 3e-4}, "j3": {"alpha": -4e-4}, "j4": {"d": 2e-4}}
-    offsets, scale = rng.normal(scale=5e-4, size=6), rng.normal(scale=2e-4, size=6)
-    play, compliance = np.array([0, 1e-4, -2e-4, 0, 0, 5e-5]), np.array([0, 1e-6, 2e-6, 0, 0, 0])
-    names = flange.variable_names
-
-    def values(numbers: Array) -> dict[str, float]:
-        return {name: float(number) for name, number in zip(names, numbers, strict=True) if number}
-
-    entries = (
-        {"effect": "joint_offset", "joints": list(names), "values": values(offsets)},
+    """Geometry, gear ratios, play by the approach, and sag in equilibrium."""
+    flange, rng = dataclasses.replace(independent_arm.robot(), tool=Frame()), np.random.default_rng(5)
+    geometry = np.zeros((6, 4))
+    geometry[[1, 2, 3], [2, 3, 1]] = 3e-4, -4e-4, 2e-4
+    offsets, scale = rng.normal(scale=5e-4, size=(6, 1)), rng.normal(scale=2e-4, size=(6, 1))
+    play, compliance = np.array([[0, 1e-4, -2e-4, 0, 0, 5e-5], [0, 1e-6, 2e-6, 0, 0, 0]])[..., None]
+    errors = {"joint_offset": offsets, "gear_ratio": scale, "backlash": play, "joint_compliance": compliance}
+    entries = [
         {
-            "effect": "link_geometry",
-            "joints": list(geometry),
-            "values": {f"{joint}.{label}": size for joint, row in geometry.items() for label, size in row.items()},
-        },
-        {"effect": "gear_ratio", "joints": list(names), "values": values(scale)},
-        {"effect": "backlash", "joints": list(values(play)), "values": values(play)},
-        {"effect": "joint_compliance", "joints": list(values(compliance)), "values": values(compliance)},
-    )
-    model = dataclasses.replace(flange, effects=entries, effect_units=(1.0, 1.0))
+            "effect": effect,
+            "joints": [*flange.variable_names],
+            "values": dict(zip(flange.variable_names, sizes[:, 0], strict=True)),
+        }
+        for effect, sizes in errors.items()
+    ]
+    lengths = {"j2.a": 3e-4, "j3.alpha": -4e-4, "j4.d": 2e-4}
+    entries.append({"effect": "link_geometry", "joints": ["j2", "j3", "j4"], "values": lengths})
+    model = dataclasses.replace(flange, effects=tuple(entries), effect_units=(1.0, 1.0))
     q = middle_joints(flange, 30, seed=2)
     result = robacc.correct(joint_targets(q), model=model, nominal=flange)
     chosen = result.is_corrected
     assert chosen.sum() >= 25
-    commands = result.q
-    approach = np.diff(commands, axis=1, prepend=commands[:, :1])
-    for i in np.flatnonzero(chosen):
-        wanted = frames_of(flange, q[:, i], {})[-1]
-        real = real_pose(flange, commands[:, i], approach[:, i], geometry, offsets, scale, play, compliance)
-        uncorrected = real_pose(
-            flange, q[:, i], np.diff(q, axis=1, prepend=q[:, :1])[:, i], geometry, offsets, scale, play, compliance
-        )
-        # Central differences of an energy of some 1e3 J with steps of 1e-5 leave 1e-7 N m, here 1e-13 rad.
-        assert np.linalg.norm(real[:3, 3] - wanted[:3, 3]) < MICROMETRE
-        assert np.abs(real[:3, :3] - wanted[:3, :3]).max() < 1e-6
-        before = np.linalg.norm(uncorrected[:3, 3] - wanted[:3, 3])
-        assert before == pytest.approx(result.before.position[i], abs=1e-8)
-        assert before > 100 * MICROMETRE
+
+    def reached(commands: Array) -> Array:
+        turned = rigid = commands * (1 + scale) + offsets + play * np.sign(np.diff(commands, prepend=commands[:, :1]))
+        for _ in range(30):
+            turned = rigid + compliance * independent_arm.torques(turned, geometry=geometry)
+        return independent_arm.link_frames(turned, geometry)[-1][chosen]
+
+    wanted = independent_arm.link_frames(q)[-1][chosen]
+    real, uncorrected = reached(result.q), reached(q)
+    # Central differences of an energy of some 1e3 J with steps of 1e-5 leave 1e-7 N m, here 1e-13 rad.
+    assert np.linalg.norm((real - wanted)[:, :3, 3], axis=1).max() < MICROMETRE
+    assert np.abs((real - wanted)[:, :3, :3]).max() < 1e-6
+    before = np.linalg.norm((uncorrected - wanted)[:, :3, 3], axis=1)
+    np.testing.assert_allclose(before, result.before.position[chosen], rtol=0, atol=1e-8)
+    assert before.min() > 100 * MICROMETRE
 
 
 # -- every effect on arms of every kind, through the files
@@ -363,7 +309,9 @@ def test_real_arms_reach_their_corrected_targets(tmp_path: Path) -> None:
     result = tmp_path / "result.json"
     numbers = "^(001|004|011|018|023|031)-"
     words = [sys.executable, "corrected_arms.py", "--robacc", f"{sys.executable} -m robacc", "--only", numbers]
-    subprocess.run([*words, "--json", str(result)], cwd=STUDIES, check=True, timeout=1200)
+    paths = os.pathsep.join([str(STUDIES.parent), os.environ.get("PYTHONPATH", "")])
+    environment = os.environ | {"PYTHONPATH": paths}
+    subprocess.run([*words, "--json", str(result)], cwd=STUDIES, check=True, timeout=1200, env=environment)
     rows = json.loads(result.read_text())["rows"]
     assert len(rows) == 6
     assert max(row["ratio"] for row in rows) <= 1.2

@@ -16,17 +16,15 @@ from results import run
 from scipy.spatial.transform import Rotation
 
 import robacc
+from robacc import InputError, Measurements, Robot, read_robot
 from robacc.diagnostics.data_mistakes import Mistake, check_data, find_mistake, registered_poses
 from robacc.effects.specification import build, parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames
 from robacc.geometry import exp_so3, quaternion_from_rotation, rotate, rotation_about, rotation_from_quaternion
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
@@ -135,19 +133,6 @@ def test_good_data_hold_no_mistake(name: str) -> None:
         assert check_data(robot, data) == ()
 
 
-@pytest.mark.slow
-def test_a_large_error_that_no_mistake_explains_is_left_to_the_fit() -> None:
-    robot = arm("puma560").robot
-    rng = np.random.default_rng(0)
-    data = good()
-    turned = dataclasses.replace(data, position=data.position + rng.normal(scale=0.1, size=(3, data.n)))
-    assert find_mistake(robot, turned) is None
-    longer = dataclasses.replace(
-        robot, effects=({"effect": "link_geometry", "joints": ["j2"], "values": {"j2.a": 0.15}},)
-    )
-    assert find_mistake(robot, simulate(longer, Plan(25, seed=1)).data) is None
-
-
 def test_few_poses_or_no_joints_are_not_judged() -> None:
     robot, data = arm("puma560").robot, MISTAKES["mm"][0](good())
     assert check_data(robot, data.subset(np.arange(7))) == ()
@@ -177,7 +162,7 @@ def made(n: int = 40, seed: int = 3) -> tuple[Matrix, Matrix, Matrix]:
     rng = np.random.default_rng(seed)
     low, high = np.array(independent_arm.LIMITS).T
     q = rng.uniform(low, high, (n, 6))
-    frames = np.array([independent_arm.link_frames(row)[-1] for row in q + rng.normal(scale=3e-3, size=6)])
+    frames = independent_arm.link_frames((q + rng.normal(scale=3e-3, size=6)).T)[-1]
     base, shift = Rotation.from_euler("xyz", rng.uniform(-2, 2, 3)), rng.uniform(-3, 3, 3)
     position = (
         base.apply((frames @ np.append(independent_arm.TOOL, 1.0))[:, :3]) + shift + rng.normal(scale=5e-5, size=(n, 3))
@@ -308,7 +293,7 @@ def test_an_unseen_sign_is_said() -> None:
     rng = np.random.default_rng(0)
     low, high = np.array(independent_arm.LIMITS).T
     q = rng.uniform(low, high, (30, 6))
-    position = np.array([independent_arm.target(row, np.array([0.0, 0.0, 0.1])) for row in q + 2e-3]).T
+    position = independent_arm.target((q + 2e-3).T, np.array([0.0, 0.0, 0.1])).T
     mistake = judged(q.T * signs("2"), position)
     assert mistake.name == "the sign of joint j2 seems to be reversed"
     assert "These poses do not show the sign of j6" in mistake.text
@@ -462,14 +447,6 @@ def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
     named = [int(part) for part in text.partition(":")[0].removeprefix("lines ").split(" to ")]
     assert abs(named[0] - 1 - first) <= 2
     assert abs(named[1] - end) <= 2
-
-
-def test_scattered_outliers_are_no_exchange() -> None:
-    good = data_of_row_mistakes()
-    rng = np.random.default_rng(0)
-    position = good.position.copy()
-    position[:, [4, 17, 33, 48]] += rng.normal(scale=0.3, size=(3, 4))
-    assert check_data(independent_arm.robot(), dataclasses.replace(good, position=position)) == ()
 
 
 @pytest.mark.parametrize("seed", range(4))

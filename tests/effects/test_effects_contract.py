@@ -12,9 +12,10 @@ from typing import Literal
 import numpy as np
 import pytest
 import yaml
-from arms import arm, circumstances, suited
+from arms import arm, circumstances, model_of, suited
 
 import robacc
+from robacc import InputError, Measurements, UsageError
 from robacc.diagnostics.partial_residuals import partial_residuals
 from robacc.effects import REGISTRY
 from robacc.effects.base import (
@@ -32,10 +33,8 @@ from robacc.effects.base import (
 )
 from robacc.effects.elastic import Elastic, JointCompliance, JointHardening
 from robacc.effects.specification import Known, build, catalogue, entry_of, known_effects, parse_requests
-from robacc.errors import InputError, UsageError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
@@ -618,7 +617,7 @@ def test_a_negative_compliance_is_implausible_and_never_a_finding() -> None:
         shifted = dataclasses.replace(
             data, position=data.position + bound.poses(theta).translation - bound.poses(0 * theta).translation
         )
-        model = Model.of(robot, build(parse_requests("base_frame"), Model.of(robot).arm, data))
+        model = model_of(robot, "base_frame", data)
         found[value > 0] = [effect.key() for effect in search(model, shifted).effects]
     assert found[True] == [compliance.key()]
     assert compliance.key() not in found[False]

@@ -5,21 +5,20 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import CONFIGURED, arm
+from arms import CONFIGURED, arm, model_of
 from scipy import stats
 from slow_parameters import some_fast
 
+from robacc import Measurements, Robot
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
-from robacc.effects.specification import CONSTANTS, FRAMES, build, default_baseline, entry_of, parse_requests
+from robacc.effects.specification import CONSTANTS, FRAMES, default_baseline, entry_of
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places
 from robacc.geometry import rms_length
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
 
@@ -200,12 +199,12 @@ def test_few_poses_of_an_arm_with_errors_of_geometry_are_clean(name: str, n: int
     rng, noise = np.random.default_rng(5), 2e-5
     joints = arm(name)
     data, other = (simulate(joints.robot, Plan(count, seed=seed)).data for count, seed in ((n, 4), (200, 5)))
-    model = Model.of(joints.robot, build(parse_requests(",".join(ALL)), joints, data))
+    model = model_of(joints.robot, ",".join(ALL), data)
     real = 3e-4 * rng.normal(size=len(model.bind(data).terms))
     position = model.bind(data).poses(real).translation + noise * rng.normal(size=(3, n))
     measured = Measurements(position, q=data.q)
     baseline = default_baseline(joints, measured, n)
-    found = trace(Model.of(joints.robot, build(parse_requests(",".join(baseline.names)), joints, measured)), measured)
+    found = trace(model_of(joints.robot, ",".join(baseline.names), measured), measured)
     error = predict(found.robot, other).translation - model.bind(other).poses(real).translation
     assert found.verdict == "clean"
     assert rms_length(error) < 5.0 * noise

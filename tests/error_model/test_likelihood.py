@@ -170,7 +170,7 @@ def drawn(kind: str, seed: int) -> Measurements:
         centres, weights = rng.uniform(-1.2, 1.2, (6, 30)), rng.standard_normal((6, 30))
         distance = np.sum(np.square(q[:, :, None] - centres[:, None]), axis=0)
         moved += 1e-4 * weights @ np.exp(-0.5 * distance / 1.5**2).T
-    return Measurements(position=np.array([independent_arm.target(row) for row in moved.T]).T + error, q=q)
+    return Measurements(position=independent_arm.targets(moved) + error, q=q)
 
 
 def fits(data: Measurements) -> tuple[Fit, Fit]:

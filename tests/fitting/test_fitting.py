@@ -6,15 +6,14 @@ from functools import cache
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from peer import by_scipy
 from scipy import stats
 
 import robacc.fitting.normal_equations
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect, Term
-from robacc.effects.periodic import TransmissionError
-from robacc.effects.specification import build, entry_of, parse_requests
+from robacc.effects.specification import entry_of
 from robacc.fitting.fit_result import Fit, HoldOut, Identifiability, Options, held_out_poses, identify_terms
 from robacc.fitting.levels import DEPENDENT
 from robacc.fitting.normal_equations import Whitening, whitening
@@ -103,19 +102,6 @@ def test_the_solution_is_scipys(name: str, orientation: bool) -> None:
     )
 
 
-@pytest.mark.parametrize("name", ARMS)
-def test_exact_data_give_exact_coefficients(name: str) -> None:
-    free = effects(name, *SEVERAL)
-    robot, truth = truth_for(name, free, blank(name))
-    exact = dataclasses.replace(PLAN, noise_position=0.0, noise_orientation=0.0)
-    for data in (simulate(robot, exact).data, simulate(robot, dataclasses.replace(exact, orientation=False)).data):
-        found = fit(Model.of(arm(name).robot, free), data)
-        np.testing.assert_allclose(found.poses.translation, data.position, rtol=0, atol=1e-12)
-        if data.rotation is not None:
-            np.testing.assert_allclose(found.theta, truth, rtol=0, atol=1e-10)
-        assert found.inliers.all()
-
-
 @pytest.mark.parametrize("orientation", [True, False])
 def test_rows_that_are_no_part_of_the_rest_are_named_and_no_others(orientation: bool) -> None:
     free = effects("puma560", "base_frame", "tool_frame", *SEVERAL)
@@ -172,31 +158,6 @@ def test_priors_are_rows_of_their_own() -> None:
     np.testing.assert_allclose(found.theta, expected, rtol=1e-6, atol=1e-12)
     assert abs(found.theta[2]) < 5e-9
     np.testing.assert_array_less(np.sqrt(np.diag(found.covariance))[:3], deviation[:3])
-
-
-def test_a_profile_is_shrunk_by_the_width_of_each_octave() -> None:
-    one = arm("puma560")
-    rng = np.random.default_rng(2)
-    profile = TransmissionError((one.names[1],), tuple(float(n) for n in range(3, 23)), True)
-    names = [term.name for term in profile.terms(one, blank("puma560"))]
-    orders = np.repeat(profile.orders, 2)
-    values = dict(zip(names, rng.normal(scale=np.where(orders < 16, 5e-5, 5e-6)).tolist(), strict=True))
-    robot = dataclasses.replace(one.robot, effects=(entry_of(profile, values),))
-    data = simulate(robot, dataclasses.replace(PLAN, poses=150)).data
-    found = fit(
-        Model.of(one.robot, [*effects("puma560", "joint_offset"), profile]), data, Options(misfit=(NOISE, NOISE))
-    )
-    assert len(found.group_stds) == 4
-    # Fourteen values or more, known to a part of their size, tell it to a fifth.
-    for octave, width in list(enumerate(found.group_stds.values(), 1))[2:]:
-        own = np.floor(np.log2(orders)) == octave
-        assert width == pytest.approx(np.std(np.array(list(values.values()))[own]), rel=0.4)
-    # Shrunk coefficients count for less than one each; the truth, drawn from a prior, lies where the posterior says.
-    assert found.degrees_of_freedom > data.n * 6 - found.identifiability.columns.size
-    at = [found.names.index(name) for name in names]
-    error = found.theta[at] - np.array(list(values.values()))
-    statistic = error @ np.linalg.solve(found.covariance[np.ix_(at, at)], error)
-    assert 1e-3 < stats.chi2.sf(statistic, len(at)) < 1 - 1e-3
 
 
 def test_order_of_rows_and_size_of_blocks_do_not_matter(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -291,16 +252,6 @@ def test_residuals_get_unit_covariance(visit_std: float, noise: np.ndarray | Non
     np.testing.assert_allclose(white.apply_transposed(unit).reshape(COMPONENTS * N, -1), root, atol=1e-13)
 
 
-@pytest.mark.parametrize(("visit_std", "noise"), [(0.5, None), (0.5, DIRECTIONAL), (0.0, DIRECTIONAL)])
-def test_rows_that_are_ignored_do_not_change_those_that_stay(visit_std: float, noise: np.ndarray | None) -> None:
-    sample = Sample(visit_std, noise)
-    kept = np.flatnonzero(sample.visits % 4 != 1)
-    sample.weight[:, sample.visits % 4 == 1] = 0.0
-    values = np.random.default_rng(2).normal(size=(COMPONENTS, N))
-    white = sample.whitening()
-    np.testing.assert_allclose(white.apply(values)[:, kept], white.subset(kept).apply(values[:, kept]), atol=1e-13)
-
-
 FIT = "base_frame,tool_frame,joint_offset,link_geometry,joint_compliance[j2,j3]"
 NOISE_OF_HELD_OUT = 5e-5
 
@@ -318,7 +269,7 @@ def measured_of_held_out(poses: int = 40, cycles: int = 1, *, orientation: bool 
 
 def fitted(data: Measurements, asked: str = FIT, **options: object) -> Fit:
     one = arm("puma560")
-    return fit(Model.of(one.robot, build(parse_requests(asked), one, data)), data, Options(**options))  # type: ignore[arg-type]
+    return fit(model_of(one.robot, asked, data), data, Options(**options))  # type: ignore[arg-type]
 
 
 def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:
@@ -373,7 +324,7 @@ def test_a_coefficient_that_one_pose_alone_determines_is_nominal_for_that_pose()
     q = data.q.copy()
     q[0, :-1] = 0.3
     one = arm("puma560")
-    model = Model.of(one.robot, build(parse_requests("gear_ratio[j1],base_frame"), one, data))
+    model = model_of(one.robot, "gear_ratio[j1],base_frame", data)
     moved = dataclasses.replace(data, q=q)
     bound = model.bind(moved)
     exact = bound.poses(np.array([2e-3 * name.startswith("gear_ratio") for name in bound.names]))
@@ -482,27 +433,3 @@ def test_observability_indices_are_those_of_the_definition() -> None:
     }
     assert found.observability() == pytest.approx(expected, rel=1e-12)
     assert found.condition == pytest.approx(first / last, rel=1e-12)
-
-
-def test_poses_too_much_alike_lose_coefficients() -> None:
-    # A joint that never moved is part of a link: 4 R + 6 of an arm of one joint fewer.
-    data = poses("puma560", 60)
-    q = data.q.copy()
-    q[3] = 0.3
-    still = dataclasses.replace(data, q=q)
-    assert fit(geometric_model("puma560", data), data).identifiability.columns.size == 4 * 6 + 6
-    assert fit(geometric_model("puma560", still), still).identifiability.columns.size == 4 * 5 + 6
-
-
-def test_the_decision_does_not_depend_on_the_order_of_rows_or_on_the_run() -> None:
-    data = poses("panda", 50, orientation=False)
-    shuffled = data.subset(np.random.default_rng(3).permutation(data.n))
-    first, again, other = (fit(geometric_model("panda", one), one) for one in (data, data, shuffled))
-    assert first.identifiability.dropped == again.identifiability.dropped
-    np.testing.assert_array_equal(first.theta, again.theta)
-    assert [drop.name for drop in first.identifiability.dropped] == [
-        drop.name for drop in other.identifiability.dropped
-    ]
-    assert [set(drop.partners) for drop in first.identifiability.dropped] == [
-        set(drop.partners) for drop in other.identifiability.dropped
-    ]

@@ -8,9 +8,9 @@ from arms import arm
 from independent_arm import DH, Matrix, link_frames, measured, run, targets
 from searched import ARM, model
 
+from robacc import InputError, Measurements, Robot
 from robacc.effects.elastic import JointCompliance
 from robacc.effects.specification import parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.masses import with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior, solved
@@ -19,10 +19,8 @@ from robacc.fitting.registration import align, gravity_warning, with_gravity_dir
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.geometry import rotation_from_rpy
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
@@ -34,23 +32,20 @@ DOWN = np.array([0.0, 0.0, -9.81])
 
 
 def torques(q: Matrix, gravity: Matrix) -> Matrix:
-    """Torque about each joint: the slope of the work of gravity (3,), stated in the base."""
+    """Torques (6, N) at joints (6, N): the slope of the work of gravity (3,), stated in the base."""
 
-    def work(at: Matrix) -> float:
-        frames = link_frames(at)
-        return sum(
-            m * float(gravity @ (frame @ np.append(com, 1.0))[:3])
-            for frame, (*_, m, com) in zip(frames, DH, strict=True)
-        )
+    def work(at: Matrix) -> Matrix:
+        weights = zip(link_frames(at), DH, strict=True)
+        return sum(m * ((frame @ np.append(com, 1.0))[:, :3] @ gravity) for frame, (*_, m, com) in weights)
 
     step = 1e-5
-    return np.array([(work(q + e) - work(q - e)) / (2 * step) for e in step * np.eye(6)])
+    return np.array([(work(q + e) - work(q - e)) / (2 * step) for e in step * np.eye(6)[..., None]])
 
 
 def campaign(tilt: Matrix, gravity: Matrix, springs: Matrix = SPRINGS, n: int = 80, seed: int = 1) -> Measurements:
     """Poses of an arm under ``gravity`` in its base, in a measuring frame in which the base is turned by ``tilt``."""
     poses = run(n, seed)
-    bent = np.array([q + springs * torques(q, gravity) for q in poses.q.T]).T
+    bent = poses.q + springs[:, None] * torques(poses.q, gravity)
     return measured(poses, rotation_from_rpy(tilt) @ targets(bent), NOISE, seed)
 
 

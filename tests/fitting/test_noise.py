@@ -9,20 +9,19 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from slow_parameters import some_fast
 
 import robacc
+from robacc import InputError, Measurements, Robot
 from robacc.accuracy.error_statistics import MatrixInterval, error_statistics
 from robacc.effects.specification import build, parse_requests
-from robacc.errors import InputError
 from robacc.fitting import solver
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit, outlier_pattern
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.statistics.intervals import Interval
 from robacc.statistics.lengths import length_quantile
 from robacc.tracing.calibrating import calibrate
@@ -350,7 +349,7 @@ def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:
     position = predict(robot, data).translation + rng.normal(scale=1e-5, size=(3, 120))
     position[2, rows] += size
     data = dataclasses.replace(data, position=position)
-    model = Model.of(robot, build(parse_requests("base_frame,joint_offset"), Model.of(robot).arm, data))
+    model = model_of(robot, "base_frame,joint_offset", data)
     return data, fit(model, data)
 
 

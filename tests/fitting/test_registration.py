@@ -3,30 +3,27 @@
 import dataclasses
 import functools
 from pathlib import Path
-from xml.etree import ElementTree
 
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.effects.frames import BaseFrame, LinkGeometry
-from robacc.effects.specification import build, entry_of, parse_requests
+from robacc.effects.specification import entry_of, parse_requests
 from robacc.error_model.structure import with_error_structure
-from robacc.errors import InputError, UsageError
 from robacc.fitting.fit_result import HoldOut, Options
 from robacc.fitting.parameters import absorb_constants, apply_fit, parameters
 from robacc.fitting.registration import align, align_commands
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import places, places_warning
-from robacc.geometry import exp_so3, rpy_from_rotation
-from robacc.measurements import Measurements
+from robacc.geometry import compose, exp_so3, rpy_from_rotation
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
@@ -236,14 +233,13 @@ def test_the_order_of_rows_and_the_unit_do_not_matter() -> None:
 def test_errors_that_poses_of_a_place_share_widen_the_intervals() -> None:
     """16 groups of six poses, joints wrong by 50 urad in each: joint zeros are right within their standard errors."""
     robot, rng = arm("puma560").robot, np.random.default_rng(4)
-    model_arm = Arm.of(robot)
     scores: dict[bool, list[float]] = {True: [], False: []}
     for _ in range(12):
         q = np.repeat(rng.uniform(-1.5, 1.5, (6, 16)), 6, axis=1) + rng.normal(scale=0.02, size=(6, 96))
         arrived = q + np.repeat(rng.normal(scale=5e-5, size=(6, 16)), 6, axis=1)
         exact = predict(robot, poses(arrived)).translation
         data = dataclasses.replace(poses(q), position=exact + rng.normal(scale=1e-5, size=exact.shape))
-        model = Model.of(robot, build(parse_requests("base_frame,tool_frame,joint_offset"), model_arm, data))
+        model = model_of(robot, "base_frame,tool_frame,joint_offset", data)
         plain = fit(model, data)
         allowed = with_error_structure(plain, data, Options(), functools.partial(fit, model, data)).fit
         for shared, answer in ((False, plain), (True, allowed)):
@@ -295,64 +291,43 @@ def read_any_chain(path: Path) -> Robot | None:
         return None
 
 
-def simulate_of_urdf_origins(path: Path, robot: Robot, n: int, seed: int) -> tuple[Measurements, np.ndarray]:
-    """Poses of an arm made with errors of 0.5 mm and 0.5 mrad in every origin, by kinematics from the XML itself."""
-    rng = np.random.default_rng(seed)
-    elements = {element.get("name"): element for element in ElementTree.parse(path).getroot().findall("joint")}
-    low, high = np.array([np.clip(joint.limits or (-3, 3), -3, 3) for joint in robot.variables]).T[..., None]
-    q = rng.uniform(low, high, (len(robot.variables), n))
-    rotation, position = Rotation.from_rotvec([0.4, -0.3, 1.0]), np.tile([0.7, -0.2, 0.4], (n, 1))
-    values = dict(zip((joint.name for joint in robot.variables), q, strict=True))
+def with_errors(robot: Robot, rng: np.random.Generator) -> Robot:
+    """The arm as built: every origin is off by 0.5 mm and by a turn of 0.5 mrad about any axis."""
+    joints = []
     for joint in robot.joints:
-        element = elements[joint.name]
-        origin = element.find("origin")
-        numbers = {key: (origin.get(key) if origin is not None else None) or "0 0 0" for key in ("xyz", "rpy")}
-        xyz, rpy = (np.array(numbers[key].split(), dtype=float) for key in ("xyz", "rpy"))
-        turn = Rotation.from_euler("xyz", rpy)
-        if joint.is_variable:
-            turn = turn * Rotation.from_rotvec(rng.normal(0, 5e-4, 3))
-            xyz = xyz + rng.normal(0, 5e-4, 3)
-        position = position + rotation.apply(xyz)
-        rotation = rotation * turn
-        if joint.type == "fixed":
-            continue
-        follows = joint.mimic
-        moved = values[joint.name] if follows is None else follows.multiplier * values[follows.master] + follows.offset
-        axis = np.array(joint.axis)
-        if joint.type == "revolute":
-            rotation = rotation * Rotation.from_rotvec(moved[:, None] * axis)
-        else:
-            position = position + rotation.apply(moved[:, None] * axis)
-    position = position + rotation.apply(TOOL.xyz)
-    rotation = rotation * Rotation.from_euler("xyz", TOOL.rpy)
-    noisy = Rotation.from_rotvec(rng.normal(0, ORIENTATION_STD, (n, 3))) * rotation
-    data = Measurements(
-        position=(position + rng.normal(0, POSITION_STD, (n, 3))).T,
-        rotation=noisy.as_matrix().transpose(1, 2, 0).copy(),
-        q=q,
-        sigma_position=np.full((3, n), POSITION_STD),
-        sigma_rotation=np.full(n, ORIENTATION_STD),
-    )
-    return data, position.T
+        place = {axis: joint.parameters[axis] + rng.normal(0, 5e-4) for axis in "xyz"}
+        turn = Rotation.from_euler("xyz", [joint.parameters[angle] for angle in ("roll", "pitch", "yaw")])
+        roll, pitch, yaw = (turn * Rotation.from_rotvec(rng.normal(0, 5e-4, 3))).as_euler("xyz")
+        moved = joint.parameters | place | {"roll": roll, "pitch": pitch, "yaw": yaw}
+        joints.append(dataclasses.replace(joint, parameters=moved) if joint.is_variable else joint)
+    return dataclasses.replace(robot, joints=tuple(joints), base=Frame((0.7, -0.2, 0.4), (0.4, -0.3, 1.0)))
 
 
 @pytest.mark.parametrize("name", some_fast(ARMS, 4))
 def test_random_errors_of_every_origin_are_fitted_to_the_noise(name: str) -> None:
     robot = read_any_chain(example_robots() / name)
-    robot = dataclasses.replace(robot, tool=TOOL)
-    data, true = simulate_of_urdf_origins(example_robots() / name, robot, 150, 7)
-    requests = parse_requests("base_frame,tool_frame,joint_offset,link_geometry")
-    result = calibrate(robot, data, requests, n_folds=2)
+    robot, rng, n = dataclasses.replace(robot, tool=TOOL), np.random.default_rng(7), 150
+    low, high = np.array([np.clip(joint.limits or (-3, 3), -3, 3) for joint in robot.variables]).T[..., None]
+    data = Measurements(np.zeros((3, n)), q=rng.uniform(low, high, (len(robot.variables), n)))
+    real = predict(with_errors(robot, rng), data)
+    data = dataclasses.replace(
+        data,
+        position=real.translation + rng.normal(0, POSITION_STD, (3, n)),
+        rotation=compose(exp_so3(rng.normal(0, ORIENTATION_STD, (3, n))), real.rotation),
+        sigma_position=np.full((3, n), POSITION_STD),
+        sigma_rotation=np.full(n, ORIENTATION_STD),
+    )
+    result = calibrate(robot, data, parse_requests("base_frame,tool_frame,joint_offset,link_geometry"), n_folds=2)
     # Mean square per coordinate, over the noise's: one for a model with every error, within five standard deviations.
     fitted = result.fit
     assert fitted.inliers.all()
     for rows, noise_std in ((slice(0, 3), POSITION_STD), (slice(3, 6), ORIENTATION_STD)):
         mean_square = float(np.mean(np.square(fitted.residual[rows]))) / noise_std**2
-        dof_share = 1.0 - fitted.identifiability.columns.size / (6 * 150)
-        assert abs(mean_square / dof_share - 1.0) < 5.0 * np.sqrt(2.0 / (3 * 150))
+        dof_share = 1.0 - fitted.identifiability.columns.size / (6 * n)
+        assert abs(mean_square / dof_share - 1.0) < 5.0 * np.sqrt(2.0 / (3 * n))
     # Estimation adds to the true position at most the noise of as many numbers as there are coefficients.
-    error = np.sqrt(np.mean(np.sum(np.square(predict(result.robot, data).translation - true), axis=0)))
-    assert error < 1.5 * POSITION_STD * np.sqrt(fitted.identifiability.columns.size / 150)
+    error = np.sqrt(np.mean(np.sum(np.square(predict(result.robot, data).translation - real.translation), axis=0)))
+    assert error < 1.5 * POSITION_STD * np.sqrt(fitted.identifiability.columns.size / n)
 
 
 def ur10() -> Robot:

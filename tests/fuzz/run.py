@@ -6,7 +6,6 @@ message is saved in ``--keep FOLDER``, once for each place in the code; the exit
 
 import argparse
 import hashlib
-import json
 import os
 import random
 import resource
@@ -14,12 +13,14 @@ import signal
 import sys
 import time
 import traceback
-from collections.abc import Callable
 from pathlib import Path
 from types import FrameType
 
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 sys.path[:0] = map(os.fspath, Path(__file__).resolve().parents[:2])
+
+from mutations import mutate_json, mutate_text  # noqa: E402 (the path and the threads come first)
+from targets import READERS, seeds  # noqa: E402
 
 TIME_LIMIT = 60
 """s for one file."""
@@ -38,7 +39,7 @@ class Attack:
         self.reader, self.folder = reader, folder
         self.findings: set[str] = set()
         self.cases = 0
-        self.call: Callable[[bytes], None] = _targets().READERS[reader]
+        self.call = READERS[reader]
 
     def __call__(self, data: bytes) -> None:
         """Try one file and save it where the reader fails."""
@@ -65,12 +66,6 @@ class Attack:
         print(f"{self.reader}: {place}: {str(error)[:200]!r} -> {self.folder / name}", flush=True)
 
 
-def _targets() -> object:
-    import targets
-
-    return targets
-
-
 def _ring(_: int, __: FrameType | None) -> None:
     raise Hang
 
@@ -82,12 +77,9 @@ def _limits() -> None:
 
 def blind(attack: Attack, seconds: float, seed: int) -> None:
     """Try random mutations of the seeds."""
-    from mutations import mutate_json, mutate_text
-    from targets import seeds
-
     rng = random.Random(f"{attack.reader} {seed}")
-    pool = list(seeds(attack.reader))
-    mutate = mutate_json if _is_json(pool[0]) else mutate_text
+    pool = seeds(attack.reader)
+    mutate = mutate_json if pool[0].startswith(b"{") else mutate_text
     end = time.monotonic() + seconds
     while time.monotonic() < end:
         data = rng.choice(pool)
@@ -97,17 +89,8 @@ def blind(attack: Attack, seconds: float, seed: int) -> None:
     print(f"{attack.reader}: {attack.cases} files, {len(attack.findings)} findings", flush=True)
 
 
-def _is_json(data: bytes) -> bool:
-    try:
-        return isinstance(json.loads(data), dict)
-    except ValueError:
-        return False
-
-
 def main() -> int:
     """Run the command line; return 1 where there are findings."""
-    from targets import READERS
-
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
     parser.add_argument("reader", choices=[*READERS, "all"])
     parser.add_argument("--seconds", type=float, default=60.0, help="for each reader")

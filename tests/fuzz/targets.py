@@ -4,51 +4,68 @@ For any bytes, a command ends with the status 0 (valid input), 2, 3, 4 or 5; an 
 has finite numbers only; a valid robot file gives the same robot when it is written and read again.
 """
 
-import contextlib
-import io
 import json
 import os
 import sys
 import tempfile
 import warnings
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterable, Mapping
+from functools import cache, partial
 from pathlib import Path
 
-import typer
-from sample_files import saved
+import commands
+import numpy as np
+from sample_files import CONFIGS, SAMPLES, saved
 
-PROJECT = Path(__file__).resolve().parents[2]
-SAMPLES = PROJECT / "sample_data"
+from robacc import RobaccError, read_robot
+from robacc.fitting.parameters import absorb_constants
+from robacc.robots.arm import build_chain
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+
 ALLOWED = frozenset({0, 2, 3, 4, 5})
+READ = {
+    "poses": ("poses.csv", "estimate {file} --format json"),
+    "robot_poses": ("poses.csv", "estimate {file} --robot {samples}/robot.yaml --ordered"),
+    "cycles": ("cycles.csv", "iso9283 {file} --format json"),
+    "robot": ("robot.yaml", "show {file}"),
+    "robot_used": (
+        "robot.yaml",
+        "estimate {samples}/poses.csv --robot {file} --format json",
+        "predict {file} --samples 8 --format json",
+    ),
+    "urdf": ("robot.urdf", "show {file}"),
+    "gate": ("gate.yaml", "check {estimate} --gate {file} --format json"),
+    "scale": ("scale.yaml", "estimate {samples}/poses.csv --robot {samples}/robot.yaml --scale {file}"),
+    "tolerances": (
+        "tolerances.yaml",
+        "predict {samples}/robot.yaml --tolerances {file} --samples 8 --format json",
+    ),
+    "result": (
+        "result.json",
+        "check {file} --gate {gate} --format json",
+        "compare {file} {estimate} --format json",
+    ),
+    "page": ("result.json", "report {file} --output {folder}/page.html"),
+}
+"""Name of the file of a reader, and the commands that read it."""
 
 
-def folder() -> Path:
+@cache
+def temporary() -> tempfile.TemporaryDirectory[str]:
     """Return a temporary folder of this process."""
-    if not _FOLDER:
-        _FOLDER.append(tempfile.TemporaryDirectory(prefix="robacc-fuzz-"))
-    return Path(_FOLDER[0].name)
-
-
-_FOLDER: list[tempfile.TemporaryDirectory[str]] = []
+    return tempfile.TemporaryDirectory(prefix="robacc-fuzz-")
 
 
 def call(*arguments: str) -> tuple[int, str, str]:
     """Run a command in this process; return exit status, standard output and standard error, raise its defects."""
-    from robacc.cli.main import app
-
-    out, err = io.StringIO(), io.StringIO()
-    status = 0
-    with warnings.catch_warnings(), contextlib.redirect_stdout(out), contextlib.redirect_stderr(err):
+    with warnings.catch_warnings():
         warnings.simplefilter("error")
-        try:
-            typer.main.get_command(app)(args=list(arguments), prog_name="robacc")
-        except SystemExit as ended:
-            status = ended.code if isinstance(ended.code, int) else 0
-    return status, out.getvalue(), err.getvalue()
+        ended = commands.run(*arguments)
+    return ended.exit_code, ended.stdout, ended.stderr
 
 
-def clean(*arguments: str) -> tuple[int, str]:
-    """Run a command, assert the rules that hold for every command, and return status and standard output."""
+def clean(*arguments: str) -> int:
+    """Run a command, assert the rules that hold for every command, and return its status."""
     status, out, err = call(*arguments)
     assert status in ALLOWED, (status, err)
     assert status in (0, 4, 5) or err, "an error without a message"
@@ -57,49 +74,35 @@ def clean(*arguments: str) -> tuple[int, str]:
         assert all(sign.isprintable() or sign in "\n\t" for sign in text), f"control characters: {text!r:.500}"
     if "json" in arguments and status in (0, 4, 5):
         json.loads(out, parse_constant=_refused)
-    return status, out
+    return status
 
 
 def _refused(constant: str) -> float:
     raise AssertionError(f"{constant} in a result")
 
 
-def _written(data: bytes, name: str) -> str:
-    path = saved(folder() / name, data)
-    return os.fspath(path)
+def read(reader: str, data: bytes) -> None:
+    """Read bytes as a file of the reader; a robot that is read is the same when it is written and read again."""
+    name, *calls = READ[reader]
+    folder = Path(temporary().name)
+    path = saved(folder / name, data)
+    places = {
+        "file": path,
+        "samples": SAMPLES,
+        "folder": folder,
+        "gate": gate_file(),
+        "estimate": result_file("estimate"),
+    }
+    for line in calls:
+        status = clean(*(word.format(**places) for word in line.split()))
+    if name.startswith("robot.") and "show" in line and status == 0:
+        written_again(path)
 
 
-def poses(data: bytes) -> None:
-    """Read a CSV of measured poses without a robot."""
-    clean("estimate", _written(data, "poses.csv"), "--format", "json")
-
-
-def robot_poses(data: bytes) -> None:
-    """Read a CSV of measured poses of a robot."""
-    path = _written(data, "poses.csv")
-    clean("estimate", path, "--robot", str(SAMPLES / "robot.yaml"), "--ordered")
-
-
-def cycles(data: bytes) -> None:
-    """Read a CSV of cycles for ISO 9283."""
-    clean("iso9283", _written(data, "cycles.csv"), "--format", "json")
-
-
-def _robot(path: str) -> None:
-    status, _ = clean("show", path)
-    if status != 0:
-        return
-    import numpy as np
-
-    from robacc.errors import RobaccError
-    from robacc.fitting.parameters import absorb_constants
-    from robacc.modelling.robot_file import read_robot
-    from robacc.robots.arm import build_chain
-    from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
-
-    robot = read_robot(path)
-    chain = build_chain(robot)
-    poses_at_zero = chain.forward(np.zeros((len(robot.variables), 2)))
+def written_again(path: Path) -> None:
+    """Assert that a robot has a pose, and is the same when it is written and read again."""
+    robot = read_robot(os.fspath(path))
+    poses_at_zero = build_chain(robot).forward(np.zeros((len(robot.variables), 2)))
     assert np.all(np.isfinite(poses_at_zero.translation))
     assert np.all(np.isfinite(poses_at_zero.rotation))
     try:
@@ -109,57 +112,7 @@ def _robot(path: str) -> None:
     assert robot_to_yaml(parse_robot(written, "again.yaml")) == written
 
 
-def robot(data: bytes) -> None:
-    """Read a robot file."""
-    _robot(_written(data, "robot.yaml"))
-
-
-def robot_used(data: bytes) -> None:
-    """Use a robot file with its effects."""
-    path = _written(data, "robot.yaml")
-    clean("estimate", str(SAMPLES / "poses.csv"), "--robot", path, "--format", "json")
-    clean("predict", path, "--samples", "8", "--format", "json")
-
-
-def urdf(data: bytes) -> None:
-    """Read a URDF."""
-    _robot(_written(data, "robot.urdf"))
-
-
-def gate(data: bytes) -> None:
-    """Read a gate file."""
-    clean("check", str(result_file("estimate")), "--gate", _written(data, "gate.yaml"), "--format", "json")
-
-
-def scale(data: bytes) -> None:
-    """Read a grade scale."""
-    path = _written(data, "scale.yaml")
-    clean("estimate", str(SAMPLES / "poses.csv"), "--robot", str(SAMPLES / "robot.yaml"), "--scale", path)
-
-
-def tolerances(data: bytes) -> None:
-    """Read a tolerance file."""
-    path = _written(data, "tolerances.yaml")
-    clean("predict", str(SAMPLES / "robot.yaml"), "--tolerances", path, "--samples", "8", "--format", "json")
-
-
-def result(data: bytes) -> None:
-    """Check a stored result against a gate and compare it with another result."""
-    path = _written(data, "result.json")
-    clean("check", path, "--gate", str(gate_file()), "--format", "json")
-    clean("compare", path, str(result_file("estimate")), "--format", "json")
-
-
-def page(data: bytes) -> None:
-    """Render a stored result as a page with charts."""
-    path = _written(data, "result.json")
-    clean("report", path, "--output", str(folder() / "page.html"))
-
-
-READERS: Mapping[str, Callable[[bytes], None]] = {
-    reader.__name__: reader
-    for reader in (poses, robot_poses, cycles, robot, robot_used, urdf, gate, scale, tolerances, result, page)
-}
+READERS: Mapping[str, Callable[[bytes], None]] = {reader: partial(read, reader) for reader in READ}
 CALLS = {
     "estimate": ("poses.csv", "--robot", "robot.yaml", "--align", "base_frame,tool_frame"),
     "predict": ("../configs/robots/puma560.yaml", "--samples", "20", "--allocate", "C"),
@@ -169,23 +122,19 @@ CALLS = {
 }
 
 
+@cache
 def result_file(command: str) -> Path:
-    """Return the path of a result on the sample data, computed once."""
-    path = folder() / f"{command}.json"
-    if not path.exists():
-        arguments = [str(SAMPLES / name) if (SAMPLES / name).is_file() else name for name in CALLS[command]]
-        status, out, err = call(command, *arguments, "--format", "json")
-        assert status == 0, err
-        path.write_text(out)
-    return path
+    """Return the path of a result on the sample data."""
+    arguments = [str(SAMPLES / name) if (SAMPLES / name).is_file() else name for name in CALLS[command]]
+    status, out, err = call(command, *arguments, "--format", "json")
+    assert status == 0, err
+    return saved(Path(temporary().name) / f"{command}.json", out)
 
 
+@cache
 def gate_file() -> Path:
     """Return the path of a gate with a criterion of each kind."""
-    path = folder() / "given_gate.yaml"
-    if not path.exists():
-        path.write_text(GATE)
-    return path
+    return saved(Path(temporary().name) / "given_gate.yaml", GATE)
 
 
 GATE = """robacc_gate: 1
@@ -202,38 +151,43 @@ criteria:
 """
 
 
-def seeds(reader: str) -> Iterator[bytes]:
-    """Yield valid files of the reader to start from."""
-    if reader in ("poses", "cycles"):
-        lines = (SAMPLES / "iso9283" / "poses.csv").read_text().splitlines()
-        yield "\n".join(lines[:14]).encode()
-        yield b"x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm,rx_deg,ry_deg,rz_deg,cmd_rx,cmd_ry,cmd_rz,pose,cycle\n" + (
-            b"1,2,3,1,2,3.1,0,0,1,0,0,0,a,1\n1,2,4,1,2,3.1,0,0,1,0,0,0,a,2\n5,2,3,5,2.1,3,0,0,1,0,0,0.1,b,1\n"
-        )
-    elif reader == "robot_poses":
-        lines = (SAMPLES / "poses.csv").read_text().splitlines()
-        yield "\n".join(lines[:12]).encode()
-        yield "\n".join((SAMPLES / "trace" / "poses.csv").read_text().splitlines()[:12]).encode()
-    elif reader in ("robot", "robot_used"):
-        for path in (SAMPLES / "truth.yaml", SAMPLES / "trace" / "truth.yaml", *(PROJECT / "configs/robots").iterdir()):
-            yield path.read_bytes()
-    elif reader == "urdf":
-        for name in ("puma560", "stanford"):
-            yield call("export", str(PROJECT / f"configs/robots/{name}.yaml"), "--urdf", "-")[1].encode()
-    elif reader == "gate":
-        yield GATE.encode()
-        for path in (PROJECT / "configs/gates").iterdir():
-            yield path.read_bytes()
-    elif reader == "scale":
-        for path in (PROJECT / "configs/grades").iterdir():
-            yield path.read_bytes()
-    elif reader == "tolerances":
-        yield b"units: {length: mm, angle: deg}\ndistribution: limits\ncoverage: 3\nall: {theta: 0.01, d: 0.2}\n" + (
-            b"joints:\n  j2: {a: 0.5}\nbase: {x: 0.5, yaw: 0.05}\ntool: {z: 0.1}\n"
-        )
-    else:
-        for command in CALLS:
-            yield result_file(command).read_bytes()
+def seeds(reader: str) -> list[bytes]:
+    """Return valid files of the reader to start from."""
+    robots, cycles = CONFIGS.iterdir(), (_head("iso9283/poses.csv", 14), CYCLES)
+    files: dict[str, Callable[[], Iterable[bytes]]] = {
+        "poses": lambda: cycles,
+        "cycles": lambda: cycles,
+        "robot_poses": lambda: (_head("poses.csv", 12), _head("trace/poses.csv", 12)),
+        "robot": lambda: map(Path.read_bytes, (SAMPLES / "truth.yaml", SAMPLES / "trace" / "truth.yaml", *robots)),
+        "urdf": lambda: (
+            call("export", str(CONFIGS / f"{name}.yaml"), "--urdf", "-")[1].encode() for name in ("puma560", "stanford")
+        ),
+        "gate": lambda: (GATE.encode(), *map(Path.read_bytes, (CONFIGS.parent / "gates").iterdir())),
+        "scale": lambda: map(Path.read_bytes, (CONFIGS.parent / "grades").iterdir()),
+        "tolerances": lambda: (TOLERANCES,),
+        "result": lambda: (result_file(command).read_bytes() for command in CALLS),
+    }
+    return list(files[{"robot_used": "robot", "page": "result"}.get(reader, reader)]())
+
+
+def _head(name: str, count: int) -> bytes:
+    return "\n".join((SAMPLES / name).read_text().splitlines()[:count]).encode()
+
+
+CYCLES = b"""x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm,rx_deg,ry_deg,rz_deg,cmd_rx,cmd_ry,cmd_rz,pose,cycle
+1,2,3,1,2,3.1,0,0,1,0,0,0,a,1
+1,2,4,1,2,3.1,0,0,1,0,0,0,a,2
+5,2,3,5,2.1,3,0,0,1,0,0,0.1,b,1
+"""
+TOLERANCES = b"""units: {length: mm, angle: deg}
+distribution: limits
+coverage: 3
+all: {theta: 0.01, d: 0.2}
+joints:
+  j2: {a: 0.5}
+base: {x: 0.5, yaw: 0.05}
+tool: {z: 0.1}
+"""
 
 
 if __name__ == "__main__":

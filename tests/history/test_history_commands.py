@@ -44,7 +44,7 @@ def tests(tmp_path_factory):
     folder, found = tmp_path_factory.mktemp("tests"), []
     for week in range(10):
         poses = measured(folder, f"w{week}.csv", week, j3=STEP * (week >= 6))
-        result = robacc.calibrate(poses, robot=NOMINAL, fit="base_frame,tool_frame,joint_offset")
+        result = robacc.calibrate(poses, robot=NOMINAL, fit="base_frame,tool_frame,joint_offset", folds=2)
         result.save(folder / f"w{week}.json")
         if week == 9:
             result.write_model(folder / "model.yaml")
@@ -155,8 +155,6 @@ def test_trend_and_tables(database, tmp_path):
     from pyarrow import parquet
 
     assert parquet.read_table(tmp_path / "all.parquet").num_rows == len(rows) - 1
-    assert "the keys are" in refused("history", "trend", "joint_offset.j9", "--db", database)
-    assert "has no arm 'other'" in refused("history", "show", "--db", database, "--arm", "other")
 
 
 def test_other_programs_read_the_database(database):
@@ -168,23 +166,35 @@ def test_other_programs_read_the_database(database):
     assert [value for _, value in found[6:]] == pytest.approx([np.radians(0.1 + STEP)] * 4, abs=5e-5)
 
 
-def test_what_is_no_database_and_no_result_is_refused(database, tests, tmp_path):
+@pytest.mark.parametrize(
+    ("words", "status", "told"),
+    [
+        ("history", 2, "add, show, trend or changes"),
+        ("history show --db {text}", 3, "is not a database of robacc history"),
+        ("history show --db {none}", 3, "no such database"),
+        ("history show --db {database} --arm other", 2, "has no arm 'other'"),
+        ("history trend joint_offset.j9 --db {database}", 2, "the keys are"),
+        ("history add {result} --db {other}", 3, "is not a database of robacc"),
+        ("history add {result} {broken} --db {none}", 3, "truncated"),
+        ("history add {result} --db {none} --at yesterday", 2, "expected a date"),
+        ("history changes --db {later}", 3, "version 99"),
+        ("fleet", 2, "name the results"),
+        ("fleet {result}", 2, "at least two arms"),
+        ("fleet {result} {result}", 2, "named twice"),
+    ],
+)
+def test_calls_and_files_that_are_wrong(words, status, told, database, tests, tmp_path):
+    later, other, none = (tmp_path / f"{name}.db" for name in ("later", "other", "none"))
+    shutil.copy(database, later)
+    for path, change in ((later, "PRAGMA user_version = 99"), (other, "CREATE TABLE things (name TEXT)")):
+        with sqlite3.connect(path) as base:
+            base.execute(change)
     text = saved(tmp_path / "text.db", "not a database, but a text that is long enough to be one")
-    assert "is not a database of robacc history" in refused("history", "show", "--db", text, status=3)
-    with sqlite3.connect(tmp_path / "other.db") as other:
-        other.execute("CREATE TABLE things (name TEXT)")
-    assert "is not a database of robacc" in refused("history", "add", tests[0], "--db", tmp_path / "other.db", status=3)
-    assert "no such database" in refused("history", "show", "--db", tmp_path / "none.db", status=3)
-    later = shutil.copy(database, tmp_path / "later.db")
-    with sqlite3.connect(later) as base:
-        base.execute("PRAGMA user_version = 99")
-    assert "version 99" in refused("history", "changes", "--db", later, status=3)
     broken = saved(tmp_path / "broken.json", tests[0].read_text()[:3000])
-    fresh = tmp_path / "fresh.db"
-    assert "truncated" in refused("history", "add", tests[0], broken, "--db", fresh, status=3)
-    assert "no such database" in refused("history", "show", "--db", fresh, status=3)
-    assert "expected a date" in refused("history", "add", tests[0], "--db", fresh, "--at", "yesterday")
-    assert "add, show, trend or changes" in refused("history")
+    files = {"later": later, "other": other, "none": none, "text": text, "broken": broken}
+    call = words.format(database=database, result=tests[0], **files).split()
+    assert told in refused(*call, status=status)
+    assert "no such database" in refused("history", "show", "--db", none, status=3)
 
 
 def test_a_reader_leaves_nothing_beside_the_database(tests, tmp_path):
@@ -298,7 +308,7 @@ def fleet_results(tmp_path_factory):
         j3 = float(np.degrees(rng.normal(0, 1e-3))) if arm != 5 else 1.5
         poses = measured(folder, f"a{arm}.csv", arm, 20, j3=j3)
         own = saved(folder / f"n{arm}.yaml", f"{NOMINAL.read_text()}\nidentity: {{serial_number: SN{arm:02d}}}\n")
-        fitted = robacc.calibrate(poses, robot=own, fit="base_frame,tool_frame,joint_offset", shrink=False)
+        fitted = robacc.calibrate(poses, robot=own, fit="base_frame,tool_frame,joint_offset", shrink=False, folds=2)
         fitted.save(folder / f"a{arm}.json")
         found.append(folder / f"a{arm}.json")
     return found
@@ -348,18 +358,3 @@ def test_a_fleet_of_a_database_takes_the_latest_fit_of_each_arm(fleet_results, t
     output("history", "add", tests[0], "--db", path, "--arm", "SN00")
     assert len(document("history", "show", "--db", path, "--arm", "SN00")["results"]) == 2
     assert document("fleet", "--db", path)["n_arms"] == 3
-    assert "at least two arms" in refused("fleet", fleet_results[0])
-    assert "named twice" in refused("fleet", fleet_results[0], fleet_results[0])
-    assert "name the results" in refused("fleet")
-
-
-def test_documents_follow_their_schemas(database, fleet_results, tests):
-    from jsonschema import Draft202012Validator
-
-    for name, words in {
-        "history-show": ("history", "show", "--db", database),
-        "history-changes": ("history", "changes", "--db", database),
-        "history-trend": ("history", "trend", "joint_offset.j3", "--db", database),
-        "fleet": ("fleet", *fleet_results),
-    }.items():
-        Draft202012Validator(robacc.schema(name)).validate(json.loads(output(*words, "--format", "json")))

@@ -666,13 +666,24 @@ def figures(arguments: list[str]) -> dict[str, Any]:
     return document("estimate", *arguments)
 
 
+@pytest.fixture(scope="module")
+def plain(campaign: Campaign, tmp_path_factory: pytest.TempPathFactory) -> dict[bool, dict[str, Any]]:
+    """The figures of the plain file, with orientations and without."""
+    head, found = ",".join(f"q{i}" for i in range(1, 7)) + ",x,y,z", {}
+    for turned in (True, False):
+        values = np.hstack((campaign.q, campaign.position, *([campaign.turn.as_quat()] if turned else [])))
+        text = lines(values, ",", f"{head}{',qx,qy,qz,qw' * turned}\n")
+        path = saved(tmp_path_factory.mktemp("plain") / "plain.csv", text)
+        found[turned] = figures([str(path), "--robot", ROBOT])
+        assert found[turned]["position"]["rms_m"] < 1e-4
+    return found
+
+
 @pytest.mark.parametrize("form", FORMS)
-def test_a_form_gives_the_figures_of_the_plain_file(form: str, campaign: Campaign, tmp_path: Path) -> None:
-    joints = ",".join(f"q{i}" for i in range(1, 7))
-    plain = np.hstack((campaign.q, campaign.position, *([campaign.turn.as_quat()] if form in WITH_ORIENTATION else [])))
-    head = f"{joints},x,y,z{',qx,qy,qz,qw' if form in WITH_ORIENTATION else ''}\n"
-    expected = figures([*written({"plain.csv": lines(plain, ",", head)}, tmp_path), "--robot", ROBOT])
-    assert expected["position"]["rms_m"] < 1e-4
+def test_a_form_gives_the_figures_of_the_plain_file(
+    form: str, campaign: Campaign, plain: dict[bool, dict[str, Any]], tmp_path: Path
+) -> None:
+    expected = plain[form in WITH_ORIENTATION]
     for robot in (["--robot", ROBOT], *([[]] if form in WITHOUT_ROBOT else [])):
         found = figures([*written(made(form, campaign), tmp_path), *robot])
         for key in ("rms_m", "p95_m", "max_m"):
@@ -698,11 +709,23 @@ def test_numbers_without_one_reading_stay_a_question(
         robacc.read_poses(path, robot=ROBOT)
 
 
-def test_one_note_says_how_numbers_were_read(campaign: Campaign, tmp_path: Path) -> None:
-    path = written(made("bare_degrees_and_mm", campaign), tmp_path)[0]
-    joints = ", ".join(f"q{i}_deg" for i in range(1, 7))
-    (note,) = [text for text in robacc.read_poses(path, robot=ROBOT).warnings if "no header" in text]
-    assert f"columns 1 to 9 read as {joints}, X [mm], Y [mm], Z [mm], only this reading agrees with the motion" in note
+BARE = (
+    "columns 1 to 9 read as q1_deg, q2_deg, q3_deg, q4_deg, q5_deg, q6_deg, X [mm], Y [mm], Z [mm], "
+    "only this reading agrees with the motion"
+)
+
+
+@pytest.mark.parametrize(
+    ("form", "told"),
+    [
+        ("bare_degrees_and_mm", BARE),
+        ("qualisys_moving_axes", "Roll, Pitch, Yaw taken as moving-xyz"),
+    ],
+)
+def test_one_note_says_how_numbers_were_read(form: str, told: str, campaign: Campaign, tmp_path: Path) -> None:
+    measured, *commanded = written(made(form, campaign), tmp_path)
+    data = robacc.read_poses(measured, robot=ROBOT, commanded=commanded[1] if commanded else None)
+    assert len([text for text in data.warnings if told in text]) == 1
 
 
 def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campaign, tmp_path: Path) -> None:

@@ -8,9 +8,8 @@ import pytest
 from mutations import mutate_json, mutate_text
 from targets import READERS, seeds
 
-from robacc.errors import RobaccError
+from robacc import PoseFile, RobaccError
 from robacc.poses.csv_file import propose_columns, read_poses
-from robacc.poses.reading import PoseFile
 
 SEEDS = (
     "Titel;Zelle 3\nPunkt;A1;A2;X [mm];Y [mm];Z [mm];A;B;C;Zeit\n"
@@ -84,7 +83,7 @@ def test_files_that_once_failed(reader: str) -> None:
 
 def attacked_of_hostile_fuzz(reader: str, count: int, seed: int) -> None:
     rng = random.Random(f"{reader} {seed}")
-    pool = list(seeds(reader))
+    pool = seeds(reader)
     mutate = mutate_json if pool[0].startswith(b"{") else mutate_text
     for number in range(count):
         data = mutate(rng.choice(pool), rng)

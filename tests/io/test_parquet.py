@@ -2,10 +2,8 @@
 
 import decimal
 import hashlib
-import io
 import os
 import sys
-import threading
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
@@ -197,25 +195,19 @@ def test_sizes_are_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> N
 def test_a_pipe_will_do(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     data = Path(written(tmp_path / "p.parquet", PLAIN)).read_bytes()
 
-    def through_pipe() -> io.TextIOWrapper:
+    def piped() -> robacc.Measurements:
         reading, writing = os.pipe()
+        os.write(writing, data)
+        os.close(writing)
+        with os.fdopen(reading) as stream:
+            monkeypatch.setattr(sys, "stdin", stream)
+            return read_poses("-")
 
-        def feed() -> None:
-            with os.fdopen(writing, "wb") as end:
-                end.write(data)
-
-        threading.Thread(target=feed).start()
-        return io.TextIOWrapper(os.fdopen(reading, "rb"))
-
-    with through_pipe() as stream:
-        monkeypatch.setattr(sys, "stdin", stream)
-        piped = read_poses("-")
-    assert (piped.n, piped.sha256) == (3, hashlib.sha256(data).hexdigest())
+    found = piped()
+    assert (found.n, found.sha256) == (3, hashlib.sha256(data).hexdigest())
     monkeypatch.setattr(parquet, "_PIPE_LIMIT", 100)
-    with through_pipe() as stream:
-        monkeypatch.setattr(sys, "stdin", stream)
-        with pytest.raises(InputError, match="the pipe holds more than 0 GiB; name a file instead"):
-            read_poses("-")
+    with pytest.raises(InputError, match="the pipe holds more than 0 GiB; name a file instead"):
+        piped()
 
 
 def test_without_the_extra_the_way_to_it_is_said(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 from sample_files import saved
 
-from robacc.errors import InputError, UsageError
+from robacc import InputError, PoseFile, UsageError
 from robacc.poses.csv_file import read_poses
-from robacc.poses.reading import PoseFile
 
 pytest.importorskip("python_calamine")
 

@@ -3,7 +3,6 @@
 import dataclasses
 import math
 from collections.abc import Mapping
-from itertools import combinations
 from typing import Any
 
 import numpy as np
@@ -14,8 +13,8 @@ from scipy import stats
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.accuracy.estimation import commanded_poses
-from robacc.errors import InputError, UsageError
 from robacc.geometry import Poses, compose, log_so3, transpose
 from robacc.iso_9283 import criteria as estimates
 from robacc.iso_9283.criteria import (
@@ -39,10 +38,9 @@ from robacc.iso_9283.evaluation import (
     propose,
     protocol,
 )
-from robacc.measurements import Measurements, motion_between_rows
-from robacc.modelling.robot_file import read_robot
+from robacc.measurements import motion_between_rows
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 
 MM = 1e-3
 
@@ -167,67 +165,6 @@ def test_exchangeability_needs_the_same_commands() -> None:
     assert "is commanded 2 mm from that of" in str(result.position.interval.why)
     other_names = iso9283([first, data({"Q": [[0, 0, 0]]}, {"Q": [0, 0, 0]})]).characteristic("E")
     assert other_names.position.interval.why == "the files share no commanded pose"
-
-
-def loops(measured: Measurements) -> dict[str, dict[str, float]]:
-    """AP, RP, AD, RD, vAP, dAP and dRP with nothing but loops and the formulas of the clauses, m."""
-    names = sorted(set(measured.pose))
-    visits = {
-        name: [measured.position[:, i].tolist() for i in range(measured.n) if measured.pose[i] == name]
-        for name in names
-    }
-    ways = {name: [measured.direction[0, i] for i in range(measured.n) if measured.pose[i] == name] for name in names}
-    commanded_positions = {
-        name: measured.commanded_position[:, list(measured.pose).index(name)].tolist() for name in names
-    }
-
-    def barycentre(points: list[list[float]]) -> list[float]:
-        return [sum(point[i] for point in points) / len(points) for i in range(3)]
-
-    def apart(point: list[float], other_point: list[float]) -> float:
-        return math.sqrt(sum((a - b) ** 2 for a, b in zip(point, other_point, strict=True)))
-
-    def mean_and_sd(numbers: list[float]) -> tuple[float, float]:
-        mean = sum(numbers) / len(numbers)
-        return mean, math.sqrt(sum((x - mean) ** 2 for x in numbers) / (len(numbers) - 1))
-
-    def repeatability(points: list[list[float]]) -> float:
-        mean, sd = mean_and_sd([apart(point, barycentre(points)) for point in points])
-        return mean + 3 * sd
-
-    result: dict[str, dict[str, float]] = {key: {} for key in ("AP", "RP", "AD", "RD", "vAP", "dAP", "dRP")}
-    for name in names:
-        points = visits[name]
-        result["AP"][name] = apart(barycentre(points), commanded_positions[name])
-        result["RP"][name] = repeatability(points)
-        up = [point for point, way in zip(points, ways[name], strict=True) if way > 0]
-        down = [point for point, way in zip(points, ways[name], strict=True) if way < 0]
-        result["vAP"][name] = apart(barycentre(up), barycentre(down))
-        first, last = points[: len(points) // 2], points[len(points) // 2 :]
-        result["dAP"][name] = abs(
-            apart(barycentre(first), commanded_positions[name]) - apart(barycentre(last), commanded_positions[name])
-        )
-        result["dRP"][name] = abs(repeatability(first) - repeatability(last))
-    for first, second in combinations(names, 2):
-        distances = [apart(a, b) for a, b in zip(visits[first], visits[second], strict=True)]
-        mean, sd = mean_and_sd(distances)
-        result["AD"][f"{first}–{second}"] = mean - apart(commanded_positions[first], commanded_positions[second])
-        result["RD"][f"{first}–{second}"] = 3 * sd
-    return result
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_every_position_criterion_against_plain_loops(seed: int) -> None:
-    measured = random_cycles(seed)
-    result = iso9283([measured], windows=2)
-    for symbol, expected in loops(measured).items():
-        characteristic = result.characteristic(symbol)
-        assert values(characteristic) == pytest.approx(expected, rel=1e-9), symbol
-        worst = max(expected, key=lambda name: abs(expected[name]))
-        assert (characteristic.position.value, characteristic.position_at) == (
-            pytest.approx(abs(expected[worst])),
-            worst,
-        )
 
 
 @pytest.mark.parametrize("seed", range(3))

@@ -12,22 +12,21 @@ from sample_files import ROOT
 from scipy.optimize import brentq
 
 import robacc
+from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.effects import REGISTRY
 from robacc.effects.base import Effect
 from robacc.effects.elastic import JointHardening
 from robacc.effects.frames import FrameDrift
 from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import Known, entry_of, known_effects, with_effect_units
-from robacc.errors import InputError, UsageError
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.gravity import weight_torques
-from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
-from robacc.modelling.robot_file import model_text, read_robot
+from robacc.modelling.robot_file import model_text
 from robacc.modelling.validity import outside_validity
 from robacc.robots.arm import Arm
-from robacc.robots.description import DH_PARAMETERS, Campaign, Frame, Joint, Robot
+from robacc.robots.description import DH_PARAMETERS, Campaign, Frame, Joint
 from robacc.robots.yaml_robot import parse_robot, robot_document, robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 
@@ -401,26 +400,6 @@ def test_harmonics_over_a_common_period_repeat_and_narrower_ones_are_held() -> N
     one = arm("puma560")
     for orders, reach, is_held in (((1.0, 2.0), 6.2, True), ((1.0, 2.0), 6.3, False), ((17.0,), 0.4, False)):
         assert TransmissionError(("j1",), orders).beyond(one, "j1", (0.0, reach)).is_held == is_held
-
-
-def test_the_written_model_reproduces_the_fit_and_is_bounded_beyond_its_range() -> None:
-    one = arm("puma560")
-    rng = np.random.default_rng(3)
-    data = circumstances(one.robot, 150, 1)
-    q = np.array(data.q)
-    q[0] = rng.uniform(-0.8, 0.8, 150)
-    data = dataclasses.replace(data, q=q)
-    true = dataclasses.replace(one.robot, effects=(_harmonics(),))
-    data = dataclasses.replace(data, position=predict(true, data).translation + rng.normal(0, 2e-5, (3, 150)))
-    profile = TransmissionError(("j1",), tuple(float(n) for n in range(1, 30)), True)
-    fitted = fit(Model.of(one.robot, [profile]), data)
-    robot = parse_robot(robot_to_yaml(apply_fit(fitted)), "model.yaml")
-    np.testing.assert_allclose(predict(robot, data).translation, fitted.poses.translation, rtol=0, atol=1e-15)
-    beyond = circumstances(one.robot, 400, 5)
-    np.testing.assert_array_equal(predict(robot, beyond).translation, fitted.predict(beyond).translation)
-    lever = 1.2
-    moved = np.linalg.norm(predict(robot, beyond).translation - one.chain.forward(beyond.q).translation, axis=0)
-    assert moved.max() < 4 * 3e-4 * lever, "the profile is as large outside as inside, not larger"
 
 
 def _harmonics() -> dict[str, object]:

@@ -9,11 +9,11 @@ from typing import get_args
 import numpy as np
 import pytest
 from arms import arm
-from homogeneous import frame, shift, turn
+from described_arm import forward
 from scipy import stats
 from slow_parameters import some_fast
 
-from robacc.measurements import Measurements
+from robacc import Measurements, Robot
 from robacc.modelling.model import Model
 from robacc.planning.campaign import CampaignPlan, Purpose, needed, plan_campaign, poses_for
 from robacc.planning.candidates import Constraints, Sight, conditions_of
@@ -30,7 +30,6 @@ from robacc.planning.design import (
     route,
 )
 from robacc.planning.expected import candidate_rows, coefficients, free_effects, power_problem, region_rows
-from robacc.robots.description import Robot
 
 
 @pytest.mark.parametrize("ratio", [0.5, 0.7, 0.8, 1.2])
@@ -81,24 +80,14 @@ def positions(robot: Robot, q: np.ndarray, values: dict[str, float]) -> np.ndarr
 
 def target_poses(robot: Robot, q: np.ndarray, values: dict[str, float]) -> np.ndarray:
     """(N, 4, 4) target of a standard DH table of turning joints with small changes, by products of matrices."""
-
-    def value(name: str) -> float:
-        return values.get(name, 0.0)
-
-    def moved(name: str) -> np.ndarray:
-        return shift(*(value(f"{name}.{axis}") for axis in "xyz"))
-
-    pose = moved("base_frame")
-    for axis, label in enumerate(("roll", "pitch", "yaw")):
-        pose = pose @ turn(axis, value(f"base_frame.{label}"))
-    for row, joint in zip(q, robot.joints, strict=True):
-        p = {key: joint.parameters.get(key, 0.0) for key in ("theta", "d", "a", "alpha", "beta")}
-        for key in p:
-            p[key] += value(f"link_geometry.{joint.name}.{key}")
-        angle = joint.sign * row + p["theta"] + value(f"joint_offset.{joint.name}")
-        pose = pose @ turn(2, angle) @ shift(p["a"], 0.0, p["d"]) @ turn(0, p["alpha"]) @ turn(1, p["beta"])
-    # The tool's coordinates are changed before its rotation, as in the chain.
-    return pose @ moved("tool_frame") @ frame(robot.tool.xyz, robot.tool.rpy)
+    errors: dict[str, dict[str, float]] = {}
+    for name, value in values.items():
+        effect, *owner, label = name.split(".")
+        of_frame = {"base_frame": "base", "tool_frame": "tool"}
+        if effect == "joint_offset":
+            owner, label = [label], "theta"
+        errors.setdefault(of_frame.get(effect, *owner), {})[label] = value
+    return forward(robot, q, errors)
 
 
 def jacobian(robot: Robot, q: np.ndarray, names: list[str]) -> np.ndarray:

@@ -8,8 +8,7 @@ from commands import refused
 from sample_files import ROOT, saved
 
 import robacc
-from robacc.errors import InputError, UsageError
-from robacc.modelling.robot_file import read_robot
+from robacc import InputError, UsageError, read_robot
 from robacc_plugins.collisions import ShapeCollisions, link_collisions
 
 pytest.importorskip("fcl")

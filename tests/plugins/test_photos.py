@@ -11,8 +11,7 @@ from commands import missing, run
 from independent_arm import robot
 
 import robacc
-from robacc.errors import InputError, UsageError
-from robacc.poses.reading import PoseFile
+from robacc import InputError, PoseFile, UsageError
 from robacc_plugins.boards import Board, page_of
 
 ZEROS = np.array([0.0, 12e-3, -10e-3, 8e-3, 10e-3, 0.0])

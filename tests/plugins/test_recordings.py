@@ -13,8 +13,7 @@ from commands import missing
 from independent_arm import robot
 
 import robacc
-from robacc.errors import InputError
-from robacc.measurements import Measurements
+from robacc import InputError, Measurements
 
 pyarrow = pytest.importorskip("pyarrow")
 from pyarrow import parquet  # noqa: E402

@@ -735,6 +735,7 @@ def test_files_that_cannot_be_opened_and_statements_that_are_wrong(tmp_path: Pat
     for path, reason in (
         (tmp_path / "none.csv", "the file does not exist"),
         (tmp_path, "is a folder, expected a file; name a file, or a folder that has photos"),
+        (Path(os.devnull), "the file is empty"),
     ):
         with pytest.raises(InputError, match=rf"{path.name}: {reason}"):
             read_poses(path)
@@ -778,12 +779,6 @@ def test_a_file_of_ten_gigabytes_and_streams_without_an_end(tmp_path: Path) -> N
         done = estimate(path)
         assert (done.returncode, done.stdout) == (3, "")
         assert f"error: {path}:1: the line is longer than 1 MB" in done.stderr
-
-
-def test_no_file_of_rows(tmp_path: Path) -> None:
-    for path, message in ((str(tmp_path), "is a folder, expected a file"), (os.devnull, "the file is empty")):
-        with pytest.raises(InputError, match=message):
-            read_poses(path)
 
 
 def test_a_pipe_is_read_once(tmp_path: Path) -> None:

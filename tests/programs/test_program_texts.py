@@ -8,14 +8,13 @@ import pytest
 from sample_files import saved
 from scipy.spatial.transform import Rotation
 
+from robacc import InputError, Robot, read_robot
 from robacc.api.correct import correct_program
-from robacc.errors import InputError
 from robacc.geometry import Array
-from robacc.modelling.robot_file import read_robot
 from robacc.programs.program import Program, ProgramTarget, read_program
 from robacc.programs.targets import allowed_by_status, joint_window, with_targets
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Frame
 
 SAMPLES = Path(__file__).parent / "samples"
 

@@ -14,15 +14,13 @@ import pytest
 import results
 from matplotlib.figure import Figure
 from sample_files import ROBOT
-from typer.testing import CliRunner
 
 import robacc
-from robacc.cli.main import app
 from robacc.errors import UsageError
 from robacc.modelling.robot_file import find_arm, read_robot
 from robacc.render.page import command_line, render
 from robacc.render.plots.canvas import DARK, LIGHT, Chart, Panel, as_file, as_part, need, short, thinned
-from robacc.render.plots.poses import SHARES, error_axis, stages_of
+from robacc.render.plots.poses import SHARES, error_axis
 from robacc.render.plots.results import chart_of, charts_of, comparison_charts, operating_curve_charts
 from robacc.render.text import (
     Grid,
@@ -113,32 +111,6 @@ def test_names_are_cut_to_one_line() -> None:
 def test_radii_of_the_ellipsoids_are_chi_square_quantiles() -> None:
     for share, radius in SHARES:
         assert chi2_cdf(radius**2, 3.0) == pytest.approx(share, abs=1e-6)
-
-
-def test_errors_of_poses_make_the_figures_of_the_result() -> None:
-    for command in ("trace", "calibrate"):
-        document = results.document(command)
-        by_stage = stages_of(document, "m")
-        assert by_stage is not None
-        assert by_stage.held_out
-        for (_, _, sizes), key in zip(by_stage.sizes(), ("nominal", "before", "after"), strict=True):
-            rms = math.sqrt(float(np.mean(np.square(sizes))))
-            assert rms == pytest.approx(document[key]["held_out"]["position"]["rms_m"], rel=1e-6)
-        fitted = np.array(document["poses"]["errors_m"]["after"])
-        rms = math.sqrt(float(np.mean(np.sum(np.square(fitted), axis=1))))
-        assert rms == pytest.approx(document["after"]["fitted"]["position"]["rms_m"], rel=1e-6)
-
-
-def test_covariances_in_both_frames_are_of_the_same_errors() -> None:
-    document = results.document("estimate")
-    tool, base = (document["position_by_frame"][frame] for frame in ("tool", "base"))
-    assert np.allclose(tool["covariance_m2"], document["position"]["covariance_m2"], rtol=1e-9)
-    assert np.trace(tool["covariance_m2"]) == pytest.approx(np.trace(base["covariance_m2"]), rel=1e-9)
-    poses = document["poses"]
-    difference = np.array(poses["attained_m"]) - np.array(poses["commanded_m"])
-    assert np.allclose(difference, base["errors_m"], atol=3e-12)
-    lengths = [np.sqrt(np.sum(np.square(frame["errors_m"]), axis=1)) for frame in (tool, base)]
-    assert np.allclose(*lengths, atol=3e-12)
 
 
 def test_colours_on_a_page_are_its_variables_and_in_a_file_paints() -> None:
@@ -274,17 +246,6 @@ def test_the_arm_stands_at_its_registered_base(tmp_path: Path) -> None:
     estimate = robacc.estimate(poses, robot=robot, align=("base_frame", "tool_frame"))
     arm = np.array(json.loads(estimate.to_json())["robot"]["outline"]["line_m"])
     assert arm[0] == pytest.approx([2.0, 0.0, 0.0], abs=0.01)
-
-
-def test_plot_without_a_kind_draws_the_main_chart_and_names_the_others(tmp_path: Path) -> None:
-    stored, image = tmp_path / "trace.json", tmp_path / "a.svg"
-    stored.write_text(json.dumps(results.document("trace")), encoding="utf-8")
-    done = CliRunner().invoke(app, ["report", str(stored), "-o", str(image)])
-    assert done.exit_code == 0
-    assert done.stderr == (
-        "note: drew the main chart, distribution; other charts by --chart: effect, candidates, poses, time, workspace\n"
-    )
-    assert image.read_text(encoding="utf-8").startswith("<?xml")
 
 
 @pytest.mark.parametrize(

@@ -11,8 +11,8 @@ from sample_files import saved
 from scipy.linalg import expm
 from scipy.spatial.transform import Rotation
 
+from robacc import InputError, Robot, read_robot
 from robacc.diagnostics.robot_poses import read_robot_poses
-from robacc.errors import InputError
 from robacc.geometry import (
     Array,
     Poses,
@@ -27,9 +27,8 @@ from robacc.geometry import (
     rpy_from_rotation,
     skew,
 )
-from robacc.modelling.robot_file import read_robot
 from robacc.robots.arm import BLOCK, Arm, Chain, build_chain, find_reach, inverse_kinematics, pose_jacobian
-from robacc.robots.description import Frame, Joint, Mimic, Robot
+from robacc.robots.description import Frame, Joint, Mimic
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 

@@ -1,7 +1,6 @@
 """Arms of the package: their robot files against URDFs, published tables and published reaches."""
 
 import math
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -319,17 +318,3 @@ def test_init_writes_a_copy_with_its_comments(tmp_path: Path) -> None:
     robot = read_robot(tmp_path / "robot.yaml")
     found = robacc.estimate(tmp_path / "poses.csv", robot=robot, align=("base_frame", "tool_frame"))
     assert found.position.rms < 1e-2
-
-
-def test_offsets_of_a_coupled_arm_are_recovered() -> None:
-    # Simulated by the exact model with offsets of J2 and J3; noise of 20 um over 60 poses leaves about 10 urad.
-    robot = read_robot("lrmate_200id")
-    values = {"j2": 1e-3, "j3": -7e-4}
-    entry = {"effect": "joint_offset", "joints": ["j2", "j3"], "values": values}
-    data = robacc.simulate(
-        replace(robot, effects=(entry,), effect_units=(1.0, 1.0)), poses=60, noise="0.02mm", seed=2
-    ).data
-    fit = robacc.calibrate(data, robot=robot, fit="joint_offset[j2,j3]", folds=2)
-    found = {parameter.name: parameter.value for parameter in fit.parameters}
-    for joint, value in values.items():
-        assert found[f"joint_offset.{joint}"] == pytest.approx(value, abs=1e-4)

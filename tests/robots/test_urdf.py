@@ -16,11 +16,10 @@ from sample_files import ROOT
 from slow_parameters import some_fast
 
 import robacc
-from robacc.errors import InputError, RobaccError, UsageError
-from robacc.geometry import Array, rotation_from_rpy
-from robacc.modelling.robot_file import read_robot
+from robacc import InputError, RobaccError, Robot, UsageError, read_robot
+from robacc.geometry import Array
 from robacc.robots.arm import build_chain
-from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic, Robot
+from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic
 from robacc.robots.urdf import parse_urdf, robot_to_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
@@ -357,34 +356,6 @@ def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str) -> None:
 
 def test_there_are_at_least_fifteen_robots() -> None:
     assert sum((example_robots() / arm).is_file() for arm in ARMS) >= 15
-
-
-def test_our_panda_is_the_urdfs_panda() -> None:
-    # Two descriptions of one arm by different hands, modified DH and URDF.
-    text = (example_robots() / ARMS[0]).read_text()
-    theirs = parse_urdf(text, "panda.urdf", "panda_link0", "panda_link8")
-    ours = read_robot(ROOT / "configs" / "robots" / "panda.yaml")
-    q = np.random.default_rng(1).uniform(-1, 1, (7, 20))
-    np.testing.assert_allclose(
-        build_chain(ours).forward(q).matrices(), build_chain(theirs).forward(q).matrices(), atol=1e-12
-    )
-    moving = [joint for joint in theirs.joints if joint.is_variable]
-    assert [joint.name for joint in ours.joints] == [joint.name for joint in moving]
-    for our, their in zip(ours.joints, moving, strict=True):
-        # The file's figures are rounded to a tenth of a gram; the frames behind the joints are the same.
-        assert our.mass == pytest.approx(their.mass, abs=1e-3)
-        assert our.com == pytest.approx(their.com, abs=1e-4)
-
-
-def test_our_ur10_is_the_urdfs_ur10() -> None:
-    # The URDF is in metres to four digits and puts its tool frame's axes elsewhere, so points are compared.
-    text = (example_robots() / "ur_description/urdf/ur10_robot.urdf").read_text()
-    theirs = build_chain(parse_urdf(text, "ur10.urdf", None, "tool0"))
-    ours = build_chain(read_robot(ROOT / "configs" / "robots" / "ur10.yaml"))
-    q = np.random.default_rng(1).uniform(-2, 2, (6, 20))
-    our, their = ours.forward(q).translation, theirs.forward(q).translation
-    turned = rotation_from_rpy(np.array([0, 0, np.pi])) @ our  # base_link looks the other way than base
-    np.testing.assert_allclose(turned, their, atol=1e-3)
 
 
 def joint(name: str, kind: str, parent: str, child: str) -> str:

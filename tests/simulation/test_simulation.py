@@ -7,7 +7,7 @@ import pytest
 from arms import arm
 from scipy.spatial.transform import Rotation
 
-from robacc.errors import InputError, UsageError
+from robacc import InputError, Robot, UsageError
 from robacc.modelling.model import predict
 from robacc.poses.csv_file import format_poses
 from robacc.simulation.simulate import Plan, joint_samples, simulate
@@ -76,8 +76,6 @@ def test_outliers_are_as_many_and_as_far_off_as_asked_for() -> None:
     assert list(np.flatnonzero(off)) == list(done.outliers)
     np.testing.assert_allclose(off[done.outliers], 0.004, rtol=0, atol=1e-15)
     assert done.outliers.size == 6
-    with pytest.raises(UsageError, match="41 outliers are more than the 40 rows"):
-        simulate(PUMA, Plan(40, outliers=41))
 
 
 @pytest.mark.parametrize("name", ["puma560", "stanford", "urdf:panda"])
@@ -161,14 +159,18 @@ def test_commanded_poses_are_those_of_the_robot_without_effects() -> None:
     assert points.sigma_rotation is None
 
 
-def test_more_rows_than_fit_are_refused_before_they_are_made() -> None:
-    with pytest.raises(UsageError, match="20000000000 rows are more than the limit of 2000000"):
-        simulate(PUMA, Plan(200_000, cycles=100_000))
-
-
-def test_a_circumstance_that_an_effect_needs_is_asked_for() -> None:
-    with pytest.raises(UsageError, match="payload_compliance needs the column payload_kg"):
-        simulate(WITH_EFFECTS, Plan(3))
+@pytest.mark.parametrize(
+    ("robot", "plan", "message"),
+    [
+        (PUMA, Plan(40, outliers=41), "41 outliers are more than the 40 rows"),
+        # Before they are made.
+        (PUMA, Plan(200_000, cycles=100_000), "20000000000 rows are more than the limit of 2000000"),
+        (WITH_EFFECTS, Plan(3), "payload_compliance needs the column payload_kg"),
+    ],
+)
+def test_plans_that_cannot_be_simulated_are_refused(robot: Robot, plan: Plan, message: str) -> None:
+    with pytest.raises(UsageError, match=message):
+        simulate(robot, plan)
 
 
 def test_with_a_clock_the_order_of_even_poses_is_drawn_and_the_poses_are_the_same() -> None:

@@ -2,13 +2,11 @@
 
 import subprocess
 import sys
-from itertools import pairwise
 
 import numpy as np
 import pytest
 from scipy import integrate, special, stats
 
-from robacc.accuracy.error_statistics import error_statistics
 from robacc.statistics import intervals as own
 from robacc.statistics.intervals import (
     Interval,
@@ -216,25 +214,6 @@ def test_mean_interval_of_very_few_and_of_many_poses_is_students(n: int) -> None
     assert interval.method == f"Student's t over {n} poses"
 
 
-@pytest.mark.slow
-def test_studentised_bootstrap_against_a_plain_loop() -> None:
-    rng = np.random.default_rng(3)
-    values = rng.exponential(1.0, 25)
-    sampling = PoseSampling(25, None, draws=4000, seed=1)
-    interval = mean_interval(sampling, values, 0.95, positive=False)
-    t = []
-    for _ in range(4000):
-        sample = rng.choice(values, 25)
-        t.append((sample.mean() - values.mean()) / stats.sem(sample))
-    low, high = np.quantile(t, [0.025, 0.975])
-    student = stats.t.ppf(0.975, 24)
-    error = stats.sem(values)
-    # The two draw apart by the noise of 4000 draws, some 5 % of a quantile.
-    assert interval.upper == pytest.approx(values.mean() - min(low, -student) * error, abs=0.15 * abs(low) * error)
-    assert interval.lower == pytest.approx(values.mean() - max(high, student) * error, abs=0.15 * student * error)
-    assert interval.upper - values.mean() > values.mean() - interval.lower
-
-
 def test_repetitions_of_one_pose_bring_nothing_new() -> None:
     """Each pose written down four times over: the same interval as once."""
     values = np.random.default_rng(4).chisquare(3, 40)
@@ -364,30 +343,6 @@ def test_equal_weights_with_a_mean_are_a_noncentral_chi_square(noncentrality: fl
         assert length_probability(np.sqrt(x), mean, np.ones(3)) == pytest.approx(expected, abs=1e-11)
 
 
-def imhof(q: float, mean: np.ndarray, variance: np.ndarray) -> float:
-    """Imhof 1961, eq. (3.2), P(Q <= q), with its integral cut where what is left is below 1e-7."""
-
-    def integrand(u: float) -> float:
-        square = np.square(variance * u)
-        angle = 0.5 * np.sum(np.arctan(variance * u) + mean**2 * u / (1 + square)) - 0.5 * q * u
-        size = np.prod((1 + square) ** 0.25) * np.exp(0.5 * np.sum(mean**2 * variance * u**2 / (1 + square)))
-        return float(np.sin(angle) / (u * size))
-
-    steps = np.append(np.arange(0.0, 400.0, 10.0), np.geomspace(400.0, 4e4, 400))
-    total = sum(integrate.quad(integrand, a, b, limit=200)[0] for a, b in pairwise(steps))
-    return 0.5 - total / np.pi
-
-
-@pytest.mark.slow
-def test_agrees_with_imhof() -> None:
-    variance = np.array([1.0, 0.6, 0.3])
-    for mean in (ZERO, np.array([0.4, -0.3, 0.8])):
-        for radius in (0.8, 2.3):
-            assert imhof(radius**2, mean, variance) == pytest.approx(
-                length_probability(radius, mean, variance), abs=1e-6
-            )
-
-
 def by_quadrature(radius: float, mean: np.ndarray, variance: np.ndarray) -> float:
     """The density integrated over the ball: Gauss and Legendre in two angles, the third axis in closed form."""
     nodes, weights = np.polynomial.legendre.leggauss(200)
@@ -412,27 +367,6 @@ def test_agrees_with_quadrature_over_the_ball() -> None:
         assert length_probability(radius, mean, variance) == pytest.approx(p, abs=1e-13)
 
 
-@pytest.mark.parametrize("scale", [1e-9, 1e-4, 1.0, 1e3])
-@pytest.mark.parametrize(
-    ("mean", "variance"),
-    [
-        ([0, 0, 0], [9.0, 4.0, 1.0]),
-        ([0, 0, 0], [1.0, 1e-6, 0.0]),
-        ([3.0, -1.0, 0.5], [9.0, 4.0, 1.0]),
-        ([10.0, 3.0, 7.0], [0.3, 5.0, 1.5]),
-        ([0, 4.0, 0], [1.0, 0.0, 0.0]),
-    ],
-)
-def test_radius_against_simulation(mean: list[float], variance: list[float], scale: float) -> None:
-    m, v = scale * np.array(mean), scale**2 * np.array(variance)
-    radius = length_quantile(0.95, m, v)
-    rng = np.random.default_rng(7)
-    draws = m[:, None] + np.sqrt(v)[:, None] * rng.standard_normal((3, 400_000))
-    share = np.mean(np.sum(np.square(draws), axis=0) <= radius**2)
-    # Four standard errors of the simulated share.
-    assert share == pytest.approx(0.95, abs=4 * np.sqrt(0.95 * 0.05 / 400_000))
-
-
 def test_a_mean_across_much_longer_axes() -> None:
     """Newton's steps are short near a singularity, which must not end the search for the saddle point."""
     mean, variance = np.array([-0.0937517, 0.03535186, 0.17628815]), np.array([0.86761577, 0.06954535, 0.02172223])
@@ -453,34 +387,6 @@ def test_degenerate_covariances() -> None:
     # Next to no scatter along the mean: one-sided in effect.
     thin = length_quantile(0.95, np.array([3.0, 0, 0]), np.array([1e-12, 0, 0]))
     assert thin - 3.0 == pytest.approx(1e-6 * stats.norm.ppf(0.95), rel=1e-6)
-
-
-@pytest.mark.parametrize(
-    ("std", "mean"),
-    [
-        pytest.param((1.0, 1.0, 1.0), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
-        pytest.param((1.0, 0.5, 0.1), (0.0, 0.0, 0.0), marks=pytest.mark.slow),
-        pytest.param((1.0, 0.5, 0.3), (2.0, 0.0, 0.0), marks=pytest.mark.slow),
-    ],
-)
-def test_the_interval_has_its_confidence(std: tuple[float, ...], mean: tuple[float, ...]) -> None:
-    """Simulated sets of 20 poses; the truth from a million draws."""
-    rng = np.random.default_rng(5)
-    draws = rng.normal(size=(3, 1_000_000)) * np.array(std)[:, None] + np.array(mean)[:, None]
-    truth = float(np.quantile(np.linalg.norm(draws, axis=0), 0.95))
-    inside, below_bound, used = 0, 0, 0
-    for _ in range(300):
-        errors = rng.normal(size=(3, 20)) * np.array(std)[:, None] + np.array(mean)[:, None]
-        interval = error_statistics(errors, "m", bootstrap=100).intervals.p95
-        if interval.upper is None or interval.upper_bound is None or interval.lower is None:
-            continue  # a test rejected the Gaussian
-        used += 1
-        inside += interval.lower <= truth <= interval.upper
-        below_bound += truth <= interval.upper_bound
-    assert used > 280
-    # 95 %, with 1.3 % of standard error from 300 sets.
-    assert 0.91 < inside / used < 0.99
-    assert 0.91 < below_bound / used < 0.99
 
 
 def test_a_known_shape_is_exact_at_whole_ranks() -> None:

@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Real arms driven to corrected targets: is the error what noise and model uncertainty allow, and does the bound hold.
 
-Each set is a random arm (`real_arm.py`: 5, 6, 7 axes, slides, both table conventions, URDF) whose geometry is a few
+Each set is a random arm (`arm.py`: 5, 6, 7 axes, slides, both table conventions, URDF) whose geometry is a few
 tenths wrong, with three effects of the catalogue. `robacc calibrate` fits them to simulated measurements, `robacc
 correct` computes the commands for fresh targets, and the simulator drives the real arm to them. Judged are
 
@@ -22,7 +22,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from real_arm import (
+from arm import (
     EFFECTS,
     KINDS,
     TEMPLATES,
@@ -197,7 +197,8 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
                            "full": study.full, "poses": study.count, "kind": study.kind,
                            "axes": len(study.arm.joints)}  # fmt: skip
     with tool.folder_of(name, options) as folder:
-        robot, model = write_robot(study.arm, folder), folder / "model.yaml"
+        robot, model = folder / f"robot.{'urdf' if study.arm.form == 'urdf' else 'yaml'}", folder / "model.yaml"
+        write_robot(study.arm, robot)
         write_csv(folder / "poses.csv", study.measurements())
         write_csv(folder / "targets.csv", study.targets())
         geometry = GEOMETRY[:3] if "instrument_scale" in study.effects else GEOMETRY

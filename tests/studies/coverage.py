@@ -29,7 +29,7 @@ from typing import Any
 import least_squares
 import numpy as np
 import tool
-from arm import ARMS, SIX_JOINTS, TARGETS, Setup
+from arm import ARMS, SIX_JOINTS, Setup, write_robot
 
 import robacc
 
@@ -39,10 +39,6 @@ SCATTER = {"visits": 2e-5, "faint": 1e-5}
 NOISES = ("white", "wander", "visits", "faint", "heavy", "axes")
 MANY, DRAWS = 4000, 5
 """Fresh poses behind the true size of the error, and errors of the row drawn at each."""
-
-
-def at(setup: Setup, values: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return setup.positions(values, q, np.zeros(len(q), int))
 
 
 def row_errors(kind: str, moved: np.ndarray, rng: np.random.Generator, repeats: int) -> tuple[np.ndarray, np.ndarray]:
@@ -65,25 +61,21 @@ def row_errors(kind: str, moved: np.ndarray, rng: np.random.Generator, repeats: 
     return error, wander
 
 
-def joint_derivatives(setup: Setup, truth: np.ndarray, q: np.ndarray) -> np.ndarray:
-    return setup.joint_jacobian(truth, q, np.zeros(len(q), int)).reshape(len(q), 3, -1)
-
-
 def run_set(name: str, _: argparse.Namespace) -> dict[str, Any]:
     """Draw, calibrate and judge one arm."""
     kind, arm = name.split("-")[:2]
     rng, setup = tool.generator(name), Setup(ARMS[arm])
-    truth, n = setup.erring(rng, 5e-4, 3e-3), setup.arm.n
+    truth, n = setup.erring(rng, 5e-4, 3e-3), setup.n
     repeats = 3 if kind in SCATTER else 1
-    low, high = setup.arm.span.T
+    low, high = setup.span.T
     upper, middle = rng.integers(2, size=n).astype(bool), 0.5 * (low + high)
     ends = np.where(upper, middle, low), np.where(upper, high, middle)
     others = np.where(upper, low, middle), np.where(upper, middle, high)
     q = np.repeat(rng.uniform(*ends, (POSES // repeats, n)), repeats, axis=0)
-    error, wander = row_errors(kind, joint_derivatives(setup, truth, q), rng, repeats)
-    data = robacc.Measurements(position=(at(setup, truth, q) + error).T, q=q.T.copy())
+    error, wander = row_errors(kind, setup.joint_jacobian(truth, q), rng, repeats)
+    data = robacc.Measurements(position=(setup.positions(truth, q) + error).T, q=q.T.copy())
     with tempfile.TemporaryDirectory() as folder:
-        setup.write(Path(folder) / "robot.yaml", masses=False)
+        write_robot(setup.arm, Path(folder) / "robot.yaml", masses=False)
         fitted = robacc.calibrate(data, robot=f"{folder}/robot.yaml", fit=DECLARED)
         fitted.write_model(f"{folder}/model.yaml")
         result = fitted.payload()
@@ -91,20 +83,20 @@ def run_set(name: str, _: argparse.Namespace) -> dict[str, Any]:
         predicted = {where: robacc.predict(f"{folder}/model.yaml", poses=some.T) for where, some in fresh.items()}
     record = predicted["learned"].robot.fit
     separate = float(record["noise"]["position"]) if record["noise"]["separate"] else 0.0
-    zero, mask = np.zeros(len(q), int), setup.declared(DECLARED)
+    mask = setup.declared(DECLARED)
     covered: dict[str, list[bool]] = {}
-    rows = tool.intervals(setup, result, q, zero, truth, mask, tolerance=1e-3 * NOISE)
+    rows = tool.intervals(setup, result, q, truth, mask, tolerance=1e-3 * NOISE)
     covered["coefficients"] = tool.covered(rows)
     values = model_values(setup, result)
 
     def measured(some: np.ndarray, times: int) -> np.ndarray:
         """Errors of the model that an instrument measures at fresh poses, in the campaign's own wander."""
-        own = np.tile(at(setup, values, some) - at(setup, truth, some), (times, 1))
-        drawn, moves = row_errors(kind, np.tile(joint_derivatives(setup, truth, some), (times, 1, 1)), rng, 1)
+        own = np.tile(setup.positions(values, some) - setup.positions(truth, some), (times, 1))
+        drawn, moves = row_errors(kind, np.tile(setup.joint_jacobian(truth, some), (times, 1, 1)), rng, 1)
         return own - drawn + moves - wander[rng.integers(len(wander), size=len(own))]
 
     for where, some in fresh.items():
-        alone = at(setup, values, some) - at(setup, truth, some)
+        alone = setup.positions(values, some) - setup.positions(truth, some)
         covered[f"position, {where}"] = (np.abs(alone) <= 1.96 * standard_errors(setup, result, values, some)).ravel()
         radius = predicted[where].position.pose_radius95
         if separate:
@@ -119,15 +111,15 @@ def run_set(name: str, _: argparse.Namespace) -> dict[str, Any]:
         if ends_of != (None, None):  # one end may be unknown: too few poses for an upper end of p95
             covered[f"held-out {key}"] = [bool((ends_of[0] or 0.0) <= size <= (ends_of[1] or np.inf))]
     frames = np.array([label.startswith(("base", "tool")) for label in setup.names])
-    registered = least_squares.fit(setup, q, zero, data.position.T, frames).values
+    registered = least_squares.fit(setup, q, data.position.T, frames).values
     some = rng.uniform(*ends, (MANY, n))
     before = np.sqrt(
-        np.mean(np.sum((at(setup, registered, some) - at(setup, truth, some)) ** 2, axis=1)) + 3 * NOISE**2
+        np.mean(np.sum((setup.positions(registered, some) - setup.positions(truth, some)) ** 2, axis=1)) + 3 * NOISE**2
     )
     gain = result["gain_m"]
     covered["gain"] = [bool(gain["low"] <= before - true["rms"] <= gain["high"])]
     covered["causes"] = causes(setup, result, rows, truth, q)
-    scatter = np.sqrt(np.mean(np.sum((SCATTER.get(kind, 0.0) * joint_derivatives(setup, truth, q)) ** 2, axis=(1, 2))))
+    scatter = np.sqrt(np.mean(np.sum((SCATTER.get(kind, 0.0) * setup.joint_jacobian(truth, q)) ** 2, axis=(1, 2))))
     told = result["repeatability"]
     return {
         "name": name,
@@ -149,7 +141,7 @@ def model_values(setup: Setup, result: dict[str, Any]) -> np.ndarray:
         if parameter["name"] in index and parameter["value"] is not None:
             values[index[parameter["name"]]] = parameter["value"]
             if parameter["name"].startswith("tool_frame"):
-                values[index[parameter["name"]]] -= TARGETS[0]["xyz".index(parameter["name"][-1])]
+                values[index[parameter["name"]]] -= setup.arm.tool["xyz".index(parameter["name"][-1])]
     return values
 
 
@@ -160,7 +152,7 @@ def standard_errors(setup: Setup, result: dict[str, Any], values: np.ndarray, q:
     covariance = np.zeros((len(names),) * 2)
     for i, row in enumerate(triangle):
         covariance[i, : i + 1] = covariance[: i + 1, i] = row
-    whole = setup.jacobian(values, q, np.zeros(len(q), int), np.ones(len(values), bool))[:, chosen]
+    whole = setup.jacobian(values, q, np.ones(len(values), bool))[:, chosen]
     return np.sqrt(np.einsum("np,pq,nq->n", whole, covariance, whole)).reshape(-1, 3)
 
 
@@ -183,7 +175,7 @@ def causes(
         names = [label for label in stds if (label == stem or label.startswith(f"{stem}.")) and stds[label] is not None]
         if not names or not set(names) <= set(wanted):
             continue
-        whole = setup.jacobian(truth, q, np.zeros(len(q), int), np.ones(len(truth), bool))
+        whole = setup.jacobian(truth, q, np.ones(len(truth), bool))
         shift = whole[:, [setup.index(label) for label in names]] @ [wanted[label] for label in names]
         flags.append(bool(cause["low_m"] <= np.sqrt(3 * np.mean(shift**2)) <= cause["high_m"]))
     return flags

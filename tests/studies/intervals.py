@@ -38,7 +38,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, SIX_JOINTS, Setup, write_poses
+from arm import ARMS, SIX_JOINTS, Setup, write_poses, write_robot
 
 EFFECTS = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
 WANDERS = ("frame_drift", "step", "instrument_scale")
@@ -62,13 +62,13 @@ class Campaign:
 
     def places(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
         """Return positions of the target without errors of the instrument."""
-        return self.setup.positions(values, q, np.zeros(len(q), int))
+        return self.setup.positions(values, q)
 
 
 def plain(setup: Setup, um: str, rng: np.random.Generator, q: np.ndarray | None = None) -> Campaign:
     """Return poses with independent normal noise, directions and times."""
     truth, noise = setup.erring(rng, 3e-4), 1e-6 * float(um)
-    q = rng.uniform(*setup.arm.span.T, (POSES, setup.arm.n)) if q is None else q
+    q = rng.uniform(*setup.span.T, (POSES, setup.n)) if q is None else q
     direction = rng.choice((-1, 1), q.shape)
     columns = {"time_s": 30 * np.arange(len(q))} | {f"dir_q{j + 1}": row for j, row in enumerate(direction.T)}
     return Campaign(setup, noise, truth, q, q.copy(), noise * rng.standard_normal((len(q), 3)), columns)
@@ -77,10 +77,10 @@ def plain(setup: Setup, um: str, rng: np.random.Generator, q: np.ndarray | None 
 def waves(name: str, rng: np.random.Generator) -> Campaign:
     count, ratio, arm, um, _ = name.split("-")
     setup, number = Setup(ARMS[arm]), 6
-    out = plain(setup, um, rng, rng.uniform(*setup.arm.span.T, (int(count), setup.arm.n)))
+    out = plain(setup, um, rng, rng.uniform(*setup.span.T, (int(count), setup.n)))
     for _ in range(number):
-        joint = rng.integers(setup.arm.n)
-        angle = 2 * np.pi * (rng.uniform(0.5, 2) * out.q[:, joint] / np.ptp(setup.arm.span[joint]) + rng.uniform())
+        joint = rng.integers(setup.n)
+        angle = 2 * np.pi * (rng.uniform(0.5, 2) * out.q[:, joint] / np.ptp(setup.span[joint]) + rng.uniform())
         size = float(ratio) * out.noise * np.sqrt(2 / number)
         out.error += size * np.cos(angle)[:, None] * rng.standard_normal(3)
     out.columns = {}
@@ -93,13 +93,13 @@ def awkward(name: str, rng: np.random.Generator) -> Campaign:
     out = SPECIAL[kind](setup, um, rng) if kind in SPECIAL else plain(setup, um, rng)
     if kind in CHANGES:
         CHANGES[kind](out, rng)
-    out.fresh = rng.uniform(out.q.min(axis=0), out.q.max(axis=0), (FRESH, setup.arm.n))
+    out.fresh = rng.uniform(out.q.min(axis=0), out.q.max(axis=0), (FRESH, setup.n))
     return out
 
 
 def on_a_path(setup: Setup, um: str, rng: np.random.Generator) -> Campaign:
     """Each pose is the nearest to the last one that is left."""
-    q = list(rng.uniform(*setup.arm.span.T, (POSES, setup.arm.n)))
+    q = list(rng.uniform(*setup.span.T, (POSES, setup.n)))
     path = [q.pop()]
     while q:
         path.append(q.pop(int(np.argmin([np.abs(other - path[-1]).max() for other in q]))))
@@ -113,16 +113,16 @@ def on_a_path(setup: Setup, um: str, rng: np.random.Generator) -> Campaign:
 
 
 def within(setup: Setup, um: str, rng: np.random.Generator) -> Campaign:
-    middle = rng.uniform(*(setup.arm.span + np.array([0.3, -0.3])).T, setup.arm.n)
-    return plain(setup, um, rng, middle + rng.uniform(-0.12, 0.12, (POSES, setup.arm.n)))
+    middle = rng.uniform(*(setup.span + np.array([0.3, -0.3])).T, setup.n)
+    return plain(setup, um, rng, middle + rng.uniform(-0.12, 0.12, (POSES, setup.n)))
 
 
 def grouped(count: int, size: int, extent: float) -> Callable[[Setup, str, np.random.Generator], Campaign]:
     """Groups of poses, with an error of the joints common to each group."""
 
     def draw(setup: Setup, um: str, rng: np.random.Generator) -> Campaign:
-        centres = np.repeat(rng.uniform(*setup.arm.span.T, (count, setup.arm.n)), size, axis=0)
-        error = np.repeat(5e-5 * rng.standard_normal((count, setup.arm.n)), size, axis=0)
+        centres = np.repeat(rng.uniform(*setup.span.T, (count, setup.n)), size, axis=0)
+        error = np.repeat(5e-5 * rng.standard_normal((count, setup.n)), size, axis=0)
         out = plain(setup, um, rng, centres + rng.normal(0, extent, centres.shape))
         out.arrived = out.q + error
         return out
@@ -187,7 +187,7 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     setup, mask = out.setup, out.setup.declared(EFFECTS)
     true, errors = out.places(out.truth, out.arrived), {}
     with tool.folder_of(name, options) as folder:
-        setup.write(folder / "robot.yaml")
+        write_robot(setup.arm, folder / "robot.yaml")
         write_poses(folder / "poses.csv", out.q, true + out.error, out.columns)
         if out.fresh is not None:
             there = out.places(out.truth, out.fresh)
@@ -200,8 +200,7 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
         if result.get("findings"):
             _, without = tool.fit_and_test(("calibrate", "--fit", ",".join(EFFECTS)), folder, options)
             errors["declared"] = without.result["position"]["rms_m"] if without and without.result else math.inf
-    zero = np.zeros(len(out.q), int)
-    rows = tool.intervals(setup, result, out.q, zero, out.truth, mask, tolerance=0.05 * out.noise)
+    rows = tool.intervals(setup, result, out.q, out.truth, mask, tolerance=0.05 * out.noise)
     return {
         "name": name,
         "seconds": answer.seconds,

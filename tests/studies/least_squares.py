@@ -17,7 +17,6 @@ class Fit:
 def fit(
     setup: Setup,
     q: np.ndarray,
-    target: np.ndarray,
     xyz: np.ndarray,
     mask: np.ndarray,
     cutoff: float = 1e-7,
@@ -29,14 +28,14 @@ def fit(
     """
     free = np.flatnonzero(mask)
     values = np.zeros(len(setup.names))
-    scale = np.linalg.norm(setup.jacobian(values, q, target, mask), axis=0)
+    scale = np.linalg.norm(setup.jacobian(values, q, mask), axis=0)
     scale[scale < 1e-12 * scale.max()] = 1.0
 
     def residual(values: np.ndarray) -> np.ndarray:
-        return (xyz - setup.positions(values, q, target)).ravel()
+        return (xyz - setup.positions(values, q)).ravel()
 
     def slope(values: np.ndarray) -> np.ndarray:
-        return setup.jacobian(values, q, target, mask) / scale
+        return setup.jacobian(values, q, mask) / scale
 
     _, singular, rows = np.linalg.svd(np.linalg.qr(slope(values), mode="r"))
     basis = rows[singular > cutoff * singular[0]].T

@@ -19,7 +19,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, Setup
+from arm import ARMS, write_robot
 
 ROBOT = """robacc: 1
 name: planned arm
@@ -111,7 +111,7 @@ def main() -> int:
         folder.mkdir(parents=True, exist_ok=True)
         (folder / "robot.yaml").write_text(ROBOT)
         if options.arm:
-            Setup(ARMS[options.arm]).write(folder / "robot.yaml")
+            write_robot(ARMS[options.arm], folder / "robot.yaml")
         words = [*tool.command(options), "plan", str(folder / "robot.yaml"), "--for", "trace"]
         words += ["--poses", str(options.poses), "--noise", f"{options.noise}mm", "--repeatability", "0mm"]
         words += ["--candidates", "1000", "--output", str(folder / "plan.csv")]

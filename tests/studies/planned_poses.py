@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, Setup, write_poses
+from arm import ARMS, Setup, write_poses, write_robot
 
 EFFECTS = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
 RANDOM_DRAWS = 20
@@ -36,7 +36,7 @@ class Task:
         self.rows = self.of(q)
 
     def _jacobian(self, q: np.ndarray) -> np.ndarray:
-        return self.setup.jacobian(self.nominal, q, np.zeros(len(q), int), self.mask)
+        return self.setup.jacobian(self.nominal, q, self.mask)
 
     def of(self, q: np.ndarray) -> np.ndarray:
         """Return rows (N, 3, R) of poses."""
@@ -86,7 +86,7 @@ def exchanged(rows: np.ndarray, chosen: np.ndarray, passes: int) -> np.ndarray:
 
 def refined(task: Task, q: np.ndarray, trials: int, rng: np.random.Generator) -> float:
     """Return the error after random moves of single poses within the joint ranges; a move stays where it is better."""
-    low, high = task.setup.arm.span.T
+    low, high = task.setup.span.T
     q, rows = q.copy(), task.of(q)
     error = task.error(rows)
     for trial in range(trials):
@@ -104,7 +104,7 @@ def refined(task: Task, q: np.ndarray, trials: int, rng: np.random.Generator) ->
 def planned(setup: Setup, q: np.ndarray, options: argparse.Namespace, folder: Path) -> np.ndarray:
     """Return the numbers of the candidates that the tool plans."""
     robot, candidates, plan = folder / "robot.yaml", folder / "candidates.csv", folder / "plan.csv"
-    setup.write(robot, masses=False)
+    write_robot(setup.arm, robot, masses=False)
     write_poses(candidates, q, np.zeros((len(q), 3)), {"pose": [str(i) for i in range(len(q))]})
     words = [*tool.command(options), "plan", str(robot), "--for", "calibrate", "--poses", str(options.poses)]
     words += ["--candidates", str(candidates), "--task", str(candidates), "--noise", "0.05mm", "--margin", "0"]
@@ -118,7 +118,7 @@ def planned(setup: Setup, q: np.ndarray, options: argparse.Namespace, folder: Pa
 def run_arm(name: str, options: argparse.Namespace) -> dict[str, Any]:
     """Compare the choices on one arm, as shares of the mean error of random poses."""
     setup, rng = Setup(ARMS[name]), tool.generator(f"planned poses {name}")
-    q = rng.uniform(*setup.arm.span.T, (options.candidates, setup.arm.n))
+    q = rng.uniform(*setup.span.T, (options.candidates, setup.n))
     task = Task(setup, q)
     random = [rng.choice(len(q), options.poses, replace=False) for _ in range(RANDOM_DRAWS)]
     mean = float(np.mean([task.error(task.rows[at]) for at in random]))

@@ -11,7 +11,7 @@ import sys
 from typing import Any
 
 import tool
-from arm import ARMS, Setup
+from arm import ARMS, write_robot
 
 FRAMES = "base_frame,tool_frame"
 GEOMETRY = f"{FRAMES},joint_offset,link_geometry"
@@ -37,7 +37,7 @@ def run_case(name: str, options: argparse.Namespace) -> dict[str, Any]:
     arm, case = name.split(", ", 1)
     fit, words = CASES[case]
     with tool.folder_of(name, options) as folder:
-        Setup(ARMS[arm]).write(folder / "robot.yaml")
+        write_robot(ARMS[arm], folder / "robot.yaml")
         command = [*tool.command(options), "plan", str(folder / "robot.yaml"), "--fit", fit, *words]
         answer = tool.run([*command, "--candidates", "1000", "--output", str(folder / "plan.csv")], options.limit)
     if answer.result is None or answer.result["accuracy"]["planned"] is None:

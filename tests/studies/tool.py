@@ -18,7 +18,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from arm import TARGETS, Setup
+from arm import Setup
 from least_squares import fit, identifiable
 
 
@@ -122,7 +122,6 @@ def intervals(
     setup: Setup,
     answer: Mapping[str, Any],
     q: np.ndarray,
-    target: np.ndarray,
     truth: np.ndarray,
     mask: np.ndarray,
     tolerance: float,
@@ -137,18 +136,17 @@ def intervals(
     """
     index = {name: i for i, name in enumerate(setup.names)}
     nominal = {name: 0.0 for name in setup.names}
-    nominal |= dict(zip(setup.names[6 : 6 + 3 * setup.n_targets], TARGETS.ravel().tolist(), strict=False))
+    nominal |= dict(zip(setup.names[6:9], setup.arm.tool.tolist(), strict=True))
     given = {p["name"]: p for p in answer["parameters"] if p["name"] in index and p.get("std") is not None}
     free = np.zeros(len(truth), bool)
     free[[index[name] for name in given]] = True
-    clean = setup.positions(truth, q, target)
-    twin = fit(setup, q, target, clean, free, cutoff=1e-12)
+    twin = fit(setup, q, setup.positions(truth, q), free, cutoff=1e-12)
     wanted = dict(zip(setup.names, twin.values, strict=True))
     counted = set(given)
     if twin.rms > tolerance:
         wanted = dict(zip(setup.names, truth, strict=True))
         names = np.array(setup.names)[mask]
-        counted &= set(names[identifiable(setup.jacobian(truth, q, target, mask))])
+        counted &= set(names[identifiable(setup.jacobian(truth, q, mask))])
     return [
         {"name": name, "value": p["value"] - nominal[name], "std": p["std"], "truth": float(wanted[name])}
         for name, p in given.items()

@@ -32,7 +32,7 @@ def poses(seed: int, rng: np.random.Generator, error: float, mass: float, com: M
     ]
     independent_arm.DH, stated = tuple(rows), independent_arm.DH  # type: ignore[assignment]
     joints = run(N, seed)
-    torque = np.array([load_torques(q, mass, com, link) for q in joints.q.T]).T
+    torque = load_torques(joints.q, mass, com, link)
     independent_arm.DH = stated
     return measured(joints, targets(joints.q + compliance[:, None] * torque), NOISE, seed)
 

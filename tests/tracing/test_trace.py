@@ -10,25 +10,23 @@ from typing import Any
 import independent_arm
 import numpy as np
 import pytest
-from arms import arm
+from arms import arm, model_of
 from draws import FRAMES, erring
 from slow_parameters import some_fast
 
 import robacc
+from robacc import Measurements, Robot
 from robacc.documents.fit import FINDING, NOISE, REPEATABILITY
 from robacc.effects.base import effect_class
 from robacc.effects.elastic import JointCompliance
-from robacc.effects.specification import build, parse_requests
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.warnings import LackOfFit
-from robacc.measurements import Measurements
 from robacc.modelling.model import Known, Model, Noise, predict
 from robacc.render.views.fit import _at_tool, _remaining_error, _residual
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import ErrorCause, causes
 from robacc.tracing.trace import Trace, assumption_of, is_hidden_noise, trace
@@ -154,8 +152,7 @@ def measured(name: str, *effects: Entry, n: int = 80, seed: int = 1, **changes: 
 
 
 def traced(robot: Robot, data: Measurements, declared: str = DECLARED, **options: Any) -> Trace:
-    one = Model.of(robot).arm
-    return trace(Model.of(robot, build(parse_requests(declared), one, data)), data, **options)
+    return trace(model_of(robot, declared, data), data, **options)
 
 
 @cache
@@ -227,20 +224,6 @@ def test_a_searched_order_is_found_off_the_grid() -> None:
     ((joint, low, high),) = finding.validity
     assert joint == "j3"
     assert low < high
-
-
-@pytest.mark.slow
-def test_several_effects_at_once() -> None:
-    gear, lag = entry("gear_ratio", "j2", 4e-4), entry("backlash", "j3", 2e-4)
-    found = traced(arm("puma560").robot, measured("puma560", gear, lag, WAVE))
-    assert sorted(named(found)) == [
-        ("backlash", ("j3",)),
-        ("gear_ratio", ("j2",)),
-        ("transmission_error", ("j3",)),
-    ]
-    # Each finding's part in the whole: without it the poses held out are worse.
-    for finding in found.findings:
-        assert finding.held_out_after < finding.held_out_before
 
 
 def test_a_beam_break_is_no_effect() -> None:
@@ -377,7 +360,7 @@ def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
     one = arm("puma560")
     tilted = {"effect": "link_geometry", "joints": ["j2", "j3"], "values": {"j2.alpha": 2e-3, "j3.alpha": -3e-3}}
     data = measured("puma560", tilted)
-    model = Model.of(one.robot, build(parse_requests(DECLARED), one, data))
+    model = model_of(one.robot, DECLARED, data)
     found = fit(model, data, Options(tolerance=1e-4, settled=1e-2))
     again = refit(found, model.free, data, Options(tolerance=1e-4, settled=1e-2))
     assert again.identifiability.columns.tolist() == found.identifiability.columns.tolist()
@@ -414,7 +397,7 @@ def fitted(seed: int, asked: str = FIT) -> tuple[Fit, Measurements]:
     one = arm("puma560")
     robot = dataclasses.replace(one.robot, effects=EFFECTS)
     data = simulate(robot, Plan(80, seed=seed, noise_position=NOISE_OF_CAUSES, orientation=False)).data
-    return fit(Model.of(one.robot, build(parse_requests(asked), one, data)), data, Options(robust=False)), data
+    return fit(model_of(one.robot, asked, data), data, Options(robust=False)), data
 
 
 def by_name(found: tuple[ErrorCause, ...]) -> dict[tuple[str, tuple[str, ...]], ErrorCause]:
@@ -469,7 +452,7 @@ def test_what_the_poses_do_not_distinguish_from_nothing_is_no_cause() -> None:
     one = arm("puma560")
     plan = Plan(60, seed=3, noise_position=NOISE_OF_CAUSES, orientation=False)
     data = simulate(dataclasses.replace(one.robot, effects=()), plan).data
-    whole = fit(Model.of(one.robot, build(parse_requests(FIT), one, data)), data)
+    whole = fit(model_of(one.robot, FIT, data), data)
     found = causes(whole, data, NOISE_OF_CAUSES)
     assert len(found) <= 4  # 5 % of some thirteen groups, by chance
     assert all(cause.size < 3 * NOISE_OF_CAUSES for cause in found)
@@ -494,10 +477,10 @@ def traced_of_process(paths: int, points: int, size: float, seed: int) -> Trace:
     angle = rng.normal(scale=1.0 / LENGTH, size=(300, 6)) @ q + rng.uniform(0.0, 2.0 * np.pi, (300, 1))
     process = size * np.sqrt(2.0 / 300) * rng.normal(size=(3, 300)) @ np.cos(angle)
     offsets = rng.normal(scale=4e-4, size=(6, 1))
-    position = np.array([independent_arm.target(pose) for pose in (q + offsets).T]).T + process
+    position = independent_arm.targets(q + offsets) + process
     data = Measurements(position=position + NOISE_OF_PROCESS * rng.standard_normal(position.shape), q=q)
     robot = independent_arm.robot()
-    return trace(Model.of(robot, build(parse_requests(independent_arm.DECLARED), Arm.of(robot), data)), data)
+    return trace(model_of(robot, independent_arm.DECLARED, data), data)
 
 
 @pytest.mark.parametrize(

@@ -459,7 +459,8 @@ def conventions(
         )
         if doubt:
             by = ", ".join(f"{name} by {missed[name]}" for name in trial or ())
-            listed = ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in options)
+            fitting = [name for name in options if not (is_settled and trial and is_ruled_out(name, trial))]
+            listed = ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in fitting)
             message = f"these {doubt}" + (f" (they miss the known orientations: {by})" if by else "")
             log.add(message, values.header, ", ".join(names), f"give `angles`: {listed}")
         elif missed:

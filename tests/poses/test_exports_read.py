@@ -480,12 +480,7 @@ HEADERS: list[Case] = [
     ("A1;X;Y;Z\ngrad;mm;mm;mm\n90,0;1,5;2,5;3,5\n45,0;2,5;3,5;4,5\n", {}, "neither joint variables nor commanded"),
     ("q1,x,z", {}, "1: column y is missing; expected x, y, z: the attained position"),
     ("q1,X_mm,z", {}, "1: column y is missing; expected x, y, z: the attained position"),
-    (
-        "q1,Xa,z",
-        {},
-        "1: columns x, y are missing; expected x, y, z: the attained position, or of other measurements socket, plane, "
-        "distance, or u_px and v_px (unknown in this file: Xa)",
-    ),
+    ("q1,Xa,z", {}, "1: columns x, y are missing; expected x, y, z: the attained position (unknown in this file: Xa)"),
     ("x,y,z", {}, f"1: {ONLY_MEASURED}q1 … qN (joint variables) or cmd_x,"),
     ("pose,x,y,z\n", {"robot": ARM}, f"{ONLY_MEASURED}q1 … q2 (joint variables)"),
     ("pose,K1,x,y,z\na,1,2,3,4\n", {"robot": KnownRobot(["shoulder"])}, "(unknown in this file: K1)"),

@@ -503,7 +503,7 @@ def find_mistake(robot: Robot, data: Measurements) -> Mistake | None:
         if min(item.total for item in pool) < min(2 * GROSS, null.total / CLEAR):
             break
     found = _simplest(pool, null)
-    if found is None and null.orientation is not None:
+    if found is None and null.orientation is not None and null.orientation > GROSS:
         # Positions know nothing of how orientations were read, and an arm may have other errors besides.
         readings = _screened(robot, data, [(reading,) for reading in READINGS])
         turned = [item._replace(total=item.orientation or 0.0) for item in readings]

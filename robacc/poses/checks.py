@@ -198,7 +198,7 @@ def check_units(
         names = [layout.columns[key].name for key in keys]
         new_names = listing([f"{name}_{likely_unit}" for name in names])
         fix = (
-            f"if they are in {likely_unit}, give `units={likely_unit}`, or name the columns {new_names}; if in {unit}, "
+            f"if they are in {likely_unit}, name the columns {new_names}, or give `units={likely_unit}`; if in {unit}, "
             f"{names[0]}_{unit} and so on"
         )
         first, last = (0, values.lines.size - 1) if large is None or not large.any() else np.flatnonzero(large)[[0, -1]]

@@ -626,7 +626,7 @@ def error_statistics(
         unit: ``"m"`` or ``"rad"``.
         groups: ``(N,)`` id of each error's commanded pose, of any type; equal ids are repetitions of one pose and
             do not count as independent. None: no pose was repeated.
-        share: Degrees of freedom that fitted frames leave, as a share of the measured components.
+        share: Degrees of freedom that a fit leaves, as a share of the measured components.
         confidence: Confidence of every interval.
         bootstrap: Number of resamples where an interval needs them.
         seed: Seed of the resampling; the same seed gives the same limits.

@@ -762,23 +762,26 @@ def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> 
         metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]
         if metrics is not None:
             is_fitted = name.startswith("fitted")
+            share = 1.0 if is_fitted else stage.share
             errors = stage.residual if is_fitted else cast("Array", stage.held_out_residual)
             used = stage.inliers if is_fitted else stage.held_out_inliers_mask
             shown = used | (not name.endswith("inliers"))
             figures[name] = {
-                "position": _figures(metrics.position, errors[:3, shown], own[shown], "m", seed),
-                "orientation": _figures(metrics.orientation, errors[3:, shown], own[shown], "rad", seed),
+                "position": _figures(metrics.position, errors[:3, shown], own[shown], "m", seed, share),
+                "orientation": _figures(metrics.orientation, errors[3:, shown], own[shown], "rad", seed, share),
             }
     return STAGE.write(figures)
 
 
 def _figures(
-    metrics: ErrorMetrics | None, errors: Array, groups: NDArray[np.int64], unit: str, seed: int
+    metrics: ErrorMetrics | None, errors: Array, groups: NDArray[np.int64], unit: str, seed: int, share: float
 ) -> Document | None:
     if metrics is None:
         return None
     missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
-    found = length_intervals(errors, (CONFIDENCE,), groups=groups, seed=seed) if errors.shape[1] else (missing,)
+    found: Sequence[Mapping[Any, Interval]] = (missing,)
+    if errors.shape[1]:
+        found = length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
     return {
         **FIGURES[unit].write(metrics),
         "n_poses": int(groups.size),

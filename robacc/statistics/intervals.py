@@ -660,7 +660,7 @@ class PoseSampling:
     def described(self) -> str:
         """Number of poses in words."""
         text = "1 pose" if self.n_groups == 1 else f"{self.n_groups} poses"
-        return text if self.share == 1.0 else f"{text}, of which the fitted frames leave {self.n_independent:.3g}"
+        return text if self.share == 1.0 else f"{text}, of which the fit leaves {self.n_independent:.3g}"
 
     def standard_error(self, values: Array) -> float:
         """Return the standard error of the mean of ``values`` ``(n,)``; poses are independent, repetitions are not."""

@@ -136,6 +136,8 @@ class Stage:
     where no pose was held out."""
     held_out_inliers_mask: NDArray[np.bool_]
     """``(M,)``"""
+    share: float = 1.0
+    """Degrees of freedom that the fit leaves; see :meth:`HoldOut.share`."""
 
     @cached_property
     def fitted(self) -> PoseMetrics:
@@ -263,7 +265,11 @@ def judge(
         held_out = raw, held_out_nominal, held_out_before, held_out_after
         gain = paired_gain(held_out_before[:, judged], held_out_after[:, judged], groups[judged])
     fitted = unregistered, registered, before.residual, fit.residual
-    stages = [Stage(own, fit.inliers, apart, judged) for own, apart in zip(fitted, held_out, strict=True)]
+    shares = 1.0, 1.0, how.share(before), how.share(fit)
+    stages = [
+        Stage(own, fit.inliers, apart, judged, share)
+        for own, apart, share in zip(fitted, held_out, shares, strict=True)
+    ]
     basis = stages[any(each.traits.is_frame for each in fit.model.free)]
     rms = stages[3].fitted.position.rms, stages[3].held_out_rms
     noise, with_masses = lack_of_fit(fit, data), with_mass_uncertainty(fit, data)

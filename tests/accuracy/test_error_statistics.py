@@ -268,7 +268,7 @@ def test_fitted_parameters_count_as_poses() -> None:
     assert np.all(np.diag(fitted.intervals.covariance.upper) >= upper * (1 - 1e-12))
     assert fitted.share_below_max == pytest.approx(0.05 ** (1 / 30))
     few = error_statistics(gaussian(4), "m", share=0.25)
-    why = "4 poses, of which the fitted frames leave 1: too few for an interval"
+    why = "4 poses, of which the fit leaves 1: too few for an interval"
     assert few.intervals.rms.why == few.intervals.mean[0].why == few.intervals.covariance.why == why
 
 

@@ -511,22 +511,32 @@ class ArmFit(NamedTuple):
     values: Mapping[str, tuple[float, float, str]]
     """Value, standard deviation and unit by key."""
     covariance: Mapping[tuple[str, str], float]
+    dropped: frozenset[str] = frozenset()
+    """Coefficients that its poses do not identify: the others make up for them."""
 
 
 def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
-    """Return the coefficients in a result of ``calibrate`` or ``trace``; those of the set-up are left out."""
+    """Return the coefficients in a result of ``calibrate`` or ``trace``.
+
+    Those of the set-up are left out, and those whose variance is mostly that of weakly identifiable ones, which a prior
+    draws to nominal: their standard deviations say what a badly made arm may have, not how estimates scatter.
+    """
+    stored = document.get("parameter_covariance") or {"names": [], "lower_triangle": []}
+    names, matrix = stored["names"], np.zeros((len(stored["names"]),) * 2)
+    for i, row in enumerate(stored["lower_triangle"]):
+        matrix[i, : i + 1] = matrix[: i + 1, i] = row
+    weak = {name for prior in document["priors"] for name in prior["weakly_identifiable"]}
+    is_weak = np.array([name in weak for name in names], dtype=bool)
+    shared = matrix[:, is_weak] @ np.linalg.pinv(matrix[np.ix_(is_weak, is_weak)]) @ matrix[is_weak]
+    weak |= {names[i] for i in np.flatnonzero(np.diag(shared) > 0.5 * np.diag(matrix))}
     values = {
         entry["name"]: (float(entry["value"]), float(entry["std"]), str(entry["unit"]))
         for entry in document["parameters"]
-        if entry["std"] is not None and not entry["name"].startswith(SETUP)
+        if entry["std"] is not None and entry["name"] not in weak and not entry["name"].startswith(SETUP)
     }
-    stored = document.get("parameter_covariance") or {"names": [], "lower_triangle": []}
-    covariance = {
-        (first, second): float(value)
-        for first, row in zip(stored["names"], stored["lower_triangle"], strict=True)
-        for second, value in zip(stored["names"], row, strict=False)
-    }
-    return ArmFit(arm, values, covariance)
+    covariance = {(a, b): float(matrix[i, j]) for i, a in enumerate(names) for j, b in enumerate(names[: i + 1])}
+    dropped = frozenset(entry["name"] for entry in document["parameters"] if entry["std"] is None)
+    return ArmFit(arm, values, covariance, dropped)
 
 
 def _squares(values: Array, variances: Array, between: float) -> float:

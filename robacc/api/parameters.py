@@ -271,7 +271,7 @@ Samples = Annotated[
 Jobs = Annotated[
     int | None,
     Help(
-        "Number of processes, for several files or a large one; default: the cores for several files, 1 for one.",
+        "Number of processes, for several files or a large one; default: the cores for several files of poses, else 1.",
         "N",
         least=1,
     ),

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime
@@ -86,7 +87,7 @@ from robacc.robots.arm import build_chain
 from robacc.robots.description import Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.version import __version__
-from robacc.workers import Workers, cores
+from robacc.workers import Workers
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -736,10 +737,6 @@ class _Member(NamedTuple):
     is_shrunk: bool
 
 
-_WORTH = 64
-"""Results whose reading takes as long as a process takes to start."""
-
-
 def _member(source: StrPath | StoredResult) -> _Member:
     """Return what a fleet takes from a result.
 
@@ -800,9 +797,8 @@ def fleet(
         with opened(os.fspath(db)) as base:
             latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             sources = [StoredResult(document_of(base, test), test["command"], "", arm) for arm, test in latest.items()]
-    workers = Workers(jobs or max(1, min(cores(), len(sources) // _WORTH)), cluster)
     shown = partial(progress or (lambda label, done, total: None), "reading results")
-    members = [*workers.in_order(_member, sources, shown)]
+    members = [*Workers(jobs, cluster).in_order(_member, sources, shown)]
     inputs.records += [member.record for member in members if db is None]
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)
     refuse(
@@ -813,11 +809,16 @@ def fleet(
     for number, (record, arm, *_) in enumerate(members, 1):
         name = arm.arm if db is None else record.name
         arms[name if name not in arms else f"{name} ({number})"] = arm
-    coefficients, strangers, covariance = fleet_of([arm._replace(arm=name) for name, arm in arms.items()])
+    usual = Counter(arm.dropped for arm in arms.values()).most_common(1)[0][0]
+    comparable = [arm._replace(arm=name) for name, arm in arms.items() if arm.dropped == usual]
+    coefficients, strangers, covariance = fleet_of(comparable)
     models, shrunk = {member.model for member in members}, sum(member.is_shrunk for member in members)
     notes = (
         f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
         * bool(shrunk),
+        f"fits left out: {len(arms) - len(comparable)}; their poses identify other coefficients than those of most "
+        "arms, so that one name means different things; measure all arms at the same poses"
+        * (len(comparable) < len(arms)),
         f"the results are of {', '.join(sorted(models))}: are they one model of arm?" * (len(models) > 1),
     )
     return Fleet(

@@ -779,7 +779,7 @@ def _figures(
     if metrics is None:
         return None
     missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
-    found: Sequence[Mapping[Any, Interval]] = (missing,)
+    found: tuple[Mapping[Any, Interval], ...] = (missing,)
     if errors.shape[1]:
         found = length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
     return {

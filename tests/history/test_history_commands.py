@@ -339,6 +339,33 @@ def test_a_fleet_has_tolerances_and_names_the_stranger(fleet_results, tmp_path):
     assert "none" not in output("fleet", *fleet_results).split("Arms out of family")[1]
 
 
+def test_a_fleet_takes_only_coefficients_that_mean_the_same_and_come_from_the_poses(fleet_results, tmp_path):
+    """One arm lacks a coefficient that others make up for; in all fits a prior holds the fourth joint's zero."""
+    paths = []
+    for number, path in enumerate(fleet_results):
+        result = json.loads(path.read_text())
+        names, entries = result["parameter_covariance"]["names"], result["parameters"]
+        rows = result["parameter_covariance"]["lower_triangle"]
+        at, beside = names.index("joint_offset.j4"), names.index("joint_offset.j5")
+        # The fifth joint's zero has all of its variance from the fourth's, that of the second none.
+        first, second = sorted((at, beside))
+        rows[second][first] = (rows[first][first] * rows[second][second]) ** 0.5
+        weak = {"effect": "joint_offset", "unit": "rad", "std": 3e-3, "weakly_identifiable": ["joint_offset.j4"]}
+        result["priors"] = [weak]
+        if number == 2:
+            next(entry for entry in entries if entry["name"] == "joint_offset.j2").update(
+                std=None, why="not identifiable"
+            )
+        paths.append(saved(tmp_path / path.name, json.dumps(result)))
+    found = document("fleet", *paths)
+    by_key = {one["key"]: one for one in found["coefficients"]}
+    assert "joint_offset.j4" not in by_key
+    assert "joint_offset.j5" not in by_key
+    assert by_key["joint_offset.j3"]["n_arms"] == 6
+    assert [stranger["arm"] for stranger in found["strangers"]] == ["SN05"]
+    assert any(note.startswith("fits left out: 1;") for note in found["notes"])
+
+
 def test_a_fleet_is_the_same_bytes_whoever_read_its_results(fleet_results, tmp_path):
     distributed = pytest.importorskip("distributed")
     own = output("fleet", *fleet_results, "--format", "json")

@@ -183,7 +183,7 @@ def too_far_turned(errors: PoseErrors) -> bool:
 
 def _far_errors(errors: Array) -> tuple[float, int]:
     """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m, and how many are."""
-    near = inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
+    near = inlier_mask(errors, errors, np.ones(errors.shape[1], dtype=np.bool_), 0)
     return rms_length(errors[:, near]), int(np.count_nonzero(~near))
 
 

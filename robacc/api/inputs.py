@@ -415,6 +415,7 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
     "commanded_position": (3,),
     "commanded_rotation": (3, 3),
     "sigma_position": (3,),
+    "noise_covariance": (3, 3),
     **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
@@ -443,6 +444,8 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     fields: dict[str, Any] = {
         name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
     }
+    if "noise_covariance" in fields:
+        fields["sigma_position"] = np.sqrt(np.einsum("iin->in", fields["noise_covariance"]))
     return replace(data, **fields)
 
 
@@ -476,6 +479,8 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> It
             invalid = (deviation > 1e-3) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
             if np.any(invalid):
                 yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
+        elif name == "noise_covariance" and np.linalg.eigvalsh(np.moveaxis(array, -1, 0)).min() <= 0:
+            yield name, "expected symmetric, positive definite matrices", None
         elif name.startswith("sigma") and np.any(array <= 0):
             yield name, "expected standard deviations above 0", None
 

@@ -71,10 +71,10 @@ class DirectionalNoise:
     """``(3,)`` standard deviations along them, m."""
 
     @property
-    def beyond_least(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the covariance in the measuring frame beyond equal noise of the least standard deviation, m²."""
+    def beyond_least(self) -> Array:
+        """Return the covariance ``(3, 3)`` in the measuring frame beyond equal noise of the least size, m²."""
         excess = np.square(self.std) - np.square(self.std.min())
-        return tuple((x, y, z) for x, y, z in (self.axes.T @ (excess[:, None] * self.axes)).tolist())
+        return np.asarray(self.axes.T @ (excess[:, None] * self.axes))
 
     @property
     def text(self) -> str:
@@ -133,7 +133,7 @@ def with_error_structure(
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.
     directional = None
-    if data.position_variance is None and data.noise_covariance is None and data.kind is None:
+    if data.position_variance is None and data.kind is None:
         directional = _directional(start, noise, linear)
         noise = start if directional is not None else noise
     visits = different(visit_numbers(data))
@@ -211,6 +211,7 @@ def _with_covariance(
         fitted.gram.copy()
         if is_weighted
         else share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+        + share * np.einsum("nka,nab,nlb->kl", by_column, linear.rows.between, by_column, optimize=True)
     )
     for name in terms:
         term = TERMS[name]

@@ -68,11 +68,11 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
         return LackOfFit(noise, f_sf(between / variance, remaining_dof, repeat_dof), rms / noise.position, axes)
     if stated is None:
         return LackOfFit(fit.noise, None, 1.0, axes)
-    known = np.square(stated[:, fit.inliers])
+    along, known = data.subset(fit.inliers).along_noise(residual)
     sigma = None if data.rotation is None else data.sigma_rotation
     orientation = None if sigma is None else float(np.sqrt(np.mean(np.square(sigma[fit.inliers]))))
-    p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
-    noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
+    p_value = chi2_sf(float(np.sum(np.square(along) / known)), max(dof, 1.0))
+    noise = Noise.of_variances(np.mean(np.square(stated[:, fit.inliers]), axis=1), orientation, "file")
     return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)
 
 

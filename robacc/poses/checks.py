@@ -19,9 +19,11 @@ from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
     AXES,
+    BY_SIGHT,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
     CONVENTIONS,
+    CORRELATIONS,
     JOINT_COLUMN,
     QUATERNION,
     ROTATION_VECTOR,
@@ -251,7 +253,7 @@ def check_units(
         # Roll, pitch, yaw or a rotation vector never need more than a turn.
         if angles is not None and (largest := np.max(np.abs(angles))) > 1.01 * TURN:
             refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
-    for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
+    for keys, kind in ((SIGMAS, "length"), (BY_SIGHT, "length"), (("sigma_r",), "angle")):
         if (sigma := bare(keys)) is None:
             continue
         impossible, doubtful = doubtful_sigma(sigma, kind)
@@ -716,6 +718,15 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
                 _report(values, key, test(values.numbers[values.row_index[key]]), expected)
     for key in layout.joints():
         _check_read_back(values, key)
+    if (correlations := values.column_set(CORRELATIONS)) is not None:
+        determinant = 1.0 + 2.0 * np.prod(correlations, axis=0) - np.sum(np.square(correlations), axis=0)
+        log.add_rows(
+            np.any(np.abs(correlations) >= 1.0, axis=0) | (determinant < 1e-9),  # below, an error is rounding
+            values.lines,
+            compact(CORRELATIONS),
+            lambda i: f"found {', '.join(f'{each:g}' for each in correlations[:, i])}, which no noise has",
+            "expected correlations between -1 and 1 whose matrix is positive definite",
+        )
     # kg; twice that of the strongest arm.
     if (payload := values.column("payload_kg")) is not None and (heavy := payload > 5000.0).any():
         log.warn(

@@ -16,7 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.geometry import Array, quaternion_from_rotation, vector_lengths
 from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
 from robacc.io.files import ProblemLog, clip
@@ -42,10 +42,13 @@ from robacc.poses.layout import Layout, Names, Values, documented_columns, find_
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
+    BY_SIGHT,
     CIRCUMSTANCES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
+    CORRELATIONS,
     FIXED_KINDS,
+    INSTRUMENT,
     JOINT_COLUMN,
     OPEN,
     QUATERNION,
@@ -112,6 +115,8 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
         None if rotation is None else quaternion_from_rotation(rotation)
         for rotation in (m.rotation, m.commanded_rotation)
     )
+    sigma, noise = m.sigma_position, m.noise_covariance
+    correlation = None if sigma is None or noise is None else noise / (sigma[:, None] * sigma)
     sets: tuple[tuple[Sequence[str], Array | None], ...] = (
         (joints, m.q),
         (AXES, m.position if attained else None),
@@ -119,6 +124,7 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
         (COMMANDED_AXES, m.commanded_position),
         (COMMANDED_QUATERNION, cmd_rotation),
         (SIGMAS, m.sigma_position),
+        (CORRELATIONS, None if correlation is None else correlation[np.triu_indices(3, 1)]),
         (("sigma_r",), m.sigma_rotation),
         *zip(((name,) for name in CIRCUMSTANCES), (m.time, m.temperature, m.payload), strict=True),
         ([f"dir_{name}" for name in joints], None if m.direction is None else m.direction.astype(np.int64)),
@@ -286,13 +292,15 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
     branches = [np.full(n, branch.position) if column is None else column for branch, column in columns.items()]
     texts: dict[str, Any] = {key: values.texts.get(key) for key in TEXTS}
+    sigma, covariance = _noise(values, position)
     return Measurements(
         position=np.zeros((3, n)) if position is None else position,  # planned poses have none
         rotation=rotations(values, layout.orientation(), angles.get("", "")),
         q=q,
         commanded_position=values.column_set(COMMANDED_AXES),
         commanded_rotation=rotations(values, layout.orientation("cmd_"), angles.get("cmd_", "")),
-        sigma_position=values.column_set(SIGMAS),
+        sigma_position=sigma,
+        noise_covariance=covariance,
         sigma_rotation=values.column("sigma_r"),
         **texts,
         time=values.column("time_s"),
@@ -308,6 +316,22 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         counted=log.counted,
         ordered=ordered,
     )
+
+
+def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array | None]:
+    """Return standard deviations ``(3, N)`` and covariance ``(3, 3, N)`` of the noise of positions, None if unknown."""
+    sigma, correlations, by_sight = map(values.column_set, (SIGMAS, CORRELATIONS, BY_SIGHT))
+    if by_sight is not None and position is not None:
+        instrument = values.column_set(INSTRUMENT)
+        sight = position - (np.zeros((3, 1)) if instrument is None else instrument)
+        sight /= np.maximum(vector_lengths(sight), 1e-9)
+        in_range, across = np.square(by_sight)
+        covariance = across * np.eye(3)[..., None] + (in_range - across) * sight[:, None] * sight
+        return np.sqrt(np.einsum("iin->in", covariance)), covariance
+    if sigma is None or correlations is None:
+        return sigma, None
+    matrix = np.vstack((correlations, np.ones(values.lines.size)))[np.array([[3, 0, 1], [0, 3, 2], [1, 2, 3]])]
+    return sigma, matrix * sigma[:, None] * sigma
 
 
 # Dates and times of day as seconds.

@@ -22,8 +22,11 @@ from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
+    BY_SIGHT,
     COMMANDED_AXES,
+    CORRELATIONS,
     FIXED_KINDS,
+    INSTRUMENT,
     JOINT_COLUMN,
     NAME_UNITS,
     ORIENTATIONS,
@@ -301,9 +304,16 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )
     check_set(COMMANDED_AXES, "the commanded position", commanded)
-    check_set(SIGMAS, "the measuring uncertainty of a position")
-    for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
-        groups = [tuple(f"{prefix}{name}" for name in group) for group in ORIENTATIONS]
+    check_set(SIGMAS, "the measuring uncertainty of a position", layout.has(CORRELATIONS))
+    check_set(CORRELATIONS, "the correlations of that uncertainty")
+    check_set(BY_SIGHT, "the uncertainty along the line of sight and across it", "instrument_x" in columns)
+    check_set(INSTRUMENT, "the place of the instrument in the measuring frame")
+    commands_of = [tuple(f"cmd_{name}" for name in group) for group in ORIENTATIONS]
+    for set_name, groups in (
+        ("the attained orientation", ORIENTATIONS),
+        ("the commanded orientation", commands_of),
+        ("the measuring uncertainty of a position", (SIGMAS, BY_SIGHT)),
+    ):
         present = [keys for keys in groups if not columns.keys().isdisjoint(keys)]
         for keys in present:
             check_set(keys, set_name)

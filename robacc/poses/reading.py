@@ -413,6 +413,9 @@ ORIENTATIONS = (QUATERNION, ROTATION_VECTOR, RPY)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 SIGMAS = tuple(f"sigma_{axis}" for axis in AXES)
+CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
+BY_SIGHT = ("sigma_range", "sigma_across")
+INSTRUMENT = tuple(f"instrument_{axis}" for axis in AXES)
 TEXTS = ("pose", "cycle", "visit", "target", "payload_group")
 CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
@@ -425,7 +428,8 @@ FIXED_KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(COMMANDED_AXES, "length"),
     **dict.fromkeys(COMMANDED_QUATERNION, "ratio"),
     **dict.fromkeys((f"cmd_{name}" for name in (*ROTATION_VECTOR, *RPY)), "angle"),
-    **dict.fromkeys(SIGMAS, "length"),
+    **dict.fromkeys((*SIGMAS, *BY_SIGHT, *INSTRUMENT), "length"),
+    **dict.fromkeys(CORRELATIONS, "ratio"),
     "sigma_r": "angle",
     **dict.fromkeys(CIRCUMSTANCES, "number"),
 }

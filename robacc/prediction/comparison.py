@@ -18,6 +18,7 @@ from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
 from robacc.errors import Problem, refuse
 from robacc.fitting import registration
+from robacc.fitting.normal_equations import whitening
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -156,6 +157,7 @@ def reduce_residuals(
         InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
     weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
+    data = data if sources[0] == "file" else replace(data, noise_covariance=None)
     triangles = _triangles(robot, data, parameters, weights, aligned)
     n_fixed = triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
@@ -210,7 +212,8 @@ def _triangles(
         error = residuals(part, model.bind(part).poses(np.zeros(0)))
         columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
         for number, weight in enumerate(weights):
-            weighted = (columns[3 * number : 3 * number + 3] * weight[:, None, block]).transpose(0, 2, 1)
+            white = whitening(weight[:, block], noise=None if number else part.correlated_noise)
+            weighted = white.apply(columns[3 * number : 3 * number + 3].swapaxes(0, 1)).transpose(1, 2, 0)
             stacked = np.concatenate((*triangles[number], weighted.reshape(-1, columns.shape[1])))
             triangles[number] = [np.asarray(np.linalg.qr(stacked, mode="r"))]
     return [triangle for (triangle,) in triangles]

@@ -458,6 +458,8 @@ def blocks_with_frames(
         independent = outer_sums(factor * np.concatenate(scatter, axis=1))
         for rows, variance in zip((slice(0, 3), slice(3, 6)), _noise_variances(fit, part), strict=True):
             independent[rows, rows] += np.eye(3)[:, :, None] * variance
+        if part.correlated_noise is not None and fit.noise_is_separate:
+            independent[:3, :3] += part.correlated_noise
         yield block, bound.linearise(np.zeros(len(bound.names)))[1], correlated, independent
 
 
@@ -571,6 +573,7 @@ def coverage(
         data,
         sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+        noise_covariance=data.noise_covariance if position is None else None,
     )
     half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
     refuse(

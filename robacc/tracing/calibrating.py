@@ -321,7 +321,8 @@ def with_directional_weights(
 
     before = result.after.held_out_residual
     if before is not None and data.position_variance is None:
-        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
+        of_rows = np.repeat(noise.beyond_least[..., None], data.n, axis=2)
+        weighted = run(dataclasses.replace(data, noise_covariance=of_rows))
         after, rows = weighted.after.held_out_residual, places(data if holdout is None else holdout)
         if after is not None and not paired_gain(before, after, rows).high < 0.0:
             sizes = ", ".join(f"{1e3 * std:.3g}" for std in noise.std)

@@ -14,8 +14,6 @@ from robacc.accuracy.estimation import (
     estimate as estimate_errors,
     moved_warning,
     position_errors,
-    too_far,
-    too_far_turned,
     totals_of_parts,
 )
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
@@ -57,7 +55,7 @@ from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
 from robacc.errors import InputError, Note, applying, refuse
-from robacc.geometry import rms_length, vector_lengths
+from robacc.geometry import vector_lengths
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements, even_rows
@@ -238,14 +236,13 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     error = some.position - commanded
     moved = moved_warning(some, error)
     if robot is None or data.q is None:
-        return moved
+        return (*body.too_large, *moved)
     roundings = rounding_in_errors(fitted.robot if fitted else robot, some, error)
     try:
-        is_too_large = too_far(rms_length(error), some.position) or too_far_turned(body.errors)
-        mistakes = check_data(robot, some) if is_too_large and fitted else other_arm(robot, some, commanded)
+        mistakes = check_data(robot, some) if body.too_large and fitted else other_arm(robot, some, commanded)
     except InputError as mistake:
         mistakes = (str(mistake),)
-    return (*mistakes, *moved, *roundings)
+    return (*(mistakes or body.too_large), *moved, *roundings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -806,6 +806,35 @@ def test_documents_without_records_get_one_message(text: str, tmp_path: Path) ->
     assert len(caught.value.problems) == 1
 
 
+def test_arrays_that_numpy_saved_by_name_are_read(campaign: Campaign, tmp_path: Path) -> None:
+    arrays = {"joints": campaign.q, "position": campaign.position, "orientation": campaign.turn.as_quat()}
+    np.savez(tmp_path / "named.npz", seed=np.array(3), **arrays)
+    fields = np.rec.fromarrays([*campaign.q.T, *campaign.position.T], names="q1,q2,q3,q4,q5,q6,x,y,z")
+    np.save(tmp_path / "fields.npy", fields)
+    for name in ("named.npz", "fields.npy"):
+        data = robacc.read_poses(tmp_path / name, robot=ROBOT)
+        np.testing.assert_allclose(data.q.T, campaign.q)
+        np.testing.assert_allclose(data.position.T, campaign.position)
+    turn = robacc.read_poses(tmp_path / "named.npz", robot=ROBOT).rotation
+    np.testing.assert_allclose(np.moveaxis(turn, -1, 0), campaign.turn.as_matrix(), atol=1e-12)
+
+
+def test_arrays_that_make_no_table_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "unnamed.npy", np.zeros((9, 9)))
+    np.savez(tmp_path / "unequal.npz", joints=np.zeros((9, 6)), position=np.zeros((8, 3)))
+    np.save(tmp_path / "objects.npy", np.array([{}, {}]), allow_pickle=True)
+    saved(tmp_path / "broken.npz", "PK\x03\x04")
+    for name, said in (
+        ("unnamed.npy", r"save arrays by name with a row for each pose, as numpy.savez\(file, joints=…"),
+        ("unequal.npz", "has no list of records"),
+        ("objects.npy", r"cannot be read as arrays \(Object arrays cannot be loaded"),
+        ("broken.npz", "cannot be read as arrays"),
+    ):
+        with pytest.raises(InputError, match=said) as caught:
+            robacc.read_poses(tmp_path / name, robot=ROBOT)
+        assert len(caught.value.problems) == 1
+
+
 def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp_path: Path) -> None:
     for name in ("Foo {}", "ref_{}"):
         path = written({"both.csv": beside("{}", name)["both.csv"].of(campaign)}, tmp_path)[0]

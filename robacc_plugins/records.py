@@ -86,7 +86,7 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
 
 
 def _arrays(data: bytes) -> dict[str, Any]:
-    """Return the rows of each named array of a ``.npz`` file, or of the fields of a ``.npy`` file; numbers alone are out.
+    """Return the rows of each array of a ``.npz`` file, or of each field of a ``.npy`` file, by its name.
 
     Raises:
         ValueError: An array has Python objects.

@@ -200,8 +200,8 @@ _OTHER_FILES = {
 _LONGEST = 16
 """Bytes that tell one kind of file from another."""
 _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum"})
-"""Ends of the names of text files. No plug-in is asked about these, unless they begin as a document of records does: the
-search takes a tenth of a second."""
+"""Ends of the names of text files. No plug-in is asked about these, unless they begin as a document of records does:
+the search takes a tenth of a second."""
 
 
 class Reader(Protocol):

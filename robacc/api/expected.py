@@ -83,7 +83,7 @@ from robacc.programs.targets import SUFFIX, write_program
 from robacc.quantities import optional_size, size
 from robacc.render.views.expected import plan_comments
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Robot
+from robacc.robots.description import Fixture, Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -311,7 +311,7 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         yield from (f"# {line}\n" for line in plan_comments(self))
-        yield from pose_pieces(self.visits(), attained=False)
+        yield from pose_pieces(self.visits(), attained=self.candidates.in_sockets and self.candidates.socket is None)
 
     def validation_csv(self) -> str:
         """Return the file of the validation poses.
@@ -387,7 +387,13 @@ def plan(
     ] = "",
     candidates: Annotated[
         PosesSource | int | None,
-        Help("CSV of poses to choose from, or number of samples.", "FILE|N", read=count_or_path, holds="planned poses"),
+        Help(
+            "CSV of poses to choose from, or of places x, y, z of sockets in the base frame, or number of samples.",
+            "FILE|N",
+            "A file without joints has places: the poses then bring the target there.",
+            read=count_or_path,
+            holds="planned poses",
+        ),
     ] = None,
     task: Annotated[
         PosesSource | None, Help("CSV of poses where the accuracy matters.", "FILE", holds="planned poses")
@@ -504,10 +510,22 @@ def plan(
     read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:
-            read[kind] = inputs.poses(source, arm, ordered=False, kind=kind, attained=False, visited_by=known)
+            any_kind = kind == "candidates"
+            read[kind] = inputs.poses(
+                source, arm, ordered=False, kind=kind, attained=False, any_kind=any_kind, visited_by=known
+            )
             check_at_rest(arm, read[kind])
     if already is not None:
-        read["already"] = inputs.poses(already, arm, kind="already", attained=False)
+        read["already"] = inputs.poses(already, arm, kind="already", attained=False, any_kind=True)
+    chosen = [read[name] for name in ("candidates", "already") if name in read]
+    others = {str(kind) for data in chosen if data.kind is not None for kind in data.kind} - {"position", "point"}
+    in_sockets = {data.fixture is not None for data in chosen} | ({False} if chosen_from is None else set())
+    refuse(
+        (others, f"a plan has positions and points in sockets, but rows are of kind {', '.join(sorted(others))}"),
+        (len(in_sockets) > 1, "`candidates` and `already` are two files with a column socket each, or without"),
+    )
+    sockets = dict.fromkeys(str(name) for data in chosen if data.fixture is not None for name in data.fixture)
+    arm = replace(arm, fixtures={name: Fixture("point" if name else "position") for name in sockets})
     links = None
     if collisions:
         no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"

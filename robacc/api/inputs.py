@@ -211,15 +211,17 @@ class Inputs:
                 name = STDIN if data.source in (None, "<stdin>") else str(data.source)
             record = InputFile.at(name, digest or sha256(csv_file.format_poses(data).encode()).hexdigest(), kind)
         else:
-            path, reading = pose_path(source), dict[str, Any]()
+            path, reading, options = pose_path(source), dict[str, Any](), dict[str, Any]()
             commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
             try:
                 if commands is not None:
                     data, reading = _with_commands(path, commands, robot, ordered, **limits)
                 elif visited_by is not None:
-                    data = csv_file.read_poses(path, robot=visited_by, attained=False, **limits)
+                    # Candidates may be places without joints.
+                    options = {**limits, "commands": kind != "candidates", "planned_kinds": any_kind}
+                    data = csv_file.read_poses(path, robot=visited_by, attained=False, **options)
                 else:
-                    options: dict[str, Any] = {**limits, "attained": attained, "any_target": any_target}
+                    options = {**limits, "attained": attained, "any_target": any_target, "planned_kinds": any_kind}
                     data = read_rows(path, robot, ordered=ordered, **options)
             except InputError:
                 from robacc.programs.program import mistaken_for_poses

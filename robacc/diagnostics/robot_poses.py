@@ -28,6 +28,7 @@ def read_robot_poses(
     ignore_limits: bool = False,
     attained: bool = True,
     any_target: bool = False,
+    planned_kinds: bool = False,
 ) -> Measurements:
     """Return the validated poses of a CSV file that ``robot`` was commanded to.
 
@@ -38,6 +39,7 @@ def read_robot_poses(
         ignore_limits: As in :func:`robacc.poses.csv_file.read_poses`.
         attained: As in :func:`robacc.poses.csv_file.read_poses`.
         any_target: Several targets are valid although the robot has one tool.
+        planned_kinds: As in :func:`robacc.poses.csv_file.read_poses`.
 
     Raises:
         InputError: Everything that is wrong with the file; or the spread of its positions shows another unit than that
@@ -52,6 +54,7 @@ def read_robot_poses(
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,
+        planned_kinds=planned_kinds,
     )
     warnings = check_size(data, robot) if attained and data.kind is None else ()
     return dataclasses.replace(data, warnings=(*data.warnings, *warnings))

@@ -484,6 +484,9 @@ PLAN = part(
                     "source": Key(text, "Origin of the candidates."),
                     "drawn": Key(count, "Number of candidates before the filters.", "n_drawn"),
                     "feasible": Key(count, "Number of feasible candidates that were chosen from.", "n_poses"),
+                    "in_sockets": Key(
+                        flag, "Whether the target is in sockets, so that its place need not be measured."
+                    ),
                     "excluded": Key(
                         array(
                             part(
@@ -665,6 +668,11 @@ PLAN = part(
                 {
                     "planned": Key(_POINT | None, "The planned poses; null where they do not identify the model."),
                     "curve": Key(array(_POINT), "Over the number of poses."),
+                    "of_tracker": Key(
+                        _POINT | None,
+                        "As many poses anywhere, measured with the typical noise; null unless the candidates are in "
+                        "sockets.",
+                    ),
                     "knee": Key(
                         integer | None,
                         (

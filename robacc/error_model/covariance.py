@@ -718,7 +718,7 @@ def likelihood_derivatives(
 def unaccounted(noise: CovarianceParameters, linear: Linearised, white: Whitened) -> Array:
     """Return ``(N, M)`` what noise and scatter must account for: y less the posterior mean of all else."""
     weighted = white.weighted_residual(linear.y.shape[1])
-    left = np.einsum("nab,nb->na", linear.rows.between, weighted)
+    left: Array = np.einsum("nab,nb->na", linear.rows.between, weighted)
     left += noise.variance(linear.rows.stated, linear.y.shape[1]) * weighted
     if "scatter" in noise.terms:
         by_visit = np.einsum("jan,na->jn", linear.joints, weighted) @ linear.rows.same_visit
@@ -729,7 +729,7 @@ def unaccounted(noise: CovarianceParameters, linear: Linearised, white: Whitened
 def covariance_of_rows(noise: CovarianceParameters, linear: Linearised) -> Array:
     """Return ``(N, M, M)`` the covariance of each row by scatter of the joints and between components of the noise."""
     moved = linear.joints * np.exp(noise.terms.get("scatter", np.array([-np.inf])))[:, None, None]
-    return np.einsum("jan,jbn->nab", moved, moved) + linear.rows.between
+    return np.asarray(np.einsum("jan,jbn->nab", moved, moved) + linear.rows.between)
 
 
 def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:

@@ -45,6 +45,12 @@ class LackOfFit:
         return math.sqrt(self.axes) * self.noise.position
 
 
+NO_LENGTH = (
+    "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
+    "add rows of kind distance, such as between two sockets, or positions"
+)
+
+
 def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     """Compare the residual of the inliers with the measurement noise."""
     residual, axes = fit.residual[:3, fit.inliers], 3.0 if data.shown is None else float(data.shown.sum(axis=0).mean())
@@ -120,10 +126,7 @@ def fit_warnings(
             "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
         )
     if not data.has_length:
-        yield (
-            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
-            "add rows of kind distance, such as between two sockets, or positions"
-        )
+        yield NO_LENGTH
     free = {effect.name for effect in fit.model.free}
     if data.is_of_images and "link_geometry" in free and "instrument_scale" not in free:
         yield Note(

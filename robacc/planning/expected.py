@@ -281,7 +281,7 @@ def expected_accuracy(
         counts = np.arange(curve[0]["n_poses"], curve[-1]["n_poses"] - BATCH + 1)
         now, later = (np.interp(np.log(n), log_n, log_total) for n in (counts, counts + BATCH))
         knee = next(iter(counts[later - now > np.log(1.0 - ENOUGH_GAIN)].tolist()), None)
-    return {"planned": points[chosen.size], "curve": curve, "knee": knee}
+    return {"planned": points[chosen.size], "curve": curve, "of_tracker": None, "knee": knee}
 
 
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Mapping[str, Any]:

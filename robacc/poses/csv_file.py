@@ -140,6 +140,7 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
     }
     # Text goes last: an id that begins with # would make a comment of its row.
     texts = {name: column for name in TEXTS if (column := getattr(m, name)) is not None}
+    texts |= {} if m.kind is None or m.fixture is None else {"kind": m.kind, "socket": m.fixture}
     return {**numbers, **{name: [cell(str(text)) for text in column.tolist()] for name, column in texts.items()}}
 
 
@@ -169,6 +170,7 @@ def read_poses(
     units_check: bool = True,
     attained: bool = True,
     commands: bool = True,
+    planned_kinds: bool = False,
     known_poses: KnownPoses | None = None,
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
@@ -185,6 +187,7 @@ def read_poses(
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
         commands: Whether joints or commanded poses are required; without, they come from another file.
+        planned_kinds: Other kinds of measurement count in planned poses, too.
         known_poses: Poses that another file gives to the rows; like those of the robot, they show units and the
             convention of angles that names leave open.
 
@@ -195,9 +198,9 @@ def read_poses(
     with open_table(os.fspath(path), reading) as source:
         table: Table = source
         log, targets = table.log, robot.targets
-        kinds = KindTable.of(table, reading) if attained else None
-        if kinds is not None:
-            table, attained = kinds, False
+        of_kinds = KindTable.of(table, reading) if attained or planned_kinds else None
+        if of_kinds is not None:
+            table, attained = of_kinds, False
         elif reading.columns is None:
             table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
@@ -214,7 +217,7 @@ def read_poses(
         check_sizes(values)
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
-            values = with_units(values, robot, known_poses, is_touched=kinds is not None)
+            values = with_units(values, robot, known_poses, is_touched=of_kinds is not None)
             wrong_joints, _ = check_units(
                 values.rows(np.flatnonzero(np.isfinite(values.numbers).all(axis=0))) if log.total else values,
                 robot.limits,
@@ -225,9 +228,9 @@ def read_poses(
         log.raise_if_any()
         data = _measurements(values, ordered, angles)
         data = with_repetitions(data, log) if attained else data
-        copies = None if kinds is not None else duplicate_rows(values)
+        copies = None if of_kinds is not None else duplicate_rows(values)
         data = replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
-        return data if kinds is None else kinds.measured(data)
+        return data if of_kinds is None else of_kinds.measured(data)
 
 
 def _read_values(table: Table, layout: Layout) -> Values:

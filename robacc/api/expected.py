@@ -63,7 +63,7 @@ from robacc.planning.candidates import (
     parse_box,
     parse_half_space,
 )
-from robacc.plug_ins import plug_in
+from robacc.plug_ins import plug_in, plug_ins
 from robacc.poses.csv_file import format_poses, pose_pieces
 from robacc.prediction.comparison import Noise, compare_with_measured
 from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
@@ -79,7 +79,6 @@ from robacc.prediction.predicting import (
     uncertain_parameters,
     warranty_map,
 )
-from robacc.programs.targets import SUFFIX, write_program
 from robacc.quantities import optional_size, size
 from robacc.render.views.expected import plan_comments
 from robacc.robots.arm import build_chain
@@ -336,13 +335,9 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
             UsageError: The suffix is of no language, or the robot has too many joints for it.
         """
         file = PurePath(path)
-        dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
-        refuse(
-            (
-                file.suffix.lower() not in dialects,
-                f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}",
-            )
-        )
+        writers = {each.NEW_SUFFIX: each.write for each in plug_ins("robacc.programs") if hasattr(each, "write")}
+        ends = f"`program`: expected a file name that ends in {', '.join(writers)}, found {path!r}"
+        write = given(writers.get(file.suffix.lower()), ends)
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
         targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
         groups = {os.fspath(path): targets}
@@ -353,10 +348,7 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
                 ]
                 for payload in (block["payload_kg"] for block in self.payload_blocks)
             }
-        return {
-            name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
-            for name, group in groups.items()
-        }
+        return {name: write(group, name=PurePath(name).stem, linear=linear) for name, group in groups.items()}
 
 
 @call

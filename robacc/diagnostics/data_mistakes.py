@@ -375,6 +375,11 @@ READINGS = (
         lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), 1, axis=0)),
     ),
     _of_orientations(
+        "the quaternions seem to be in the order w, x, y, z, read as x, y, z, w",
+        "correct the names of the columns: qw is the scalar part",
+        lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), -1, axis=0)),
+    ),
+    _of_orientations(
         "the orientations seem to be inverted: of the measuring frame in the target's",
         "invert each orientation (for quaternions, reverse the signs of qx, qy, qz)",
         transpose,

@@ -304,19 +304,17 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )
     check_set(COMMANDED_AXES, "the commanded position", commanded)
-    check_set(SIGMAS, "the measuring uncertainty of a position", layout.has(CORRELATIONS))
-    check_set(CORRELATIONS, "the correlations of that uncertainty")
-    check_set(BY_SIGHT, "the uncertainty along the line of sight and across it", "instrument_x" in columns)
+    check_set(CORRELATIONS, "the correlations of the measuring uncertainty")
     check_set(INSTRUMENT, "the place of the instrument in the measuring frame")
-    commands_of = [tuple(f"cmd_{name}" for name in group) for group in ORIENTATIONS]
+    beside = {SIGMAS: CORRELATIONS, BY_SIGHT: INSTRUMENT}
     for set_name, groups in (
         ("the attained orientation", ORIENTATIONS),
-        ("the commanded orientation", commands_of),
-        ("the measuring uncertainty of a position", (SIGMAS, BY_SIGHT)),
+        ("the commanded orientation", [tuple(f"cmd_{name}" for name in group) for group in ORIENTATIONS]),
+        ("the measuring uncertainty of a position", [*beside]),
     ):
-        present = [keys for keys in groups if not columns.keys().isdisjoint(keys)]
+        present = [keys for keys in groups if not columns.keys().isdisjoint((*keys, *beside.get(keys, ())))]
         for keys in present:
-            check_set(keys, set_name)
+            check_set(keys, set_name, True)
         if len(present) > 1:
             sets_text = " and ".join(", ".join(keys) for keys in present)
             log.add(f"{set_name} is given more than once: {sets_text}", line, fix="keep one of them")

@@ -10,22 +10,10 @@ from collections.abc import Sequence
 from functools import partial
 
 from robacc.errors import refuse
-from robacc.programs.program import (
-    AXIS_UNITS,
-    FIXED_XYZ,
-    MM,
-    NUMBER,
-    POSE_UNITS,
-    Draft,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
-    numbers,
-)
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
 from robacc.programs.targets import FANUC_DECIMALS, N_AXES
 from robacc.robots.description import Frame
-from robacc_plugins.new_programs import LAYOUT, write_program
+from robacc_plugins.dialects import AXIS_UNITS, FIXED_XYZ, LAYOUT, MM, NUMBER, POSE_UNITS, Draft, numbers, write_program
 
 SIGN = re.compile(r"^/PROG\b", re.M)
 _SECTION = re.compile(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", re.M)
@@ -142,4 +130,4 @@ write = partial(
         "bare_point": True,
     },
 )
-"""Return the text of a new program; see :func:`robacc_plugins.new_programs.write_program`."""
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

@@ -15,10 +15,14 @@ from functools import partial
 from pathlib import Path, PurePath
 
 from robacc.errors import refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
+    LAYOUT,
     NUMBER,
     POSE_UNITS,
     RUN_TIME,
@@ -27,10 +31,6 @@ from robacc.programs.program import (
     EventKind,
     FrameEvent,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
@@ -38,10 +38,8 @@ from robacc.programs.program import (
     stripped,
     timeline,
     unclosed,
+    write_program,
 )
-from robacc.programs.targets import N_AXES
-from robacc.robots.description import Frame
-from robacc_plugins.new_programs import LAYOUT, write_program
 
 _ANY = re.IGNORECASE
 _HIDDEN = re.compile(r'"[^"\r\n]*"|;[^\r\n]*')
@@ -364,4 +362,4 @@ write = partial(
         "number": "A{key} {value}",
     },
 )
-"""Return the text of a new program; see :func:`robacc_plugins.new_programs.write_program`."""
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

@@ -12,27 +12,25 @@ from collections.abc import Sequence
 from functools import partial
 
 from robacc.errors import InputError, refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
+    LAYOUT,
     MM,
     QUATERNION,
     RUN_TIME,
     Draft,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
     numbers,
+    write_program,
 )
-from robacc.programs.targets import N_AXES
-from robacc.robots.description import Frame
-from robacc_plugins.new_programs import LAYOUT, write_program
 
 _ANY = re.IGNORECASE
 SIGN = re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)
@@ -202,4 +200,4 @@ write = partial(
         "wait": "    WaitTime \\InPos,2;",
     },
 )
-"""Return the text of a new program; see :func:`robacc_plugins.new_programs.write_program`."""
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

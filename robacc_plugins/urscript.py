@@ -10,17 +10,17 @@ from collections.abc import Sequence
 from functools import partial
 
 from robacc.errors import refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
+    LAYOUT,
     ROTATION_VECTOR,
     RUN_TIME,
     Draft,
     EventKind,
     FrameEvent,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
@@ -28,10 +28,8 @@ from robacc.programs.program import (
     stripped,
     timeline,
     unclosed,
+    write_program,
 )
-from robacc.programs.targets import N_AXES
-from robacc.robots.description import Frame
-from robacc_plugins.new_programs import LAYOUT, write_program
 
 SIGN = re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:|\b(?:movej|movel|movep|movec)\s*\(", re.M)
 _HIDDEN = re.compile(r"\"[^\"\r\n]*\"|'[^'\r\n]*'|#[^\r\n]*")
@@ -166,4 +164,4 @@ write = partial(
         "line_end": "\n",
     },
 )
-"""Return the text of a new program; see :func:`robacc_plugins.new_programs.write_program`."""
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

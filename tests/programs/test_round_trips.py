@@ -9,10 +9,11 @@ from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.programs.program import NUMBER, Program, ProgramFrame, ProgramSource, read_program
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, read_program
 from robacc.programs.targets import flange_targets, joint_targets, values_at, with_targets
 from robacc.robots.description import Frame
 from robacc_plugins import fanuc, krl, rapid, urscript
+from robacc_plugins.dialects import NUMBER
 
 WRITERS = {"krl": krl, "rapid": rapid, "fanuc": fanuc, "urscript": urscript}
 FOLDER = Path(__file__).parent / "samples"

@@ -526,6 +526,7 @@ def plan_campaign(
                 fit,
                 constraints=constraints,
                 region=region,
+                repeatability=repeatability,
                 unexplained=unexplained,
                 n_candidates=n_candidates,
                 payloads=payloads,

@@ -421,7 +421,10 @@ def _in_sockets(
     Raises:
         UsageError: There are no places, or no joints bring the target to one.
     """
-    refuse((not data.position.any(), "the candidates have neither joint columns nor places x, y, z of sockets"))
+    refuse(
+        (not data.position.any(), "the candidates have neither joint columns nor places x, y, z of sockets"),
+        (model.arm.robot.targets, "only a tool has places in sockets: give a robot without targets"),
+    )
     starts = next(_drawn(model.arm.robot, constraints.margin, count, 0, seed, 1))
     places = model.arm.robot.base.pose @ Poses(Poses.identity(data.n).rotation, data.position)
     solution = inverse_kinematics(model.arm, places, starts=starts, oriented=False)

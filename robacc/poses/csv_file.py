@@ -140,7 +140,8 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
     }
     # Text goes last: an id that begins with # would make a comment of its row.
     texts = {name: column for name in TEXTS if (column := getattr(m, name)) is not None}
-    texts |= {} if m.kind is None or m.fixture is None else {"kind": m.kind, "socket": m.fixture}
+    if m.kind is not None and m.fixture is not None and np.isin(m.kind, ("position", "point")).all():
+        texts |= {"kind": m.kind, "socket": m.fixture}
     return {**numbers, **{name: [cell(str(text)) for text in column.tolist()] for name, column in texts.items()}}
 
 

@@ -481,7 +481,10 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> It
             invalid = (deviation > 1e-3) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
             if np.any(invalid):
                 yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
-        elif name == "noise_covariance" and np.linalg.eigvalsh(np.moveaxis(array, -1, 0)).min() <= 0:
+        elif name == "noise_covariance" and not (
+            np.allclose(array, array.swapaxes(0, 1), atol=1e-9 * float(np.abs(array).max()))
+            and np.linalg.eigvalsh(array.T).min() > 0
+        ):
             yield name, "expected symmetric, positive definite matrices", None
         elif name.startswith("sigma") and np.any(array <= 0):
             yield name, "expected standard deviations above 0", None

@@ -119,6 +119,15 @@ def test_statements_that_make_no_covariance_are_refused(names: str, values: str,
     assert message in problems[0]
 
 
+def test_arrays_that_are_no_covariances_are_refused() -> None:
+    data = measured(1, 12)
+    lopsided, negative = data.noise_covariance.copy(), -data.noise_covariance
+    lopsided[0, 1] += 1e-9
+    for wrong in (lopsided, negative):
+        problems = problems_of(robacc.estimate, dataclasses.replace(data, noise_covariance=wrong), robot=robot())
+        assert "noise_covariance: expected symmetric, positive definite matrices" in problems[0]
+
+
 def test_the_likelihood_has_the_covariance_of_each_row_and_its_derivatives() -> None:
     data = measured(2, 20)
     data = dataclasses.replace(data, sigma_position=np.sqrt(np.einsum("iin->in", data.noise_covariance)))

@@ -49,6 +49,8 @@ def test_places_that_cannot_be_reached_are_named(tmp_path: Path) -> None:
     far[2] = [4.0, 0.0, 0.0]
     with pytest.raises(UsageError, match="no joints within the limits bring the target to socket c"):
         robacc.plan(robot(), candidates=places(tmp_path, far), poses=12)
+    with pytest.raises(UsageError, match="only a tool has places in sockets: give a robot without targets"):
+        robacc.plan(robot({"a": np.zeros(3)}), candidates=places(tmp_path), poses=12)
     nothing = saved(tmp_path / "nothing.csv", "pose,note\na,1\nb,2\n")
     with pytest.raises(UsageError, match="neither joint columns nor places x, y, z of sockets"):
         robacc.plan(robot(), candidates=nothing)

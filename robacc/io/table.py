@@ -443,10 +443,12 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
     signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
     word = next((word for sign, word in signs.items() if line.strip().count(sign) >= len(names)), "")
     separated, fix = f"the columns are separated by {word}", "export the file with commas, and with a point in decimals"
-    rows = Problem("found numbers, expected a header row", file, number, fix="begin the file with the columns' names")
     refuse(
         (word, Problem(f"{separated}, expected commas", file, number, fix=fix)),
-        (all(number_of(name, decimal_comma=False) is not None for name in names), rows),
+        (
+            all(number_of(name, decimal_comma=False) is not None for name in names),
+            Problem("found numbers, expected a header row", file, number, fix="begin the file with the columns' names"),
+        ),
     )
     return names
 

@@ -84,9 +84,10 @@ def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
 def lengths_too_large(position: Array) -> bool:
     """Return whether most of ``position`` ``(3, N)`` has a larger range or distance than a robot's poses in m."""
     # A few wild readings are outliers, not another unit: most of the poses decide.
-    if max(np.ptp(axis) for axis in position) <= _RANGE and np.max(np.abs(position)) <= _DISTANCE:
-        return False
-    return bool(np.max(central_range(position)) > _RANGE or np.max(np.abs(np.median(position, axis=1))) > _DISTANCE)
+    is_any = max(np.ptp(axis) for axis in position) > _RANGE or np.max(np.abs(position)) > _DISTANCE
+    return bool(
+        is_any and (np.max(central_range(position)) > _RANGE or np.max(np.abs(np.median(position, axis=1))) > _DISTANCE)
+    )
 
 
 def central_range(values: Array) -> Array:
@@ -485,9 +486,8 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
 
     Joints that were logged as read differ a little from visit to visit of one commanded pose.
     """
-    if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
-        return data
-    if np.unique(data.groups()).size < data.n:
+    is_open = data.pose is None and data.q is not None and 2 <= data.n <= MOST_POSES
+    if not is_open or data.q is None or np.unique(data.groups()).size < data.n:
         return data
     place = close_groups(data.q, _ONE_COMMAND, 2.0 * _ONE_COMMAND)
     count = np.bincount(place)
@@ -656,9 +656,8 @@ def _are_copies(position: Array, equal: int) -> bool:
     steps = position / 1e-5
     if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
         return False
-    distinct = np.unique(position, axis=1)
     # m; size of the cells in which positions that nearly agree are counted.
-    cells = np.unique(np.floor(distinct / 5e-6), axis=1, return_counts=True)[1]
+    cells = np.unique(np.floor(np.unique(position, axis=1) / 5e-6), axis=1, return_counts=True)[1]
     # Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
     # gives, at a resolution of 1 um.
     return float(np.sum(cells * (cells - 1)) / 2) < 25.0 * equal

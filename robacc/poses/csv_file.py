@@ -245,7 +245,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         for key, column in zip(texts, body.texts, strict=True)
     }
     if times:
-        stamps = {columns[key]: by_key.pop(key) for key in times}
+        stamps = {columns[key]: np.char.lstrip(by_key.pop(key), "'") for key in times}  # as Excel marks a text
         numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
@@ -262,8 +262,7 @@ def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
         return values
     text = f"{column.name} is used as the names of the poses, because it differs in every row"
     values.log.warn(Note(text), of_file=True)
-    texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
-    return values._replace(texts=texts)
+    return values._replace(texts={"pose" if key == "target" else key: column for key, column in values.texts.items()})
 
 
 def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> Measurements:

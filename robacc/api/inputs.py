@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -35,7 +36,7 @@ from robacc.api.parameters import (
     Units,
     call,
 )
-from robacc.diagnostics.robot_poses import check_size, read_robot_poses, read_rows
+from robacc.diagnostics.robot_poses import check_size, nominal_poses, read_robot_poses, read_rows
 from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
@@ -61,7 +62,6 @@ from robacc.poses.reading import (
     reading_of,
 )
 from robacc.poses.reshaped_tables import unit_of_positions
-from robacc.robots.arm import build_chain
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
@@ -549,8 +549,8 @@ def _with_commands(
 ) -> tuple[Measurements, dict[str, Any]]:
     """Return measured poses with the commands of another file, and the record of that file as statements.
 
-    Rows are joined by the names of their poses; without names in one of the files, by their order. Joints of an open
-    unit are read in that under which the measured positions follow the arm.
+    Rows are joined by the names of their poses; without names in one of the files, by their order. Open units and
+    angles of the commands are those under which the measured positions follow them, if no others do.
 
     Raises:
         InputError: A file is wrong, has no commands, or does not fit the other.
@@ -558,19 +558,29 @@ def _with_commands(
     reading = reading_of(path)
     try:
         return _read_with_commands(path, commands, robot, reading, ordered, ignore_limits)
-    except InputError:
-        readings = []
-        for unit in ("rad", "deg") if robot is not None and reading.units is None else ():
+    except InputError as error:
+        readings = {}
+        trials = itertools.product(
+            (robot,) if robot is None else (robot, None),
+            ("m,rad", "m,deg", "mm,rad", "mm,deg") if reading.units is None else (reading.units,),
+            (None, "rotvec", "fixed-xyz", "moving-xyz", "wxyz", "xyzw")
+            if reading.angles is None
+            else (reading.angles,),
+        )
+        for arm, units, angles in trials if any(problem.file == commands for problem in error.problems) else ():
             with suppress(InputError):
                 data, record = _read_with_commands(
-                    path, commands, robot, replace(reading, units=unit), ordered, ignore_limits
+                    path, commands, arm, replace(reading, units=units, angles=angles), ordered, ignore_limits
                 )
-                if unit_of_positions(data.position, *_commanded_poses(data, robot)) == "m":
-                    text = f"{commands}: joints taken as {unit}: no other unit agrees with the motion of the arm"
-                    readings.append((replace(data, warnings=(*data.warnings, Note(text))), record))
+                poses = nominal_poses(data, arm)
+                if unit_of_positions(data.position, *poses) == "m":
+                    taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
+                    readings[str(poses)] = data, record, taken
         if len(readings) != 1:
             raise
-        return readings[0]
+        ((data, record, taken),) = readings.values()
+        note = Note(f"{commands}: {taken}: no other reading agrees with the measured positions")
+        return replace(data, warnings=(*data.warnings, note)), record
 
 
 def _read_with_commands(
@@ -590,12 +600,15 @@ def _read_with_commands(
     def known_poses(rows: Measurements) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(rows, planned, commands, path)
         position, rotation = (
-            None if part is None else np.where(found, part, np.nan) for part in _commanded_poses(given, robot)
+            None if part is None else np.where(found, part, np.nan) for part in nominal_poses(given, robot)
         )
         return position, rotation
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
     measured = csv_file.read_poses(path, robot=known, commands=False, known_poses=known_poses)
+    if reading.units and lengths_too_large(measured.position):  # the stated unit is that of the commands
+        of_commands = PoseFile.of(path, replace(reading_of(path), units=None))
+        measured = csv_file.read_poses(of_commands, robot=known, commands=False, known_poses=known_poses)
     own, fix = "the measured poses have commands of their own", "leave out `commanded`, or those columns"
     has_own = measured.q is not None or (measured.commands is not None and planned.q is None)
     refuse((has_own, Problem(own, measured.source, fix=fix)))
@@ -614,7 +627,8 @@ def _read_with_commands(
     texts = (type(remark)(f"{measured.source}: {remark}") for remark in remarks)
     warnings = (*data.warnings, *size_warnings, *planned.warnings, *texts)
     record = InputFile.at(commands, planned.sha256 or "", "commanded")
-    data = seen_from_board(replace(data, warnings=warnings), reading.camera)
+    data = replace(data, warnings=warnings)
+    data = seen_from_board(data, reading.camera, partial(nominal_poses, robot=robot))
     return data, {"commanded": record.name, "commanded_sha256": record.sha256}
 
 
@@ -672,14 +686,6 @@ def _program(path: str) -> Measurements:
     warning = f"{path}: commanded poses are in the program's base frame{' ' + ', '.join(based) if based else ''}"
     rotation = rotation_from_quaternion(values[3:])
     return replace(data, commanded_position=values[:3], commanded_rotation=rotation, warnings=(warning,))
-
-
-def _commanded_poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
-    """Return the commanded positions and orientations; None where the commands have none."""
-    if planned.q is None or robot is None:
-        return planned.commanded_position, planned.commanded_rotation
-    poses = build_chain(replace(robot, effects=())).forward(planned.q)
-    return poses.translation, poses.rotation
 
 
 _GROUP = r".*(?:::|/|\\)_?"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import dataclasses
 import os
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +12,7 @@ import numpy as np
 from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, Problem
 from robacc.fitting.levels import SAMPLE
+from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.cameras import seen_from_board
 from robacc.poses.checks import TURN, central_range, check_scale, thousandfold
@@ -53,8 +55,8 @@ def read_robot_poses(
         ignore_limits=ignore_limits,
         attained=attained,
     )
-    warnings = check_size(data, robot) if attained and data.kind is None else ()
-    return dataclasses.replace(data, warnings=(*data.warnings, *warnings))
+    doubts = check_size(data, robot) if attained and data.kind is None else ()
+    return dataclasses.replace(data, warnings=(*data.warnings, *doubts))
 
 
 def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
@@ -70,7 +72,19 @@ def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **option
         if robot is None
         else read_robot_poses(path, robot, ordered=ordered, **options)
     )
-    return seen_from_board(data, reading_of(path).camera) if options.get("attained", True) else data
+    return (
+        seen_from_board(data, reading_of(path).camera, partial(nominal_poses, robot=robot))
+        if options.get("attained", True)
+        else data
+    )
+
+
+def nominal_poses(data: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
+    """Return the commanded positions and orientations; None where the commands have none."""
+    if data.q is None or robot is None:
+        return data.commanded_position, data.commanded_rotation
+    poses = build_chain(dataclasses.replace(robot, effects=())).forward(data.q)
+    return poses.translation, poses.rotation
 
 
 def joints_of(robot: Robot) -> KnownRobot:

@@ -97,8 +97,12 @@ class ColumnTable(Table):
                     raise TypeError
                 values[i] = float(column[i])
             except (TypeError, ValueError, OverflowError):
-                fix = "convert the column to numbers" if isinstance(column[i], str) else None
-                self.log.add(f"found {clip(str(column[i]))}, expected a number", int(rows[i]), name, fix)
+                self.log.add(
+                    f"found {clip(str(column[i]))}, expected a number",
+                    int(rows[i]),
+                    name,
+                    "convert the column to numbers" if isinstance(column[i], str) else None,
+                )
         infinite = np.isinf(values) if is_object else ~np.isfinite(values) & ~missing
         if self.skip_gaps:
             self.log.gaps.update(rows[missing | infinite].tolist())
@@ -116,8 +120,7 @@ class ColumnTable(Table):
             texts = ["" if _is_missing(value) else _text(value) for value in column.tolist()]
         if is_sparse or not self.skip_gaps:
             rows = zip(self.places.tolist(), texts, strict=True)
-            filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in rows]
-            return np.array(filled, dtype=str)
+            return np.array([self.text(text, i, name) if text or not is_sparse else "" for i, text in rows], dtype=str)
         self.log.gaps.update(i for i, text in zip(self.places.tolist(), texts, strict=True) if not text)
         return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
 
@@ -198,8 +201,8 @@ _OTHER_FILES = {
     b"<?xml": ("an XML document", _EXPORT),
 }
 """What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
-_LONGEST = 16
-"""Bytes that tell one kind of file from another."""
+_LONGEST = 4096
+"""Bytes that tell one kind of file from another; cells that are lists may stand in the first row of a CSV only."""
 _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
 """Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
 
@@ -237,8 +240,13 @@ def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO
 
 
 def are_records(file: str, text: bytes) -> bool:
-    """Return whether a file is a JSON, JSON Lines or YAML document, by its name or the first bytes of its text."""
-    return bool(re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text)) or file.lower().endswith((".yaml", ".yml"))
+    """Return whether a file is a JSON, JSON Lines or YAML document, by its name or the first bytes of its text.
+
+    A CSV whose cells are lists, as pandas writes them, is a document of records too: ``"[0.1, 0.2, 0.3]"``.
+    """
+    return file.lower().endswith((".yaml", ".yml")) or bool(
+        re.match(rb"(?s)\{|\[\s*[\[{]|(---\s+)?header:|.*[\n,;\t]\"\[[\s\[]*[-+.\d]", text)
+    )
 
 
 def is_of_files(path: str) -> bool:
@@ -301,7 +309,7 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
     if kind or not is_text or first.startswith(b"PAR1") or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
-        if (table := _by_plug_in(path, first, options, stream)) is not None:
+        if (table := _by_plug_in(path, first[:16], options, stream)) is not None:
             return table
     again = "export it again, or rename it to .csv if it is text"
     refuse(

@@ -189,22 +189,16 @@ class _Fit:
         return np.stack(gains, axis=-2)
 
 
-class Control(NamedTuple):
-    """Control chart of a series."""
+def control_chart(own: ArmSeries, centre: Array, half: Array) -> Entry:
+    """Return the control chart of a series by the keys of the result.
 
-    series: ArmSeries
-    centre: Array
-    """``(n,)`` values expected with the changes found."""
-    half: Array
-    """``(n,)`` distance from it beyond which a test alone is an alarm."""
-
-    def entry(self) -> Entry:
-        """Return the chart by the keys of the result."""
-        own = self.series
-        columns = (own.values, own.stds, self.centre, self.centre - self.half, self.centre + self.half)
-        rows = zip(map(date_text, own.times.tolist()), *(column.tolist() for column in columns), strict=True)
-        names = ("at", "value", "std", "expected", "low", "high")
-        return {"key": own.key, "unit": own.unit, "values": [dict(zip(names, row, strict=True)) for row in rows]}
+    ``centre`` ``(n,)`` are the values expected with the changes found, ``half`` ``(n,)`` the distance from it beyond
+    which a test alone is an alarm.
+    """
+    columns = (own.values, own.stds, centre, centre - half, centre + half)
+    rows = zip(map(date_text, own.times.tolist()), *(column.tolist() for column in columns), strict=True)
+    names = ("at", "value", "std", "expected", "low", "high")
+    return {"key": own.key, "unit": own.unit, "values": [dict(zip(names, row, strict=True)) for row in rows]}
 
 
 def level_of(times: Array) -> float:
@@ -213,7 +207,7 @@ def level_of(times: Array) -> float:
     return min(_MOST_LEVEL, float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry], list[Control]]:
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry], list[Entry]]:
     """Return the changes of an arm's series whose probability without a change is below ``level``, limits and charts.
 
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
@@ -229,7 +223,7 @@ def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry]
     }
     changes = (change for one in series for change in found[one.key][0])
     limits: list[Entry] = [{"key": one.key, "limit": found[one.key][1], "unit": one.unit} for one in series]
-    controls = [Control(one, *found[one.key][2:]) for one in series]
+    controls = [control_chart(one, *found[one.key][2:]) for one in series]
     return sorted(changes, key=lambda change: float(change["p_value"])), limits, controls
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from robacc.accuracy.estimation import (
     EstimateResult,
@@ -74,10 +74,9 @@ _MOST_ROWS = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Estimate(Result, EstimateResult):
+class Estimate(Result, EstimateResult, command="estimate"):
     """Errors of the measured poses, their statistics and the grade, with the inputs."""
 
-    command: ClassVar[str] = "estimate"
     robot: Robot | None
     """Robot as its file describes it, before any alignment."""
     data: Measurements

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -251,9 +251,11 @@ def predict(
     if isinstance(poses, np.ndarray):
         poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
     arm = inputs.robot(robot, poses if against is None else against)
-    toleranced, meaning = arm, NORMAL
-    if tolerances is not None:
-        toleranced, meaning = inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
+    toleranced, meaning = (
+        (arm, NORMAL)
+        if tolerances is None
+        else inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
+    )
     grades = inputs.scale() or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
@@ -301,7 +303,6 @@ def predict(
 
 
 _MOST_PAYLOADS = 5
-_STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -600,7 +601,7 @@ def _demands(
         inputs.records += records
         for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
-            if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
+            if quantity == "position" and statistic in get_args(Statistic) and criterion.limit is not None:
                 limit = criterion.limit, criterion.confidence, criterion.share
                 demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))
         refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))

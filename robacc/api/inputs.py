@@ -85,6 +85,7 @@ class Inputs:
     def __init__(self, arguments: Mapping[str, Any], *first: str) -> None:
         """Take the arguments by name, in their order, and the kinds of files that are recorded first."""
         self.arguments, self.first = dict(arguments), first
+        self.links = self.arguments.get("base_link"), self.arguments.get("tip_link")
         self.records: list[InputFile] = []
         self.outside: OutsideValidity | None = None
         """Poses outside the validity ranges of the model; None without a model."""
@@ -117,7 +118,7 @@ class Inputs:
             InputError: The file cannot be read or is wrong.
             UsageError: A link does not exist, or is given with a robot that was read before.
         """
-        base_link, tip_link = self._links if kind == "robot" else (None, None)
+        base_link, tip_link = self.links if kind == "robot" else (None, None)
         if isinstance(source, Robot):
             refuse(
                 (
@@ -132,10 +133,6 @@ class Inputs:
         self.records.append(InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity))
         return robot
 
-    @property
-    def _links(self) -> tuple[str | None, str | None]:
-        return self.arguments.get("base_link"), self.arguments.get("tip_link")
-
     def optional_robot(self, poses: PosesSource | None = None) -> Robot | None:
         """Return :meth:`robot` of the argument; None without one.
 
@@ -146,7 +143,7 @@ class Inputs:
         source = self.arguments["robot"]
         refuse(
             (
-                source is None and any(self._links),
+                source is None and any(self.links),
                 "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`",
             )
         )
@@ -228,8 +225,7 @@ class Inputs:
                     raise InputError(problem) from None
                 raise
             record = InputFile.at(path, data.sha256 or "", kind)
-            if reading:
-                record = record._replace(reading={**(record.reading or {}), **reading})
+            record = record._replace(reading={**(record.reading or {}), **reading} or None)
         if data.seen is not None and any_kind:
             note = Note(
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"

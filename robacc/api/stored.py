@@ -53,7 +53,7 @@ from robacc.documents.envelope import (
     understood,
 )
 from robacc.documents.history import TEST, date_text
-from robacc.errors import InputError, Problem, UsageError, given, refuse
+from robacc.errors import InputError, Problem, UsageError, applying, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import (
     COLUMNS,
@@ -599,7 +599,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
                 * any(test["temperature_c"] is None for test in used),
             ]
             moved = {change["key"] for change in changed[name]}
-            charts = [control.entry() for control in controls if control.series.key in moved or len(groups) == 1]
+            charts = [control for control in controls if control["key"] in moved or len(groups) == 1]
             entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits, "series": charts}
             arms.append({**entry, "notes": [*filter(None, notes)]})
     return HistoryChanges(arms=arms, changes=changed, made=Inputs({"arm": arm}).made())
@@ -678,9 +678,13 @@ def health(
     )
     factor = Spread.of(series).factor
     changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
-    warnings = [*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))]
-    if too_far(rms, build_chain(model).forward(q).translation):
-        warnings.append(f"{TOO_LARGE}; the changes named say nothing of the arm until the cause is found")
+    doubts = applying(
+        (not digests & {*model.fitted_to}, doubt),
+        (
+            too_far(rms, build_chain(model).forward(q).translation),
+            f"{TOO_LARGE}; the changes named say nothing of the arm until the cause is found",
+        ),
+    )
     return Health(
         arm=own_name,
         n_poses=different(data.groups()),
@@ -689,7 +693,7 @@ def health(
         detection_limits=limits,
         hidden=hidden,
         rms=rms,
-        warnings=(*warnings,),
+        warnings=(*data.warnings, *inputs.warnings, *doubts),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
 
@@ -734,10 +738,6 @@ class _Member(NamedTuple):
     model: str
     """Name of the robot file."""
     is_shrunk: bool
-
-
-_WORTH = 64
-"""Results whose reading takes as long as a process takes to start."""
 
 
 def _member(source: StrPath | StoredResult) -> _Member:
@@ -800,7 +800,8 @@ def fleet(
         with opened(os.fspath(db)) as base:
             latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             sources = [StoredResult(document_of(base, test), test["command"], "", arm) for arm, test in latest.items()]
-    workers = Workers(jobs or max(1, min(cores(), len(sources) // _WORTH)), cluster)
+    # Reading 64 results takes as long as a process takes to start.
+    workers = Workers(jobs or max(1, min(cores(), len(sources) // 64)), cluster)
     shown = partial(progress or (lambda label, done, total: None), "reading results")
     members = [*workers.in_order(_member, sources, shown)]
     inputs.records += [member.record for member in members if db is None]

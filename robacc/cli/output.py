@@ -139,6 +139,22 @@ def with_gate(result: Result, gate: str | None) -> tuple[Document, Mapping[str, 
     return document, outcome, tuple(dict.fromkeys((*result.warnings, *(outcome or {"warnings": ()})["warnings"])))
 
 
+def write_extra(
+    command: str, result: Any, extra: str | None, full: bool, poses: str, robot: str | None
+) -> tuple[View, int]:
+    """Write the errors of each pose of an estimate, or the model of a fit; return the view and the exit status.
+
+    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
+    status 5 too; its model says so.
+    """
+    if command == "estimate":
+        write(extra, result.per_pose_pieces)
+        return partial(result.view, full, poses, robot), 0
+    if extra is not None and result.converged:
+        result.write_model(extra)
+    return partial(result.view, full, extra), 5 * bool(result.suspicions or not result.converged)
+
+
 def write_junit(path: str | None, command: str, outcomes: Sequence[FileOutcome]) -> None:
     """Write the outcomes of a gate as JUnit XML."""
     from robacc.render.views.compare import junit

@@ -448,9 +448,9 @@ CORRECTED = part(
 
 def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
     """Return RMS and largest length; None without any."""
-    if metrics is None or np.isnan(metrics.max):
-        return None
-    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+    return (
+        None if metrics is None or np.isnan(metrics.max) else {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+    )
 
 
 def _expected(result: Correction, errors: ExpectedErrors) -> Document:

@@ -43,13 +43,12 @@ from robacc.documents.keys import (
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array
-from robacc.measurements import different
+from robacc.measurements import Measurements, different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
     from robacc.effects.specification import Baseline
-    from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.tracing.calibrating import Judged, Stage
 

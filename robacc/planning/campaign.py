@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import given, refuse
+from robacc.errors import applying, given, refuse
 from robacc.fitting.parameters import Correlation, correlations
 from robacc.geometry import Array
 from robacc.measurements import Measurements, motion_between_rows
@@ -548,23 +548,24 @@ def plan_campaign(
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
-    warnings = []
     # Coordinates: 3 of a position, 6 with the orientation.
     n, components, n_coefficients = count + n_known, rows.shape[1], planned.columns.size
-    if purpose != "acceptance" and components * n < n_coefficients:
-        warnings.append(
+    warnings = applying(
+        (
+            purpose != "acceptance" and components * n < n_coefficients,
             f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the {n_coefficients} "
             "coefficients of the fit: the fit would stay near the nominal model in some directions and be arbitrary in "
             f"others; plan at least {math.ceil(n_coefficients / components) - n_known} poses, and more for a check on "
-            "held-out poses"
+            "held-out poses",
         )
+    )
     return replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
         detectability=detectability(model, data, errors) if purpose != "acceptance" else None,
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
 
 

@@ -95,12 +95,9 @@ def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
 
 def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     """Return unmeasured poses with every target at each pose, poses in order, targets innermost."""
-    targets = tuple(robot.targets)
-    if not targets:
-        return poses
-    return replace(
-        poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
-    )
+    names = np.array(tuple(robot.targets))
+    every = np.repeat(np.arange(poses.n), names.size)
+    return replace(poses.subset(every), target=np.tile(names, poses.n)) if names.size else poses
 
 
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:

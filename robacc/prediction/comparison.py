@@ -16,7 +16,7 @@ import numpy as np
 
 from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, applying, refuse
 from robacc.fitting import registration
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -420,9 +420,11 @@ def variance_components(
                 "why": _unidentified_reason(names, information, index, dof),
             }
         )
-    notes = [component["why"] for component in components if component["why"] is not None]
-    if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
-        notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
+    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
+    notes = applying(
+        *((component["why"], component["why"]) for component in components),
+        (not_estimated, f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated"),
+    )
     return {"confidence": confidence, "components": components, "notes": notes}
 
 
@@ -595,10 +597,14 @@ def _one_draw(statistics: SufficientStatistics) -> str:
         f"{n_directions + statistics.noise_dof + statistics.n_aligned} measured numbers, {n_directions} depend on the "
         "parameters"
     )
-    if n_directions:
-        # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
-        more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
-        text += f": the size of the tolerances is known to about {100 / math.sqrt(2 * n_directions):.0f} %; {more}"
-    if statistics.n_aligned:
-        text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
-    return text
+    more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
+    # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
+    size = 100 / math.sqrt(2 * max(n_directions, 1))
+    further = applying(
+        (n_directions, f": the size of the tolerances is known to about {size:.0f} %; {more}"),
+        (
+            statistics.n_aligned,
+            f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted",
+        ),
+    )
+    return "".join((text, *further))

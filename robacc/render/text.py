@@ -127,9 +127,11 @@ _DIGITS_WITHOUT = 3
 
 def decimals(value: float, lower: float | None, upper: float | None) -> int:
     """Return the decimals of a value with the interval ``lower … upper``; three significant digits without one."""
-    size, digits = abs(value), _DIGITS_WITHOUT
-    if lower is not None and upper is not None and upper > lower:
-        size, digits = 0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY
+    size, digits = (
+        (0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY)
+        if lower is not None and upper is not None and upper > lower
+        else (abs(value), _DIGITS_WITHOUT)
+    )
     if size <= 0.0 or not math.isfinite(size):
         return _DIGITS_WITHOUT
     # Rounding first makes 0.0996 count as 0.10.
@@ -365,8 +367,8 @@ class Text(NamedTuple):
         """Yield the paragraph, all of its lines indented like its first."""
         indent = self.text[: len(self.text) - len(self.text.lstrip())]
         wrapper = textwrap.TextWrapper(width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-        for line in wrapper.wrap(self.text) if self.wraps else [self.text]:
-            yield line, "dim" if self.is_note else ""
+        lines = wrapper.wrap(self.text) if self.wraps else [self.text]
+        yield from ((line, "dim" if self.is_note else "") for line in lines)
 
 
 Block = Grid | Listing | Text

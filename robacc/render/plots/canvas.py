@@ -20,9 +20,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import install_advice, refuse
+from robacc.geometry import Array, NDArray
 from robacc.render.text import Document, Grid
 
 if TYPE_CHECKING:
@@ -87,7 +87,6 @@ DARK: Final = {
 
 # What a chart is.
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 

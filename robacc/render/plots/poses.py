@@ -451,9 +451,8 @@ def _errors_in_space(
 
 
 def _note_of_largest(count: int, total: int, things: str, quantity: str) -> str:
-    if count == total:
-        return f"Sorted by {quantity}, the largest first."
-    return f"The {count} {things} with the largest {quantity}s of {total}; the JSON result has all of them."
+    some = f"The {count} {things} with the largest {quantity}s of {total}; the JSON result has all of them."
+    return some if count < total else f"Sorted by {quantity}, the largest first."
 
 
 def _magnification(at: Array, sizes: Array) -> float:

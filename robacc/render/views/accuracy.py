@@ -534,9 +534,8 @@ def _symbol(criterion: Document) -> str:
 
 def _places(criterion: Document, heading: str, head: str, key: str, confidence: float, several: bool) -> Section:
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
-    places = criterion["poses"]
-    if key == "abc_rad" and all(place[key] is None for place in places):
-        places = []
+    has_none = key == "abc_rad" and all(place[key] is None for place in criterion["poses"])
+    places = [] if has_none else criterion["poses"]
     if len(places) > _MAX_ROWS:
         heading += f" (the {_MAX_ROWS} largest of {len(places)})"
         places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]

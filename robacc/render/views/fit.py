@@ -446,29 +446,32 @@ def _information(kinds: Document) -> list[str]:
 
 def _not_identifiable(dropped: Sequence[Document]) -> list[str]:
     """Return what the poses do not determine: a few coefficients each with its reason, many by reason."""
-    if len(dropped) <= 3:
-        return [f"not identifiable: {each['why']}" for each in dropped]
-    return [
-        f"not identifiable: {reason}: {grouped(names)}{end}"
-        for has_partners, reason, end in (
-            (False, "without effect on these poses", ""),
-            (
-                True,
-                "not distinguishable from fitted coefficients on these poses",
-                " (the JSON result names the partners of each)",
-            ),
-        )
-        if (names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners])
-    ]
+    listed = [f"not identifiable: {each['why']}" for each in dropped]
+    return (
+        listed
+        if len(dropped) <= 3
+        else [
+            f"not identifiable: {reason}: {grouped(names)}{end}"
+            for has_partners, reason, end in (
+                (False, "without effect on these poses", ""),
+                (
+                    True,
+                    "not distinguishable from fitted coefficients on these poses",
+                    " (the JSON result names the partners of each)",
+                ),
+            )
+            if (names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners])
+        ]
+    )
 
 
 def _shrinkage(kind: Document) -> str:
     count, quantity = len(kind["constants"]), {"m": "lengths", "rad": "angles"}[kind["unit"]]
     differing = [constant["name"] for constant in kind["constants"] if constant["probability"] > 0.5]
-    if not differing:
-        return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
     return (
-        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: "
+        f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
+        if not differing
+        else f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: "
         f"{', '.join(differing[:6])}{' …' * (len(differing) > 6)}; the others are shrunk to nominal as far as the "
         "poses allow"
     )

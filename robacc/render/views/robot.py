@@ -151,9 +151,11 @@ def _facts(robot: Robot, document: Document) -> list[tuple[str, str]]:
 
 def _reach(reach: Document) -> str:
     sampled, bound = reach["sampled_m"], reach["bound_m"]
-    if sampled is None or bound is None:
-        return "unknown: a prismatic joint has no limits"
-    return f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
+    return (
+        "unknown: a prismatic joint has no limits"
+        if sampled is None or bound is None
+        else f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
+    )
 
 
 def _parameter(joint: Joint, name: str) -> str:

@@ -22,9 +22,8 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array, Poses, cross
+from robacc.geometry import Array, NDArray, Poses, cross
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

@@ -7,10 +7,9 @@ import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Counted
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, NDArray, Poses
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""

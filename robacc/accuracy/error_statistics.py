@@ -15,11 +15,10 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
 from robacc.errors import InputError, applying
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,

@@ -21,14 +21,13 @@ from operator import add
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, applying, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
-from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
+from robacc.geometry import Array, NDArray, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import quantiles

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import Inputs
@@ -37,7 +36,7 @@ from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
-from robacc.geometry import Array, Poses, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
 from robacc.poses.csv_file import pose_pieces

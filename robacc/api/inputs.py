@@ -12,7 +12,6 @@ from hashlib import sha256
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale, load_scale
 from robacc.api.parameters import (
@@ -39,7 +38,7 @@ from robacc.diagnostics.robot_poses import check_size, read_robot_poses, read_ro
 from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
-from robacc.geometry import Array, rotation_from_quaternion
+from robacc.geometry import Array, NDArray, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_file
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits

@@ -18,7 +18,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import (
@@ -32,6 +31,7 @@ from robacc.fitting.closed_form import (
 from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE, SHORTLIST
 from robacc.geometry import (
     Array,
+    NDArray,
     Poses,
     log_between,
     log_so3,

@@ -7,13 +7,12 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import FOLLOWED_SHARE, effect_class
 from robacc.fitting.levels import ALIKE, DECISIVE, DEPENDENT, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import solved
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, joint_columns

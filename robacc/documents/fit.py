@@ -7,7 +7,6 @@ from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
 from robacc.documents.envelope import GATE_KEY
@@ -42,7 +41,7 @@ from robacc.documents.keys import (
 )
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements, different
 from robacc.statistics.intervals import Interval
 

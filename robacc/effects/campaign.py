@@ -15,7 +15,6 @@ from pathlib import PurePath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import (
     FOLLOWED_SHARE,
@@ -35,7 +34,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.frames import frame_terms
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, Arm

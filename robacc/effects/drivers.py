@@ -17,10 +17,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm

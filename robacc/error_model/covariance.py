@@ -28,7 +28,6 @@ from functools import cached_property, lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.special import bdtrc
@@ -36,7 +35,7 @@ from scipy.special import bdtrc
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS, STEPS
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, residuals
 from robacc.robots.arm import Arm

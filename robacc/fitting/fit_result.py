@@ -8,7 +8,6 @@ from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
@@ -16,7 +15,7 @@ from robacc.errors import RobaccError
 from robacc.fitting.levels import BLOCK_NUMBERS, DEPENDENT, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
 from robacc.fitting.normal_equations import Whitening, blocks_of, posterior, solved
 from robacc.fitting.visits import LEAST_PLACES, places
-from robacc.geometry import Array, Poses, compose, exp_so3
+from robacc.geometry import Array, NDArray, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, Noise, observed_jacobian, residuals
 

@@ -8,14 +8,13 @@ from functools import partial, reduce
 from operator import add
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import NEGLIGIBLE, ROUNDS
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import inlier_limit, row_weights
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.robots.arm import BLOCK

@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.levels import BLOCK_NUMBERS
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import JacobianByMotion, Model, residuals
 from robacc.robots.arm import BLOCK

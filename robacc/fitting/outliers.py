@@ -5,10 +5,9 @@ from __future__ import annotations
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW, ROUNDING, SIGNIFICANT, STEPS
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.arm import BLOCK

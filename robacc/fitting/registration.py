@@ -13,7 +13,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects import effect_class
 from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
@@ -23,7 +22,7 @@ from robacc.fitting.levels import DECISIVE, MANY
 from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, Poses, rotation_from_rpy, rpy_from_rotation
+from robacc.geometry import Array, NDArray, Poses, rotation_from_rpy, rpy_from_rotation
 from robacc.gravity import LEVEL
 from robacc.measurements import Measurements, different, numbered
 from robacc.modelling.model import Model

@@ -11,7 +11,6 @@ import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.effects.specification import absorbed
@@ -39,7 +38,7 @@ from robacc.fitting.normal_equations import (
 )
 from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_pattern, row_weights
 from robacc.fitting.visits import random_rows, visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.robots.arm import Arm

@@ -14,10 +14,9 @@ from pathlib import PurePath
 from typing import Any, BinaryIO, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, given, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, clip, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable

@@ -20,10 +20,9 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Counted, InputError, Problem, applying, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.dialect import (
     GAPS,
     PLAIN,

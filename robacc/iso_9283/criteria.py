@@ -20,11 +20,10 @@ from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
 from robacc.errors import Problem, refuse
-from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
+from robacc.geometry import Array, NDArray, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
 from robacc.statistics.intervals import (
     STUDENT,

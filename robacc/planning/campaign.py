@@ -9,12 +9,11 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.errors import applying, given, refuse
 from robacc.fitting.parameters import Correlation, correlations
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import Model
 from robacc.planning.candidates import (

@@ -8,10 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, given, refuse
-from robacc.geometry import Array, Poses, rotate
+from robacc.geometry import Array, NDArray, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.quantities import parse_quantity

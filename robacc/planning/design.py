@@ -20,10 +20,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.levels import ACCEPTED
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import motion_between_rows
 
 Criterion = Literal["I", "G", "D", "A"]

@@ -12,7 +12,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
@@ -21,7 +20,7 @@ from robacc.fitting.levels import ACCEPTED, ROUNDS
 from robacc.fitting.normal_equations import whitening
 from robacc.fitting.solver import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.planning.design import (

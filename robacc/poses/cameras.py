@@ -14,10 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.errors import Note, refuse
-from robacc.geometry import Array, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
+from robacc.geometry import Array, NDArray, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
 from robacc.measurements import Measurements, even_rows

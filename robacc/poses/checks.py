@@ -9,10 +9,9 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
 from robacc.poses.layout import QUANTITY, Values, compact, listing

@@ -13,10 +13,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, quaternion_from_rotation
 from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
 from robacc.io.files import ProblemLog, clip

@@ -12,10 +12,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.measurements import MOVES_UNUSED, Measurements

@@ -9,10 +9,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note, Problem, refuse
-from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody

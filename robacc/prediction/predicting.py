@@ -13,12 +13,11 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
 from robacc.errors import Problem, applying, given, refuse
-from robacc.geometry import Array, compose, transpose
+from robacc.geometry import Array, NDArray, compose, transpose
 from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model

@@ -19,10 +19,9 @@ from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
-from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import spliced
 from robacc.programs.program import (
     Program,

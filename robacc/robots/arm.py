@@ -27,10 +27,9 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Problem, UsageError, refuse
-from robacc.geometry import Array, Poses, compose, cross, log_so3, rms_length, transpose
+from robacc.geometry import Array, NDArray, Poses, compose, cross, log_so3, rms_length, transpose
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Frame, Joint, Robot, Vector
 
 BLOCK = 4096

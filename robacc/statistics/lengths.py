@@ -18,9 +18,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.statistics.intervals import ASSURANCE, Interval, beta_cdf, normal_quantile, root, smallest_sufficient
 
 Complex = NDArray[np.complexfloating[Any, Any]]

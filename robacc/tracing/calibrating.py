@@ -9,7 +9,6 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
@@ -39,7 +38,7 @@ from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import LackOfFit, fit_warnings, lack_of_fit
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
 from robacc.robots.arm import BLOCK, Arm

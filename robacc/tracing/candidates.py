@@ -12,7 +12,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
@@ -44,7 +43,7 @@ from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
 from robacc.fitting.levels import ACCEPTED, BEST, NEW, STEPS
 from robacc.fitting.visits import visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.statistics.intervals import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf

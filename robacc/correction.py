@@ -4,8 +4,6 @@ Equation: with F the nominal kinematics, G the model of the real arm and x the w
 G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reaches G(F^-1(x)).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import compress

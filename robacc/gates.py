@@ -4,8 +4,6 @@ Each criterion has an outcome, which the uncertainty of the figure decides, and 
 baselines, stored results that it is compared with.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re
@@ -346,7 +344,7 @@ class BoundCurve(NamedTuple):
     """Confidence curve of the interval's own method, if known; it takes precedence over interpolation."""
 
     @classmethod
-    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> BoundCurve:
+    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> "BoundCurve":
         """Return the curve through one-sided and two-sided bounds; ``centre`` is the bound at level 1/2, if known."""
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None

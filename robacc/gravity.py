@@ -14,8 +14,6 @@ turns the whole force with the chain, p = M v + w x S; a motion k behind it move
 Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence

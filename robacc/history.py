@@ -14,8 +14,6 @@ freedom of successive differences: J. von Neumann, Annals of Mathematical Statis
 values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical Society 98, 1935.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -99,7 +97,7 @@ class Spread(NamedTuple):
     dof: float
 
     @classmethod
-    def of(cls, series: Sequence[ArmSeries]) -> Spread:
+    def of(cls, series: Sequence[ArmSeries]) -> "Spread":
         """Return the distribution that the differences of successive tests show."""
         from scipy.special import digamma, polygamma
 
@@ -149,7 +147,7 @@ class _Fit:
         """Return the sizes of the coefficients over their standard deviations ``(…, b)``."""
         return np.abs(self.coefficients) / self.stds()
 
-    def row(self, i: int) -> _Fit:
+    def row(self, i: int) -> "_Fit":
         """Return the fit of one series among several."""
         fit = object.__new__(_Fit)
         for name, value in vars(self).items():

@@ -1,7 +1,5 @@
 """Accuracy grades: scales and their reader, the grade that the errors meet, and sentences that explain it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Any, Literal, NamedTuple, cast, get_args

@@ -4,8 +4,6 @@ A function has the name of its call in :mod:`robacc.api`, and its docstring is t
 ``call`` gets the call with the arguments of its options, ``outlets`` the options of :class:`Outlets`.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence

@@ -4,8 +4,6 @@ The commands are imported when one runs, so that ``robacc --help`` is fast. For 
 NumPy and its users inside their functions.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys

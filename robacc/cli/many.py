@@ -1,7 +1,5 @@
 """``estimate``, ``calibrate`` and ``trace`` on several files: one result for each, and one table of all."""
 
-from __future__ import annotations
-
 import json
 import os
 import time
@@ -128,7 +126,7 @@ def process_each(
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | None, name: str) -> Inputs:
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | None, name: str) -> "Inputs":
     """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import Inputs
@@ -239,7 +237,7 @@ def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
 def _write(
     outcomes: Sequence[FileOutcome],
     tasks: Sequence[FileTask],
-    inputs: Inputs,
+    inputs: "Inputs",
     outlets: Outlets,
     folder: str | None,
     warnings: tuple[str, ...],

@@ -3,8 +3,6 @@
 Nothing here imports NumPy or its users before there is a result.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -105,7 +103,7 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         bar.stop()
 
 
-def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:
+def deliver(outlets: Outlets, result: "Result", view: View | None = None) -> None:
     """Write a result in the requested form, with its gate if there is one, and with the warnings of both below.
 
     Args:
@@ -132,7 +130,7 @@ def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:
         raise typer.Exit(status)
 
 
-def with_gate(result: Result, gate: str | None) -> tuple[Document, Mapping[str, Any] | None, tuple[str, ...]]:
+def with_gate(result: "Result", gate: str | None) -> tuple[Document, Mapping[str, Any] | None, tuple[str, ...]]:
     """Return what makes the document of a result, the gate's part of it if there is one, and the warnings of both."""
     document = cache(partial(result.document, gate=gate))
     outcome = document()["gate"] if gate is not None or result.command == "check" else None

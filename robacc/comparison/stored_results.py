@@ -4,8 +4,6 @@ One key stands for one kind of figure: the figures of a fit on held-out poses ha
 come from poses that the model was not fitted to.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass

@@ -9,8 +9,6 @@ better by far is shifted. Rows that fit under no shift are matched with each oth
 that fits nowhere is examined by itself.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math

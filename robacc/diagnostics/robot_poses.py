@@ -1,7 +1,5 @@
 """Reader of the poses measured on a known robot, checked against its names, limits, targets and size."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
 from typing import Any

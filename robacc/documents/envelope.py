@@ -4,8 +4,6 @@ A stored result is read back with a check of its values by the declarations of i
 outcome of a gate is a part of any result; a gate file is read with the baselines that it names, which are results.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -113,7 +111,7 @@ class InputFile(NamedTuple):
     """Identity of the arm that a robot file states."""
 
     @classmethod
-    def at(cls, path: str, sha256: str, kind: str, identity: Mapping[str, str] | None = None) -> InputFile:
+    def at(cls, path: str, sha256: str, kind: str, identity: Mapping[str, str] | None = None) -> "InputFile":
         """Return the record of the file at ``path``."""
         reading = path.reading.document() if isinstance(path, PoseFile) else None
         return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading, identity)
@@ -133,7 +131,7 @@ class Provenance(NamedTuple):
     """Every file that was read, and every object that replaced one."""
     seed: int | None = None
     """Seed of the random numbers; None without any."""
-    outside: OutsideValidity | None = None
+    outside: "OutsideValidity | None" = None
     """Poses outside the validity ranges of the robot's model; None without a robot."""
     warnings: tuple[str, ...] = ()
     """Warnings about the use of the model on the poses."""
@@ -529,7 +527,7 @@ CHECK = part(
 # Read a gate file and the baselines that it names.
 
 
-def read_gate(path: str) -> tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]:
+def read_gate(path: str) -> "tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]":
     """Return the gate of a file, its baselines, and the records of all these files.
 
     Paths of baselines start from the folder of the gate file.

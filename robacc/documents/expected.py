@@ -1,7 +1,5 @@
 """What to expect: ``robacc.predict/1`` and ``robacc.plan/1`` in m and rad, and the prediction of every pose as CSV."""
 
-from __future__ import annotations
-
 import dataclasses
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -449,7 +447,7 @@ _POINT = part(
 """Predicted accuracy for a number of poses."""
 
 
-def _visits(plan: CampaignPlan) -> Document:
+def _visits(plan: "CampaignPlan") -> Document:
     visits = plan.visits()
     return {
         "pose": texts(visits.pose),

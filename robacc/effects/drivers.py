@@ -8,8 +8,6 @@ torque, with the sign of the approach), ``distance`` (from the origin of the mea
 The validity ranges of an effect are the ranges of its drivers over the poses that it was fitted to.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -119,7 +117,7 @@ class Driver(NamedTuple):
     """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
 
     @classmethod
-    def at(cls, arm: Arm, data: Measurements, name: str, is_only: bool) -> Driver | None:
+    def at(cls, arm: Arm, data: Measurements, name: str, is_only: bool) -> "Driver | None":
         """Return a driver at these poses; None if they do not have it."""
         values = driver_values(arm, data, name)
         if values is None:

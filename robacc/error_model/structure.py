@@ -8,8 +8,6 @@ scatter where repeated visits or several targets separate the two. The coefficie
 W the weights and P the precision of the priors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping

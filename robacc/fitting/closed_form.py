@@ -13,8 +13,6 @@ Kronecker products, A. Li, L. Wang, D. Wu 2010).
 Hypotheses are the leading axis H of every array; a stack of H matrices has the shape ``(H, m, m)``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass

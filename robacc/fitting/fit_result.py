@@ -1,7 +1,5 @@
 """A fit of a model to poses, its settings, the identifiability of its coefficients, and errors of held-out poses."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -264,7 +262,7 @@ class HoldOut:
     """``(N,)`` number of the places that are held out together."""
 
     @classmethod
-    def of(cls, data: Measurements, validation: Measurements | None, count: int | None, seed: int) -> HoldOut:
+    def of(cls, data: Measurements, validation: Measurements | None, count: int | None, seed: int) -> "HoldOut":
         """Hold out ``validation``, or each place of ``data`` in turn, or ``count`` parts of the places.
 
         A place's part depends on the place and the seed, not on the order of rows.

@@ -1,7 +1,5 @@
 """Coefficients of a fit to some poses of a large file, fitted to all of them by the normal equations of its parts."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial, reduce

@@ -1,7 +1,5 @@
 """Misfit beyond the known noise, the inlier mask, and a circumstance that outliers share."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np

@@ -4,8 +4,6 @@ Without a robot, the commanded poses of the file stand for its arm: a gantry who
 roll of the commanded pose. Its base and its tool are then registered as those of any arm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence

@@ -5,8 +5,6 @@ separately for position and orientation, so lengths and angles are never mixed u
 number of poses beyond the data and what is predicted for them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 

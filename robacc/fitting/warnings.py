@@ -1,7 +1,5 @@
 """Warnings that every fit can give: its noise, its poses and coefficients, and mistakes that its figures suggest."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace

@@ -1,7 +1,5 @@
 """Open a table; and columns as one: of a data frame, a Parquet file, a recording, or the records of a document."""
 
-from __future__ import annotations
-
 import datetime as dt
 import hashlib
 import os

@@ -4,8 +4,6 @@ A file is first compared with the documented form (commas, points, the header in
 not of this form is examined further, so that documented files are read exactly as documented.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import re

@@ -5,8 +5,6 @@ parses a block. A block that it refuses, or that has a value that is not finite,
 problem.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -72,7 +70,7 @@ class TableBody(NamedTuple):
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
 
-    def without(self, gaps: Collection[int]) -> TableBody:
+    def without(self, gaps: Collection[int]) -> "TableBody":
         """Return the rows that are not on the lines ``gaps``."""
         if not gaps:
             return self
@@ -485,7 +483,7 @@ class TablePart(TableRows):
         return PartTable(self, options)
 
     @classmethod
-    def divided(cls, path: str, options: TableOptions) -> tuple[TablePart, ...]:
+    def divided(cls, path: str, options: TableOptions) -> "tuple[TablePart, ...]":
         """Return an evenly spread sample of a large file of the documented form, and the parts that are the whole.
 
         Nothing for any other file.

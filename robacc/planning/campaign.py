@@ -1,7 +1,5 @@
 """Plan of a campaign: demands and what is known before, choice of poses, order of the visits, expected result."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """Candidate poses of a plan: sampled, in circumstances and under constraints, and filtered with counts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace

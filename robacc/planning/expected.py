@@ -3,8 +3,6 @@
 The linear model has the whitened columns of the coefficients at planned poses, their priors, and the task's region.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -50,7 +48,7 @@ class ExpectedNoise:
     """Error of the model that stays the same at one pose and differs from pose to pose, along each axis, m."""
     source: str
 
-    def reduced(self, visits: int, readings: int) -> ExpectedNoise:
+    def reduced(self, visits: int, readings: int) -> "ExpectedNoise":
         """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
         share = 1.0 / np.sqrt(visits * readings)
         return replace(

@@ -5,8 +5,6 @@ default), ``size`` (px) and ``mount``: ``world`` for a camera beside the arm, ``
 the mount only, the photos are to show the lens. For several cameras, ``cameras`` has these keys under each name.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from dataclasses import replace
@@ -183,7 +181,7 @@ class Photo(NamedTuple):
     squares: float
     """Sum of squares of the remaining errors of the rays."""
 
-    def of_camera(self) -> Photo:
+    def of_camera(self) -> "Photo":
         """Return the pose of the camera in the board: it stands at -R' t, which a turn of the board moves too."""
         back = self.pose.rotation.T
         moves = np.block([[-back, -back @ skew(self.pose.translation)], [np.zeros((3, 3)), -back]])

@@ -1,7 +1,5 @@
 """Checks of the values of a pose file: units and conventions that names leave open, each row, repeated rows."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math

@@ -1,7 +1,5 @@
 """Pose files: read into SI arrays, of every kind of measurement, written as CSV, and a column map for an export."""
 
-from __future__ import annotations
-
 import datetime as dt
 import math
 import os
@@ -480,7 +478,7 @@ class KindTable(ReshapedTable):
         self._cells: dict[str, list[str]] = {}
 
     @classmethod
-    def of(cls, table: Table, reading: Reading) -> KindTable | None:
+    def of(cls, table: Table, reading: Reading) -> "KindTable | None":
         """Return the table without its columns of other kinds of measurement; None if it has none."""
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}

@@ -1,7 +1,5 @@
 """Layout of a pose file: what each of its columns is taken for, whether each set of columns is complete, its values."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import re
@@ -65,7 +63,7 @@ class Names(NamedTuple):
     ``branch_q1 …``."""
 
     @classmethod
-    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> Names:
+    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> "Names":
         """Return the names for a robot in a file with this header."""
         names = tuple(robot.joint_names or ())
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
@@ -677,7 +675,7 @@ class Values(NamedTuple):
         start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
 
-    def rows(self, index: NDArray[Any]) -> Values:
+    def rows(self, index: NDArray[Any]) -> "Values":
         """Return some of the rows."""
         texts = {key: text[index] for key, text in self.texts.items()}
         return self._replace(numbers=self.numbers[:, index], texts=texts, lines=self.lines[index])

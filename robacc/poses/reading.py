@@ -1,7 +1,5 @@
 """Names of a pose file's columns, and what is stated of the file: by its user, a column map and its robot."""
 
-from __future__ import annotations
-
 import difflib
 import os
 import re
@@ -784,7 +782,7 @@ class PoseFile(str):
         board: str | os.PathLike[str] | None = None,
         bag: str | None = None,
         contact_sheet: str | os.PathLike[str] | None = None,
-    ) -> PoseFile:
+    ) -> "PoseFile":
         """Return the path with the statements, which are those of :class:`Reading`.
 
         Args:

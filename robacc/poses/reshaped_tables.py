@@ -1,7 +1,5 @@
 """Tables of another shape: without a header, poses as matrices, one row an axis, or several targets a row."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -200,7 +198,7 @@ def with_poses_of_matrices(table: Table) -> Table:
     return table
 
 
-def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
+def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> "Rows":
     """Return positions and quaternions; matrices that are no rotations go to the log."""
     split, entries, identity = len(old.numbers) - 9, old.numbers, np.eye(3)[:, :, None]
     # Entries that could not be read are in the log already.

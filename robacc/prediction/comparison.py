@@ -4,8 +4,6 @@ The measured poses are reduced to sufficient statistics. They decide the tests o
 variance components. Tests and components are mappings with the keys of the result (``robacc show schema predict``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace

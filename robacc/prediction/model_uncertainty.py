@@ -12,8 +12,6 @@ Effects of the measurement (a scale of the instrument, a drift of its frame) mov
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -631,7 +629,7 @@ def fit_record(
     nominal: Robot,
     data: Measurements,
     held_out: tuple[Measurements, Array] | None,
-    repeatability: Repeatability | None,
+    repeatability: "Repeatability | None",
     n_folds: int = 0,
 ) -> ModelFit:
     """Return the record of a fit.

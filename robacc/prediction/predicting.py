@@ -4,8 +4,6 @@ The prediction is for robots whose parameter errors are random within the tolera
 with mean zero and covariance V_d or V_δ; over poses it is their mixture in equal parts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace

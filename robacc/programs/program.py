@@ -5,8 +5,6 @@ works on the text with blanks in place of comments and strings (:func:`mask`), s
 other, and collects what it finds in a :class:`Draft`.
 """
 
-from __future__ import annotations
-
 import os
 import re
 from bisect import bisect_right
@@ -55,7 +53,7 @@ class ProgramSource:
     _starts: tuple[int, ...] = field(repr=False, compare=False)
 
     @classmethod
-    def of(cls, data: bytes, file: str) -> ProgramSource:
+    def of(cls, data: bytes, file: str) -> "ProgramSource":
         """Return the source of a program's bytes.
 
         Raises:

@@ -12,8 +12,6 @@ in both readings. The joints behind the letters of ``CONFIG``, and behind the wo
 arm and are not read.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Iterable, Iterator, Sequence
 from typing import Any

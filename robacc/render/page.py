@@ -1,7 +1,5 @@
 """A result of any command as HTML: a page of one or of several side by side, and a few lines for a notebook."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json

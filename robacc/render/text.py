@@ -7,8 +7,6 @@ A view of a result is a list of sections of tables, lists and paragraphs, which 
 words: the page shows them through its template, :func:`lines_of` as text.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re

@@ -4,8 +4,6 @@ Poses are the exact nonlinear prediction of the model, including elastic equilib
 seed, with a stream for each purpose, so that adding noise does not change the poses.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 

@@ -9,8 +9,6 @@ between the pole and the first branch point -1/(2 max v) gives minus P(Q > q) in
 parabola converges exponentially. A variance of zero is allowed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass

@@ -1,7 +1,5 @@
 """Fit of named effects, and what `calibrate` and `trace` report of a fit: errors before and after, causes, warnings."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass

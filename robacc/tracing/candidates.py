@@ -1,7 +1,5 @@
 """Candidates, every effect of the catalogue in every form, and the evidence for each beside a model."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import itertools
@@ -308,7 +306,7 @@ def _rounded(place: Array) -> Place:
 class Scores:
     """Candidates beside a model."""
 
-    evidence: Evidence
+    evidence: "Evidence"
     restored: Array
     """``(q, K)`` products that the model of ``evidence`` has beyond this one, which lacks q of its coefficients."""
     products: Array

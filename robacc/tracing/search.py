@@ -6,8 +6,6 @@ one, they are added to the effects that stand out, and a second search adds the 
 the result. No finding is withdrawn afterwards.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import itertools

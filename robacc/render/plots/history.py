@@ -1,7 +1,5 @@
 """Control charts: a figure or coefficient over the tests of an arm, with its limits and the changes found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Charts of the poses of a result: their errors as distributions, clouds, over time and the workspace, in space."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

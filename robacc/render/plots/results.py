@@ -1,7 +1,5 @@
 """Charts of effects, budgets, comparisons, gates, ISO 9283 and plans; and all charts of a result in reading order."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 

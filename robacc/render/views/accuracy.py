@@ -1,7 +1,5 @@
 """Measured accuracy: an estimate in full or in short, an evaluation by ISO 9283 and its test poses."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -570,7 +568,7 @@ def _beside(place: Document, key: str) -> list[Cell]:
 # The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
 
 
-def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+def proposal_comments(proposal: "Proposal", robot: str) -> list[str]:
     """Return the comment lines above the columns: cube, plane and tool orientation."""
     return [
         f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
@@ -579,7 +577,7 @@ def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
     ]
 
 
-def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
+def proposal_view(proposal: "Proposal", robot: Robot) -> list[Section]:
     """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
     units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
     names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
@@ -598,7 +596,7 @@ def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
     ]
 
 
-def _cube_facts(proposal: Proposal) -> list[str]:
+def _cube_facts(proposal: "Proposal") -> list[str]:
 
     x, y, z = (float(value) * IN_MM for value in proposal.centre)
     return [

@@ -1,7 +1,5 @@
 """What to expect: a prediction, a plan of a measurement with the comments of its CSV, a correction, and an export."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -348,7 +346,7 @@ _VISITS = 200
 """Visits that the page lists."""
 
 
-def plan_comments(plan: CampaignPlan) -> list[str]:
+def plan_comments(plan: "CampaignPlan") -> list[str]:
     """Return the comment lines above the columns of the visits."""
     blocks = plan.payload_blocks
     return [

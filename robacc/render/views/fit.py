@@ -1,7 +1,5 @@
 """A calibration and a trace: causes, before and after, coefficients, findings, remaining error, detection limits."""
 
-from __future__ import annotations
-
 import re
 import statistics
 from collections import Counter

@@ -1,7 +1,5 @@
 """A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 

@@ -141,7 +141,6 @@ class Gate(NamedTuple):
         return tuple(dict.fromkeys(criterion.baseline for criterion in self.criteria if criterion.baseline is not None))
 
 
-VERSION = "1"
 _KEYS = (
     *("name", "key", "limit", "at_least", "rule", "confidence", "false_accept_risk", "false_reject_risk"),
     *("share", "baseline", "paired", "reason"),
@@ -165,7 +164,7 @@ def load_gate(text: str, file: str) -> Gate:
         InputError: Every problem, each with its line and key.
     """
     top = top_section(text, file, ("robacc_gate", "name", "confidence", "criteria"))
-    top.text("robacc_gate", (VERSION,), needed=True)
+    top.text("robacc_gate", ("1",), needed=True)
     name, confidence = top.text("name", needed=True), _between(top, "confidence", 0.95)
     criteria: list[GateCriterion] = []
     for section in top.sections(

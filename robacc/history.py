@@ -61,8 +61,6 @@ SETUP = ("base_frame.", "tool_frame.")
 Entry = Mapping[str, Any]
 """Change, limit, coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
 _SHAPES = ("step", "ramp", "single test")
-_MANY = 8
-"""Tests from which series are searched together first."""
 _SAFE = 0.999
 """Share of a critical value above which a series is searched on its own, so that rounding hides no change."""
 
@@ -309,7 +307,8 @@ def _changes(
         return found
 
     plain, usual = fitted(slice(None), []), np.median(np.square(stds), axis=1)
-    searched_rows = suspects() if n >= _MANY else {*range(len(some))}
+    # From eight tests on, series are searched together first.
+    searched_rows = suspects() if n >= 8 else {*range(len(some))}
     for row, series in enumerate(some):
         whole, found = searched(row) if row in searched_rows else (plain.row(row), [])
         changes: list[Entry] = []
@@ -659,10 +658,6 @@ _PATIENCE = 30.0
 """s to wait for another program that writes."""
 _WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
 """Lists that the stored document lacks: they are long, and the result file has them."""
-_STATED = ("fit", "declared", "align")
-"""Options that say which effects a result has."""
-_RIVAL = re.compile(r"is not distinguishable from (\S+) on these poses")
-"""Reason that names one other coefficient."""
 _STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
 _COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low AND r.command IN ('estimate', 'iso9283')"
 """Figures that are series of their own: the others say the same of the same poses."""
@@ -735,12 +730,14 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
         figures = read_compared_result(document, result.name, result.name, result.sha256).figures
         robot: dict[str, Any] = next((entry for entry in document["inputs"] if entry["kind"] == "robot"), {})
         heat = [value for value in (document.get("poses") or {}).get("temperature_c") or () if value is not None]
+        # Options that say which effects a result has.
+        effects = [document["options"].get(name) for name in ("fit", "declared", "align")]
         values = {
             "sha256": result.sha256,
             "at": at,
             "name": os.path.basename(result.name),
             "arm": arm or arm_of(document),
-            "model": f"{result.command} {robot.get('sha256')} {[*map(document['options'].get, _STATED)]}",
+            "model": f"{result.command} {robot.get('sha256')} {effects}",
             "command": result.command,
             "version": document["robacc"],
             "n_poses": document["n_poses"],
@@ -818,7 +815,8 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     is_hidden = of_tests.format("coefficients", "t.std IS NULL")
     rivals: dict[str, set[str]] = {}
     for key, why in db.execute(f"SELECT DISTINCT t.key, t.why {is_hidden}", [ids]):
-        if (match := _RIVAL.search(why or "")) is not None:
+        # A reason that names one other coefficient.
+        if (match := re.search(r"is not distinguishable from (\S+) on these poses", why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series: list[ArmSeries] = []
     for std, *source in ((_STD, "figures", _COMPARED), ("t.std", "coefficients", "t.std > 0")):

@@ -205,8 +205,7 @@ def estimate(
     if arm is not None and data.q is None and data.commanded_position is not None:
         text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
         arm, data = None, replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
-    if arm is not None:
-        arm = inputs.campaign(arm, data)
+    arm = None if arm is None else inputs.campaign(arm, data)
     fitted = fitted_pose_warnings(arm, inputs.records)
     grades, totals = inputs.scale(), None
     if parts:

@@ -278,13 +278,14 @@ def predict(
         else calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     )
     aligned = effect_names(align)
-    comparison = covered = None
-    if fit is not None and measured is not None:
-        covered = coverage(arm, fit, measured, seed, aligned, noise_std)
-    elif measured is not None:
-        comparison = compare_with_measured(
+    covered = None if fit is None or measured is None else coverage(arm, fit, measured, seed, aligned, noise_std)
+    comparison = (
+        compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
         )
+        if fit is None and measured is not None
+        else None
+    )
     made = inputs.made(
         samples=configurations.n if predicted is None else None,
         align=list(aligned),

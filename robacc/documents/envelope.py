@@ -92,10 +92,6 @@ def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
     return "".join(f"{','.join(row)}\n" for row in (present, *zip(*present.values(), strict=True)))
 
 
-_SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
-"""Schema versions other than 1. A version goes up when a key changes its name or meaning, not when keys are added."""
-
-
 class InputFile(NamedTuple):
     """One input file of a result."""
 
@@ -118,8 +114,11 @@ class InputFile(NamedTuple):
 
 
 def schema_version(command: str) -> int:
-    """Return the version of the schema that results of ``command`` follow."""
-    return _SCHEMA_VERSIONS.get(command, 1)
+    """Return the version of the schema that results of ``command`` follow.
+
+    A version goes up when a key changes its name or meaning, not when keys are added.
+    """
+    return {"calibrate": 2, "trace": 2}.get(command, 1)
 
 
 class Provenance(NamedTuple):
@@ -206,9 +205,6 @@ def result_kind(name: str) -> Kind:
 
 RESULT_LIMIT = 256 * 2**20
 """Largest result in bytes: enough for an estimate of half a million poses at some 480 bytes each."""
-_SCHEMA = re.compile(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})")
-_CUT_SHORT = re.compile(r"[-+.\w]*\s*")
-"""Text after the error in a truncated file: nothing, or a part of a number or word."""
 
 
 class StoredResult(NamedTuple):
@@ -275,7 +271,8 @@ def _parsed(text: str, name: str) -> Any:
             # JSON can spell half of a surrogate pair, which is not a character and cannot be printed or written.
             json.dumps(document, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
-        if _CUT_SHORT.fullmatch(text, error.pos) or error.msg.startswith("Unterminated string"):
+        # A truncated file ends there, or with a part of a number or word.
+        if re.fullmatch(r"[-+.\w]*\s*", text[error.pos :]) or error.msg.startswith("Unterminated string"):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
         raise InputError(
             Problem(
@@ -323,7 +320,8 @@ def _checked(document: Any, name: str) -> str:
     refuse((not isinstance(document, Mapping) or "schema" not in document, other))
     message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
     schema = document["schema"] if isinstance(document["schema"], str) else ""
-    command, version = given(_SCHEMA.fullmatch(schema), Problem(message, name, column="schema")).groups()
+    match = re.fullmatch(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})", schema)
+    command, version = given(match, Problem(message, name, column="schema")).groups()
     message = (
         f"has version {int(version)} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
         f"robacc reads version {schema_version(command)}"

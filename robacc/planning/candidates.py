@@ -442,13 +442,12 @@ class Conditions:
         count, ids = len(self.payloads), candidates.ids
         if count == 0:
             return candidates
-        if ids is not None and count > 1:
-            ids = np.array([f"{name}@{payload:g}kg" for payload in self.payloads for name in ids])
+        named = [f"{name}@{payload:g}kg" for payload in self.payloads for name in (() if ids is None else ids)]
         return replace(
             candidates,
             q=np.tile(candidates.q, count),
             position=np.tile(candidates.position, count),
-            ids=ids,
+            ids=np.array(named) if ids is not None and count > 1 else ids,
             payload=np.repeat(np.array(self.payloads, dtype=np.float64), candidates.n),
             n_payloads=count,
         )

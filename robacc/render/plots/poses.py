@@ -352,9 +352,11 @@ def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     by_stage = stages_of(document, "m")
     if by_stage is None or not by_stage.poses["commanded_m"]:
         return
-    stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
-    if "position_by_frame" in document:
-        stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+    stages = (
+        [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+        if "position_by_frame" in document
+        else [stage for stage in by_stage.errors if stage[0] != "nominal"]
+    )
     start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
     yield _errors_in_space(document, by_stage.poses, "commanded_m", stages, "poses", "Pose errors in space", start)
 

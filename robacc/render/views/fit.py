@@ -289,13 +289,12 @@ def _label(effect: Document) -> str:
 
 # Coefficients of uncertain masses: many, and only their sum is determined.
 
-_OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
-"""Coefficient of an elastic effect times a mass, or times a first moment of mass, of one link."""
-
 
 def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], list[str]]:
     """Return the parameters that are not of uncertain masses, and a text for those of each effect and joint."""
-    matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
+    # Of an elastic effect times a mass, or times a first moment of mass, of one link.
+    of_mass = r"(?P<effect>.+)\.(?:h[xyz]|m)\d+"
+    matches = [(each, " kg" in each["unit"] and re.fullmatch(of_mass, each["name"])) for each in parameters]
     return [each for each, match in matches if not match], [
         f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
         "(the JSON result has each)"
@@ -534,14 +533,13 @@ def _findings(document: Document) -> list[Block]:
 
 def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
     """Return what a finding does at the tool, its details, its harmonics and its warnings."""
-    settings, joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
-    if "part" in settings:
-        joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
+    settings, on_joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
+    of_part = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
     errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
     turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
     parameters, masses = _without_masses(finding["parameters"])
     return [
-        Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}"),
+        Text(f"{place}) {finding['effect']}{of_part if 'part' in settings else on_joints} {_at_tool(finding, rms)}"),
         Listing(
             [
                 # A result may name an effect of another package, which is not loaded here.

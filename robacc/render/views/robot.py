@@ -87,10 +87,13 @@ def _geometry(robot: Robot) -> list[Section]:
     names = {"joint": [joint.name for joint in robot.joints]}
     lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
     angles = {head: cells for head, cells in columns.items() if head not in lengths}
-    tables = {"Geometry: lengths": names | lengths, "Geometry: angles": names | angles}
-    if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
-        tables = {"Geometry": names | columns}
-    return [_table(title, [*own], [*zip(*own.values(), strict=True)]) for title, own in tables.items()]
+    is_wide = sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) > PLAIN_WIDTH
+    parts = {": lengths": lengths, ": angles": angles} if is_wide else {"": columns}
+    return [
+        _table(f"Geometry{part}", [*own], [*zip(*own.values(), strict=True)])
+        for part, cells in parts.items()
+        for own in [names | cells]
+    ]
 
 
 def _axis(axis: Sequence[float]) -> str:

@@ -1,7 +1,5 @@
 """Documents of `robacc calibrate` and `robacc trace`: the keys that they share, and their own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
@@ -750,7 +748,7 @@ TRACE = part(
 _STAGES = ("nominal_unregistered", "nominal", "before", "after")
 
 
-def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
+def _stage(stage: "Stage", groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
     """Return the metrics of one stage, with intervals over the commanded poses ``groups``, repetitions together.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
@@ -771,7 +769,7 @@ def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> 
 
 
 def _figures(
-    metrics: ErrorMetrics | None, errors: Array, groups: NDArray[np.int64], unit: str, seed: int
+    metrics: "ErrorMetrics | None", errors: Array, groups: NDArray[np.int64], unit: str, seed: int
 ) -> Document | None:
     if metrics is None:
         return None
@@ -787,12 +785,12 @@ def _figures(
 
 def fit_document(
     kind: Kind,
-    result: Judged,
+    result: "Judged",
     data: Measurements,
-    robot: Robot,
+    robot: "Robot",
     apart: Measurements | None = None,
     seed: int = 0,
-    baseline: Baseline | None = None,
+    baseline: "Baseline | None" = None,
 ) -> Document:
     """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
 

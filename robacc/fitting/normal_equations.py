@@ -14,8 +14,6 @@ that factor; the normal matrix changes by the order of r^2, which Gauss-Newton n
 unchanged.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -123,7 +121,7 @@ class Whitening:
                 mixed = factor[start : start + step] @ stacked.reshape(len(part), factor.shape[1], -1)
                 scaled[:, :, part] = mixed.reshape(stacked.shape).transpose(3, 1, 0, 2)
 
-    def subset(self, rows: NDArray[np.int64] | slice) -> Whitening:
+    def subset(self, rows: NDArray[np.int64] | slice) -> "Whitening":
         """Return the map of the given rows; each visit must be included or excluded as a whole."""
         weight, blocks = self.weight[:, rows], []
         if self.blocks:
@@ -213,16 +211,16 @@ class NormalEquations:
         """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; see :func:`solved`."""
         return solved(self.gram + np.diag(prior), self.gradient - prior * self.theta, damping)
 
-    def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
+    def subset(self, columns: NDArray[np.int64]) -> "NormalEquations":
         """Return the equations of some of the coefficients, the others fixed."""
         grams = self.grams[:, columns[:, None], columns]
         return NormalEquations(self.theta[columns], grams, self.gradients[:, columns], self.costs)
 
-    def at(self, theta: Array, costs: Array) -> NormalEquations:
+    def at(self, theta: Array, costs: Array) -> "NormalEquations":
         """Return the same linearisation at coefficients ``theta`` ``(K,)``, where the squares sum to ``costs``."""
         return NormalEquations(theta, self.grams, self.gradients - self.grams @ (theta - self.theta), costs)
 
-    def scaled(self, factors: Array) -> NormalEquations:
+    def scaled(self, factors: Array) -> "NormalEquations":
         """Return the equations with the squares of positions and of orientations times ``factors`` ``(2,)``."""
         grams, gradients = self.grams * factors[:, None, None], self.gradients * factors[:, None]
         return NormalEquations(self.theta, grams, gradients, self.costs * factors)

@@ -11,8 +11,6 @@ Every command of the command line is a function with the same options and the sa
 loaded at their first use, so that ``import robacc`` is fast.
 """
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING
 
 from robacc.api import HOMES as _HOMES

@@ -1,7 +1,5 @@
 """``python -m robacc`` and the command ``robacc``, with their signal handlers."""
 
-from __future__ import annotations
-
 import signal
 import sys
 import time

@@ -4,15 +4,12 @@ Equation: with F the nominal kinematics, G the model of the real arm and x the w
 G(q') = x, and the Cartesian command is F(q'). Without a correction the arm reaches G(F^-1(x)).
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from itertools import compress
 from typing import Literal, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.estimation import ErrorMetrics, PoseMetrics, length_metrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale
@@ -20,7 +17,7 @@ from robacc.effects.base import Effect, Part, Term
 from robacc.effects.drivers import is_outside, range_excess
 from robacc.errors import Problem, applying, refuse
 from robacc.fitting.parameters import absorb_constants
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, NDArray, Poses
 from robacc.measurements import Measurements, motion_between_visits, numbered_visits
 from robacc.modelling.model import Model
 from robacc.prediction.model_uncertainty import ModelFit, completed, model_uncertainty

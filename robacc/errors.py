@@ -4,8 +4,6 @@ The library raises these and never prints or exits; :mod:`robacc.cli` maps them 
 message names a parameter of the call in backquotes, as its signature spells it; the command line shows it as an option.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar

@@ -5,8 +5,6 @@ its format. Effects that the format lacks are not just cut off: the parameters t
 the complete model, so that they take up what they can.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import inspect
 from collections.abc import Callable, Mapping, Sequence

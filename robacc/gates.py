@@ -4,20 +4,19 @@ Each criterion has an outcome, which the uncertainty of the figure decides, and 
 baselines, stored results that it is compared with.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import accumulate, product
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from robacc.accuracy.error_statistics import Statistic, length_intervals
 from robacc.comparison.stored_results import (
+    LENGTHS,
     NoValueError,
     difference,
     errors_behind,
@@ -27,6 +26,7 @@ from robacc.comparison.stored_results import (
     value_at,
 )
 from robacc.errors import applying, refuse
+from robacc.io.yaml_nodes import YamlSection, top_section
 from robacc.quantities import UNITS, Dimension, parse_quantity
 from robacc.statistics.intervals import (
     ASSURANCE,
@@ -39,20 +39,16 @@ from robacc.statistics.intervals import (
     tails,
 )
 
-if TYPE_CHECKING:
-    from robacc.io.yaml_nodes import YamlSection
-
 # Keys of results that a criterion may test, in their short form: ``position.p95`` for ``position.p95_m``.
 
 Kind = Literal["length", "angle", "number", "grade", "word"]
 """Kind of a key's value: a quantity in m or rad, a bare number, a grade of a scale, or a word."""
 
-_STATISTICS = ("rms", "mean_error", "p95", "max")
 _STAGES = tuple(".".join(stage) + "." for stage in product(("nominal", "before", "after"), ("fitted", "held_out")))
 _QUANTITIES: tuple[tuple[str, Kind], ...] = (("position", "length"), ("orientation", "angle"))
 
 _KEYS_OF_QUANTITY: tuple[tuple[str, Kind | None], ...] = (
-    *((f"{place}*.{name}", None) for name in _STATISTICS for place in ("", "unaligned.", *_STAGES)),
+    *((f"{place}*.{name}", None) for name in LENGTHS for place in ("", "unaligned.", *_STAGES)),
     *((f"*.{name}", None) for name in ("radius95.zero_mean.radius", "radius95.fitted_mean.radius", "max_radius95")),
     ("*.n_commanded_poses", "number"),
     *((key, None) for key in ("*.worst.rms", "*.worst.radius95", "against.measured.*_rms", "noise.*")),
@@ -145,7 +141,6 @@ class Gate(NamedTuple):
         return tuple(dict.fromkeys(criterion.baseline for criterion in self.criteria if criterion.baseline is not None))
 
 
-VERSION = "1"
 _KEYS = (
     *("name", "key", "limit", "at_least", "rule", "confidence", "false_accept_risk", "false_reject_risk"),
     *("share", "baseline", "paired", "reason"),
@@ -168,10 +163,8 @@ def load_gate(text: str, file: str) -> Gate:
     Raises:
         InputError: Every problem, each with its line and key.
     """
-    from robacc.io.yaml_nodes import top_section
-
     top = top_section(text, file, ("robacc_gate", "name", "confidence", "criteria"))
-    top.text("robacc_gate", (VERSION,), needed=True)
+    top.text("robacc_gate", ("1",), needed=True)
     name, confidence = top.text("name", needed=True), _between(top, "confidence", 0.95)
     criteria: list[GateCriterion] = []
     for section in top.sections(
@@ -350,7 +343,7 @@ class BoundCurve(NamedTuple):
     """Confidence curve of the interval's own method, if known; it takes precedence over interpolation."""
 
     @classmethod
-    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> BoundCurve:
+    def through(cls, intervals: Iterable[Interval], centre: float | None = None) -> "BoundCurve":
         """Return the curve through one-sided and two-sided bounds; ``centre`` is the bound at level 1/2, if known."""
         points: dict[float, float] = {} if centre is None else {0.0: centre}
         method, why, exact = "none", None, None
@@ -697,7 +690,7 @@ def difference_to_baseline(
     except NoValueError as error:
         raise NoValueError(f"in the baseline, {error}") from None
     (place, _, statistic), paired = key.rpartition("."), criterion.paired
-    sets = [errors_behind(each, place) if statistic in _STATISTICS else None for each in (baseline, document)]
+    sets = [errors_behind(each, place) if statistic in LENGTHS else None for each in (baseline, document)]
     listed = [errors for errors in sets if errors is not None]
     missing = "paired: true needs the error of every pose, which the result or the baseline does not list"
     refuse(

@@ -12,12 +12,10 @@ Every function is pure and broadcasts over the batch axes. With poses last each 
 vectorises best.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import NDArray as NDArray
 
 Array = NDArray[np.float64]
 
@@ -222,13 +220,13 @@ class Poses:
     """``(3, ...)``, m"""
 
     @classmethod
-    def identity(cls, *batch: int) -> Poses:
+    def identity(cls, *batch: int) -> "Poses":
         """Return unit transforms over the given batch shape."""
         eye = np.eye(3).reshape(3, 3, *(1,) * len(batch))
         return cls(np.broadcast_to(eye, (3, 3, *batch)).copy(), np.zeros((3, *batch)))
 
     @classmethod
-    def from_xyz_rpy(cls, xyz: Array, rpy: Array) -> Poses:
+    def from_xyz_rpy(cls, xyz: Array, rpy: Array) -> "Poses":
         """Return ``T(xyz) Rz(yaw) Ry(pitch) Rx(roll)`` from ``(3, ...)`` in m and rad."""
         return cls(rotation_from_rpy(rpy), np.asarray(xyz, dtype=float))
 
@@ -240,12 +238,12 @@ class Poses:
         result[3, 3] = 1.0
         return np.moveaxis(result, (0, 1), (-2, -1))
 
-    def __matmul__(self, other: Poses) -> Poses:
+    def __matmul__(self, other: "Poses") -> "Poses":
         """Return ``T1 T2``, broadcasting over the batch axes; a single transform applies to every one of many."""
         moved = rotate(self.rotation, other.translation)
         shift = self.translation[(..., *(None,) * (moved.ndim - self.translation.ndim))]
         return Poses(compose(self.rotation, other.rotation), moved + shift)
 
-    def inverse(self) -> Poses:
+    def inverse(self) -> "Poses":
         """Return ``T^-1``."""
         return Poses(transpose(self.rotation), -rotate_back(self.rotation, self.translation))

@@ -14,17 +14,14 @@ turns the whole force with the chain, p = M v + w x S; a motion k behind it move
 Source of the twist algebra: R. Featherstone, Rigid Body Dynamics Algorithms (2008), chapter 2.
 """
 
-from __future__ import annotations
-
 import math
 import operator
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array, Poses, cross
+from robacc.geometry import Array, NDArray, Poses, cross
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 

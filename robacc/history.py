@@ -14,8 +14,6 @@ freedom of successive differences: J. von Neumann, Annals of Mathematical Statis
 values in a correlated series: M. S. Bartlett, Journal of the Royal Statistical Society 98, 1935.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -63,8 +61,6 @@ SETUP = ("base_frame.", "tool_frame.")
 Entry = Mapping[str, Any]
 """Change, limit, coefficient over the arms, arm unlike the others, or covariance, by the keys of the result."""
 _SHAPES = ("step", "ramp", "single test")
-_MANY = 8
-"""Tests from which series are searched together first."""
 _SAFE = 0.999
 """Share of a critical value above which a series is searched on its own, so that rounding hides no change."""
 
@@ -99,7 +95,7 @@ class Spread(NamedTuple):
     dof: float
 
     @classmethod
-    def of(cls, series: Sequence[ArmSeries]) -> Spread:
+    def of(cls, series: Sequence[ArmSeries]) -> "Spread":
         """Return the distribution that the differences of successive tests show."""
         from scipy.special import digamma, polygamma
 
@@ -149,7 +145,7 @@ class _Fit:
         """Return the sizes of the coefficients over their standard deviations ``(…, b)``."""
         return np.abs(self.coefficients) / self.stds()
 
-    def row(self, i: int) -> _Fit:
+    def row(self, i: int) -> "_Fit":
         """Return the fit of one series among several."""
         fit = object.__new__(_Fit)
         for name, value in vars(self).items():
@@ -189,22 +185,16 @@ class _Fit:
         return np.stack(gains, axis=-2)
 
 
-class Control(NamedTuple):
-    """Control chart of a series."""
+def control_chart(own: ArmSeries, centre: Array, half: Array) -> Entry:
+    """Return the control chart of a series by the keys of the result.
 
-    series: ArmSeries
-    centre: Array
-    """``(n,)`` values expected with the changes found."""
-    half: Array
-    """``(n,)`` distance from it beyond which a test alone is an alarm."""
-
-    def entry(self) -> Entry:
-        """Return the chart by the keys of the result."""
-        own = self.series
-        columns = (own.values, own.stds, self.centre, self.centre - self.half, self.centre + self.half)
-        rows = zip(map(date_text, own.times.tolist()), *(column.tolist() for column in columns), strict=True)
-        names = ("at", "value", "std", "expected", "low", "high")
-        return {"key": own.key, "unit": own.unit, "values": [dict(zip(names, row, strict=True)) for row in rows]}
+    ``centre`` ``(n,)`` are the values expected with the changes found, ``half`` ``(n,)`` the distance from it beyond
+    which a test alone is an alarm.
+    """
+    columns = (own.values, own.stds, centre, centre - half, centre + half)
+    rows = zip(map(date_text, own.times.tolist()), *(column.tolist() for column in columns), strict=True)
+    names = ("at", "value", "std", "expected", "low", "high")
+    return {"key": own.key, "unit": own.unit, "values": [dict(zip(names, row, strict=True)) for row in rows]}
 
 
 def level_of(times: Array) -> float:
@@ -213,7 +203,7 @@ def level_of(times: Array) -> float:
     return min(_MOST_LEVEL, float(np.median(gaps)) / YEAR) if gaps.size else _MOST_LEVEL
 
 
-def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry], list[Control]]:
+def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry], list[Entry], list[Entry]]:
     """Return the changes of an arm's series whose probability without a change is below ``level``, limits and charts.
 
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
@@ -229,7 +219,7 @@ def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry]
     }
     changes = (change for one in series for change in found[one.key][0])
     limits: list[Entry] = [{"key": one.key, "limit": found[one.key][1], "unit": one.unit} for one in series]
-    controls = [Control(one, *found[one.key][2:]) for one in series]
+    controls = [control_chart(one, *found[one.key][2:]) for one in series]
     return sorted(changes, key=lambda change: float(change["p_value"])), limits, controls
 
 
@@ -317,7 +307,8 @@ def _changes(
         return found
 
     plain, usual = fitted(slice(None), []), np.median(np.square(stds), axis=1)
-    searched_rows = suspects() if n >= _MANY else {*range(len(some))}
+    # From eight tests on, series are searched together first.
+    searched_rows = suspects() if n >= 8 else {*range(len(some))}
     for row, series in enumerate(some):
         whole, found = searched(row) if row in searched_rows else (plain.row(row), [])
         changes: list[Entry] = []
@@ -677,10 +668,6 @@ _PATIENCE = 30.0
 """s to wait for another program that writes."""
 _WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
 """Lists that the stored document lacks: they are long, and the result file has them."""
-_STATED = ("fit", "declared", "align")
-"""Options that say which effects a result has."""
-_RIVAL = re.compile(r"is not distinguishable from (\S+) on these poses")
-"""Reason that names one other coefficient."""
 _STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
 _COMPARED = "(t.key LIKE '%.rms' OR t.key LIKE 'iso9283.%') AND t.high > t.low AND r.command IN ('estimate', 'iso9283')"
 """Figures that are series of their own: the others say the same of the same poses."""
@@ -753,12 +740,14 @@ def add(db: sqlite3.Connection, result: StoredResult, at: float, arm: str | None
         figures = read_compared_result(document, result.name, result.name, result.sha256).figures
         robot: dict[str, Any] = next((entry for entry in document["inputs"] if entry["kind"] == "robot"), {})
         heat = [value for value in (document.get("poses") or {}).get("temperature_c") or () if value is not None]
+        # Options that say which effects a result has.
+        effects = [document["options"].get(name) for name in ("fit", "declared", "align")]
         values = {
             "sha256": result.sha256,
             "at": at,
             "name": os.path.basename(result.name),
             "arm": arm or arm_of(document),
-            "model": f"{result.command} {robot.get('sha256')} {[*map(document['options'].get, _STATED)]}",
+            "model": f"{result.command} {robot.get('sha256')} {effects}",
             "command": result.command,
             "version": document["robacc"],
             "n_poses": document["n_poses"],
@@ -836,7 +825,8 @@ def series_of(db: sqlite3.Connection, own: Sequence[Test]) -> list[ArmSeries]:
     is_hidden = of_tests.format("coefficients", "t.std IS NULL")
     rivals: dict[str, set[str]] = {}
     for key, why in db.execute(f"SELECT DISTINCT t.key, t.why {is_hidden}", [ids]):
-        if (match := _RIVAL.search(why or "")) is not None:
+        # A reason that names one other coefficient.
+        if (match := re.search(r"is not distinguishable from (\S+) on these poses", why or "")) is not None:
             rivals.setdefault(match[1], set()).add(key)
     series: list[ArmSeries] = []
     for std, *source in ((_STD, "figures", _COMPARED), ("t.std", "coefficients", "t.std > 0")):

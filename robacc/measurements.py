@@ -7,10 +7,9 @@ import zlib
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Counted
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, NDArray, Poses
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
@@ -52,9 +51,10 @@ class Measurements:
     """``(3, N)`` measuring uncertainty, one standard deviation along x, y, z of the measuring frame, m."""
     sigma_rotation: Array | None = None
     """``(N,)`` measuring uncertainty of the orientation about any axis, rad."""
-    noise_covariance: tuple[tuple[float, float, float], ...] | None = None
-    """Covariance of the noise of a position in the measuring frame beyond equal noise, m², as a fit estimated it, in
-    rows; None for equal noise. It counts only without ``sigma_position``."""
+    noise_covariance: Array | None = None
+    """``(3, 3, N)`` covariance of the noise of each position in the measuring frame, m²: as the file states it, where
+    ``sigma_position`` are the roots of its diagonal, or as a fit estimated it beyond equal noise; None if the noise
+    along x, y, z is independent."""
     pose: NDArray[Any] | None = None
     """``(N,)`` id of the commanded pose, text."""
     cycle: NDArray[Any] | None = None
@@ -203,10 +203,10 @@ class Measurements:
 
     @property
     def position_variance(self) -> Array | None:
-        """Known variance of the position, m²: ``(3, N)`` as stated or ``(3, 1)`` as estimated; None if none is."""
+        """Known variance ``(3, N)`` of the position, m², as stated or as estimated; None if none is."""
         if self.sigma_position is not None:
             return np.square(self.sigma_position)
-        return None if self.noise_covariance is None else np.diag(np.array(self.noise_covariance))[:, None]
+        return None if self.noise_covariance is None else np.einsum("iin->in", self.noise_covariance)
 
     @property
     def stated_noise(self) -> tuple[float | None, float | None]:
@@ -219,10 +219,20 @@ class Measurements:
 
     @property
     def correlated_noise(self) -> Array | None:
-        """Known covariance ``(3, 3)`` of the position, m², where its coordinates are correlated; else None."""
-        covariance = np.zeros((3, 3)) if self.noise_covariance is None else np.array(self.noise_covariance)
-        is_known = self.sigma_position is None and np.any(covariance != np.diag(np.diag(covariance)))
-        return covariance if is_known else None
+        """Known covariance ``(3, 3, N)`` between coordinates of the position, m², 0 on its diagonal; None without."""
+        return None if self.noise_covariance is None else self.noise_covariance * (1.0 - np.eye(3))[..., None]
+
+    @property
+    def states_covariance(self) -> bool:
+        """Whether the covariance is that of single rows as the file states it, and no estimate over all of them."""
+        return self.noise_covariance is not None and self.sigma_position is not None
+
+    def along_noise(self, position: Array) -> tuple[Array, Array | float]:
+        """Return values ``(3, N)`` along axes in which a row's noise is independent, and its variances there, m²."""
+        if not self.states_covariance or self.noise_covariance is None:
+            return position, 0.0 if self.position_variance is None else self.position_variance
+        variance, axes = np.linalg.eigh(np.moveaxis(self.noise_covariance, -1, 0))
+        return np.einsum("nij,in->jn", axes, position), variance.T
 
     @property
     def commands(self) -> Array | None:

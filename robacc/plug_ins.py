@@ -1,7 +1,5 @@
 """Plug-ins: objects that other packages offer by entry points, looked up when nothing in this package serves."""
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator
 from typing import TYPE_CHECKING, Any
 
@@ -39,13 +37,13 @@ def plug_ins(group: str, first: str = "") -> Iterator[Any]:
         yield _loaded(entries[name])
 
 
-def _entries(group: str) -> EntryPoints:
+def _entries(group: str) -> "EntryPoints":
     from importlib.metadata import entry_points
 
     return entry_points(group=group)
 
 
-def _loaded(entry: EntryPoint) -> Any:
+def _loaded(entry: "EntryPoint") -> Any:
     try:
         return entry.load()
     except (ImportError, AttributeError) as error:

@@ -1,7 +1,5 @@
 """Quantities with units, as parameters and files give them: ``0.02mm``, ``20 um``, ``0.01 deg``."""
 
-from __future__ import annotations
-
 import math
 import re
 from typing import Literal

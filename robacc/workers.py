@@ -3,8 +3,6 @@
 The linear algebra of each process works in one thread.
 """
 
-from __future__ import annotations
-
 import functools
 import os
 import signal

@@ -7,22 +7,13 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
 
 from robacc.errors import refuse
-from robacc.programs.program import (
-    AXIS_UNITS,
-    FIXED_XYZ,
-    MM,
-    NUMBER,
-    POSE_UNITS,
-    Draft,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
-    numbers,
-)
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import FANUC_DECIMALS, N_AXES
 from robacc.robots.description import Frame
+from robacc_plugins.dialects import AXIS_UNITS, FIXED_XYZ, LAYOUT, MM, NUMBER, POSE_UNITS, Draft, numbers, write_program
 
 SIGN = re.compile(r"^/PROG\b", re.M)
 _SECTION = re.compile(r"^/(PROG|ATTR|APPL|MN|POS|END)\b", re.M)
@@ -117,3 +108,26 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
         # User frame 0 is the world frame.
         base=ProgramFrame(frames[1], Frame() if frames[1] == "0" else None) if frames else None,
     )
+
+
+NEW_SUFFIX = ".ls"
+"""Suffix of a new program."""
+write = partial(
+    write_program,
+    {
+        **LAYOUT,
+        "has": f"a fanuc program's targets have 1 to {N_AXES}",
+        "program": '/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
+        "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
+        "data": "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};",
+        "move": "J P[{k}] 10% FINE",
+        "wait": "  WAIT   2.00(sec)",
+        "line": "{i:4d}:{line} ;",
+        "number": "J{key}= {value:>9} deg",
+        "decimals": FANUC_DECIMALS,
+        "comma": ",\t",
+        "half": ",\n\t",
+        "bare_point": True,
+    },
+)
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

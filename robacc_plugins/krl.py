@@ -11,13 +11,18 @@ import os
 import re
 from bisect import bisect_right
 from collections.abc import Iterator, Sequence
+from functools import partial
 from pathlib import Path, PurePath
 
 from robacc.errors import refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
+    LAYOUT,
     NUMBER,
     POSE_UNITS,
     RUN_TIME,
@@ -26,10 +31,6 @@ from robacc.programs.program import (
     EventKind,
     FrameEvent,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
@@ -37,8 +38,8 @@ from robacc.programs.program import (
     stripped,
     timeline,
     unclosed,
+    write_program,
 )
-from robacc.robots.description import Frame
 
 _ANY = re.IGNORECASE
 _HIDDEN = re.compile(r'"[^"\r\n]*"|;[^\r\n]*')
@@ -343,3 +344,22 @@ def _frame_of(kind: str, match: re.Match[str]) -> str:
     """Return ``TOOL`` or ``BASE`` for an assignment to $TOOL or $BASE; empty for any other statement."""
     name = _key(match[1]) if kind == "assignment" else ""
     return name[1:] if name in ("$TOOL", "$BASE") else ""
+
+
+NEW_SUFFIX = ".src"
+"""Suffix of a new program."""
+write = partial(
+    write_program,
+    {
+        **LAYOUT,
+        "has": f"a krl program's targets have 1 to {N_AXES}",
+        "program": "&ACCESS RVP\nDEF {name}( )\n"
+        "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
+        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(N_AXES))
+        + "$VEL.CP=0.100\n{moves}\nEND\n",
+        "move": "; {comment}\nPTP {{{numbers}}}",
+        "wait": "WAIT SEC 2",
+        "number": "A{key} {value}",
+    },
+)
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

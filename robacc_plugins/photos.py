@@ -68,12 +68,17 @@ def takes(path: str, first: bytes) -> bool:
 def read(path: str, options: TableOptions) -> ColumnTable:
     """Return the points of the board in the photos of a folder; each photo's name without its end is its pose.
 
-    A folder without photos may have one for each camera, with the camera's name.
+    A folder without photos may have one for each camera, with the camera's name. Without a board, the records of poses
+    beside the photos are read.
 
     Raises:
         InputError: A photo or the file of the board cannot be read, or no photo shows the board.
         UsageError: No board is stated, or the extra ``camera`` is not installed.
     """
+    from robacc_plugins import records
+
+    if options.board is None and records.holds_poses(path):  # found in the photos by another program
+        return records.read(path, options)
     cv2, files, digest = opencv(path), {"": _photos(path)}, hashlib.sha256()
     foreign = [file.name for file in _photos(path, _FOREIGN)]
     if not (files[""] or foreign):

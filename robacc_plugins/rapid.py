@@ -9,27 +9,28 @@ from __future__ import annotations
 import re
 from bisect import bisect_right
 from collections.abc import Sequence
+from functools import partial
 
 from robacc.errors import InputError, refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
     AXIS_UNITS,
     CHANGED,
     ELSEWHERE,
+    LAYOUT,
     MM,
     QUATERNION,
     RUN_TIME,
     Draft,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
     numbers,
+    write_program,
 )
-from robacc.robots.description import Frame
 
 _ANY = re.IGNORECASE
 SIGN = re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)
@@ -181,3 +182,22 @@ def _arguments(text: str, match: re.Match[str]) -> list[Place]:
     r"""Return the places of an instruction's arguments, without ``\Switch`` parts."""
     places, _ = arguments(text, *match.span(3))
     return [place for place in places if text[slice(*place)] and text[place[0]] != "\\"]
+
+
+NEW_SUFFIX = ".mod"
+"""Suffix of a new program."""
+write = partial(
+    write_program,
+    {
+        **LAYOUT,
+        "has": f"a rapid program's targets have 1 to {N_AXES}",
+        "padded": N_AXES,
+        "program": "MODULE {name}\n"
+        "  ! written by robacc: check the speed, the tool and every motion before you run it\n"
+        "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
+        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],[{','.join(['9E+09'] * N_AXES)}]]; ! {{comment}}",
+        "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
+        "wait": "    WaitTime \\InPos,2;",
+    },
+)
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

@@ -1,28 +1,122 @@
-"""Reader of the records of JSON, JSON Lines and YAML documents: joint states, samples, joints for each socket."""
+"""Reader of the records of JSON, JSON Lines and YAML documents, and of arrays that NumPy saved by name.
+
+A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``.
+"""
 
 from __future__ import annotations
 
+import ast
+import contextlib
+import csv
 import hashlib
+import io
 import itertools
 import json
 import re
-from collections.abc import Iterator
+import zipfile
+from collections import Counter
+from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
 
 from robacc.errors import InputError, Problem, refuse
-from robacc.io.column_table import ColumnTable, are_records
+from robacc.io.column_table import ColumnTable
+from robacc.io.dialect import number_of
 from robacc.io.files import TEXT_LIMIT, decode
 from robacc.io.table import TableOptions
 
 _SOCKET = re.compile(r"(?i)(hole|socket|cone|nest)s?[_ -]?\w*$")
 """Names of lists of the joints at which the tip was in one socket."""
+_YAML = (".yaml", ".yml")
+_CELL = re.compile(r'(?m)(^|[,;\t])"\[[\s\[]*[-+.\d]')
+"""Beginning of a cell of a CSV that is a list."""
+_FILES = 10_000
+_LARGEST = 1 << 20
+"""Largest file of one record, bytes."""
+_FEWEST = 6
+"""Numbers of a pose."""
 
 
 def takes(path: str, first: bytes) -> bool:
-    """Return whether a file is such a document, by its name or its first bytes."""
-    return bool(first) and are_records(path, first.removeprefix(b"\xef\xbb\xbf").lstrip())
+    """Return whether a file is such a document, by its name or its first bytes, or a folder has a record a file.
+
+    A CSV whose cells are lists, as pandas writes them, is a document of records too: ``"[0.1, 0.2, 0.3]"``.
+    """
+    if not first:
+        return Path(path).is_dir() and bool(_records_of(path))
+    text, name = first.removeprefix(b"\xef\xbb\xbf").lstrip(), path.lower()
+    is_document = re.match(rb"(?s)\{|\[\s*[\[{]|(---\s+)?header:|.*[\n,;\t]\"\[[\s\[]*[-+.\d]", text)
+    return bool(is_document) or name.endswith(_YAML) or _are_arrays(name, first)
+
+
+def _are_arrays(file: str, first: bytes) -> bool:
+    return first.startswith(b"\x93NUMPY") or (file.lower().endswith(".npz") and first.startswith(b"PK"))
+
+
+def read(path: str, options: TableOptions) -> ColumnTable:
+    """Return the records of the files of a folder as a table; the files give the poses their names."""
+    records = _records_of(path)
+    names = [name for name, _, _ in records]
+    digest = hashlib.sha256(b"".join(content for _, _, content in records)).hexdigest()
+    remark = f"each file is a pose: {len(names)} files, {names[0]} to {names[-1]}"
+    columns = _columns([row for _, row, _ in records])
+    return ColumnTable([("pose", np.array(names)), *columns], path, options.skip_gaps, digest, remark)
+
+
+def holds_poses(path: str) -> bool:
+    """Return whether the files of a folder give a position each, beside what else they say."""
+    names = (name.lower() for _, row, _ in _records_of(path)[:1] for name in row)
+    return any(re.match(r"(.*_)?(tx|x|px)$|(.*_)?(pose|position|translation)_|.*_0_3$", name) for name in names)
+
+
+def _records_of(path: str) -> list[tuple[str, dict[str, Any], bytes]]:
+    """Return the name, values and content of the files of a folder, and of those below it, with the same names.
+
+    They are empty unless these are most of its files.
+    """
+    files = itertools.islice(
+        (f for f in Path(path).rglob("*") if f.suffix in (".json", ".yaml", ".yml", ".txt")), _FILES
+    )
+    found = []
+    for file in sorted(files, key=_counted):
+        content = file.read_bytes() if file.is_file() and file.stat().st_size <= _LARGEST else b""
+        if row := _record(content, str(file)):
+            place = file.relative_to(path).with_suffix("")
+            found.append((place, row, content))
+    forms = Counter(tuple(row) for _, row, _ in found)
+    form, count = max(forms.items(), key=lambda item: item[1], default=((), 0))
+    if count < 2 or 2 * count < len(found):
+        return []
+    places = [place for place, row, _ in found if tuple(row) == form]
+    is_same = len({place.name for place in places}) == 1 and len(places[0].parts) > 1
+    rows = ((row, content) for _, row, content in found if tuple(row) == form)
+    return [(str(place.parent if is_same else place), *row) for place, row in zip(places, rows, strict=True)]
+
+
+def _counted(file: Path) -> list[int | str]:
+    """Return a name whose numbers count: 10 is behind 9."""
+    return [int(part) if part.isdecimal() else part for part in re.split(r"(\d+)", str(file))]
+
+
+def _record(content: bytes, file: str) -> dict[str, Any] | None:
+    """Return the values of a file of one record by their names; None for another file, such as one of several."""
+    try:
+        if file.endswith(".txt"):
+            rows = [line.replace(",", " ").split() for line in content.decode().splitlines() if line.strip()]
+            values: Any = {"T": [[float(cell) for cell in row] for row in rows]}
+            is_matrix = [len(row) for row in rows] == [4] * 4 and values["T"][3] == [0, 0, 0, 1]
+            record = dict(_leaves(values, ())) if is_matrix else {}
+        else:
+            document = _document(content, file)
+            parts = document.values() if isinstance(document, dict) else [[{}]]
+            are_several = any(isinstance(part, list) and any(isinstance(each, dict) for each in part) for part in parts)
+            record = {} if are_several else dict(_leaves(document, ()))
+    except (ValueError, InputError, RecursionError):
+        return None
+    numbers = [value for value in record.values() if isinstance(value, int | float)]
+    return record if len(numbers) >= _FEWEST else None
 
 
 def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTable:
@@ -33,29 +127,11 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
     Raises:
         InputError: The text is no such document, or has no records.
     """
-    import yaml
-
-    document: Any
     data = stream.read(TEXT_LIMIT)
-    text = decode(data, file)
-    try:
-        lines = [line.strip() for line in text.splitlines() if line.strip()]
-        if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
-            document = [json.loads(line) for line in lines]
-        elif text.lstrip()[:1] in ("{", "[") and not file.lower().endswith((".yaml", ".yml")):
-            document = json.loads(text)
-        elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
-            raise ValueError("it has aliases")  # they could stand for more records than the memory holds
-        else:
-            # Messages of ros2 topic echo are a document each.
-            documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
-            document = documents[0] if len(documents) == 1 else documents
-    except (ValueError, RecursionError, yaml.YAMLError) as error:
-        raise InputError(
-            Problem(
-                f"cannot be read as JSON or YAML ({' '.join(str(error).split())[:200]})", file, fix="export it again"
-            )
-        ) from None
+    fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
+    if _are_arrays(file, data[:6]):
+        fix = "save arrays by name with a row for each pose, as numpy.savez(file, joints=…, position=…) does"
+    document = _document(data, file)
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
     if values and all(isinstance(items, list) for items in values) and all(map(_SOCKET.match, map(str, document))):
         document = [{"socket": name, "joints": joints} for name, rows in document.items() for joints in rows]
@@ -68,29 +144,115 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
     longest = max(lists, key=len, default=[])
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
-    fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
     no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
     refuse((not rows or len(rows) < len(longest), no_list))
+    return ColumnTable(_columns(rows), file, options.skip_gaps, hashlib.sha256(data).hexdigest())
+
+
+def _columns(rows: list[dict[str, Any]]) -> list[tuple[str, Any]]:
+    """Return the columns of records."""
     names = dict.fromkeys(name for row in rows for name in row)
-    columns = [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
-    return ColumnTable(columns, file, options.skip_gaps, hashlib.sha256(data).hexdigest())
+    return [(name, np.array([row.get(name) for row in rows], dtype=object)) for name in names]
+
+
+def _document(data: bytes, file: str) -> Any:
+    """Return the content of a document.
+
+    Raises:
+        InputError: The text is no such document.
+    """
+    import yaml
+
+    document: Any
+    is_of_arrays = _are_arrays(file, data[:6])
+    text = "" if is_of_arrays else decode(data, file)
+    try:
+        if is_of_arrays:
+            return _arrays(data)
+        if text.lstrip()[:1] not in ("{", "[", "-", "") and _CELL.search(text) and not file.lower().endswith(_YAML):
+            return _of_cells(text)
+        lines = [line.strip() for line in text.splitlines() if line.strip()]
+        if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
+            document = [json.loads(line) for line in lines]
+        elif text.lstrip()[:1] in ("{", "[") and not file.lower().endswith(_YAML):
+            document = json.loads(text)
+        elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
+            raise ValueError("it has aliases")  # they could stand for more records than the memory holds
+        else:
+            # Messages of ros2 topic echo are a document each.
+            documents = [item for item in yaml.load_all(text, Loader=yaml.CSafeLoader) if item is not None]
+            document = documents[0] if len(documents) == 1 else documents
+    except (ValueError, RecursionError, yaml.YAMLError, zipfile.BadZipFile, EOFError, OSError) as error:
+        kind, why = "arrays" if is_of_arrays else "JSON or YAML", " ".join(str(error).split())[:200]
+        raise InputError(Problem(f"cannot be read as {kind} ({why})", file, fix="export it again")) from None
+    return document
+
+
+def _of_cells(text: str) -> list[dict[str, Any]]:
+    """Return the rows of a CSV whose cells may be lists or matrices, as pandas and NumPy write them.
+
+    Raises:
+        ValueError: The text is no such table.
+    """
+    head = text.lstrip("\ufeff\n").partition("\n")[0]
+    separator = max(",;\t", key=head.count)
+    rows = csv.DictReader(io.StringIO(text.lstrip("\ufeff\n")), delimiter=separator, strict=True)
+    try:
+        return [{(name or "").strip(): _cell(cell or "") for name, cell in row.items() if name} for row in rows]
+    except csv.Error as error:
+        raise ValueError(str(error)) from None
+
+
+def _cell(text: str) -> Any:
+    """Return the list, the number or the text in a cell."""
+    text = text.strip()
+    if text[:1] == "[":
+        # NumPy separates by blanks, and rows by the ends of lines.
+        with contextlib.suppress(ValueError, SyntaxError, MemoryError, RecursionError):
+            return ast.literal_eval(re.sub(r"(?<=[\d.\]])\s+(?=[-+.\d\[])", ",", text))
+    number = number_of(text, decimal_comma=False)
+    return text if number is None else number
+
+
+def _arrays(data: bytes) -> dict[str, Any]:
+    """Return the rows of each array of a ``.npz`` file, or of each field of a ``.npy`` file, by its name.
+
+    Raises:
+        ValueError: An array has Python objects.
+    """
+    loaded = np.load(io.BytesIO(data), allow_pickle=False)
+    names = loaded.dtype.names or () if isinstance(loaded, np.ndarray) else loaded.files
+    arrays = {name: np.asarray(loaded[name]) for name in names}
+    return {name: array.tolist() for name, array in arrays.items() if array.ndim}
 
 
 def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of each number and text in a record."""
     if isinstance(value, dict):
-        names = value.get("name")
+        listed = value.get("name")
         for key, item in value.items():
-            if isinstance(names, list) and isinstance(item, list) and item is not names and len(item) == len(names):
+            if isinstance(listed, list) and isinstance(item, list) and item is not listed and len(item) == len(listed):
                 # Lists beside one of names, as in joint states of ROS, have a value for each name.
-                yield from ((f"{name}/{key}", entry) for name, entry in zip(names, item, strict=True))
+                yield from ((f"{name}/{key}", entry) for name, entry in zip(listed, item, strict=True))
             else:
                 yield from _leaves(item, (*path, str(key)))
     elif isinstance(value, list):
+        if value and all(isinstance(item, list) and len(item) == 1 for item in value):  # a column, as of OpenCV
+            value = [item[0] for item in value]
+        if len(value) == 16 and not isinstance(value[0], list):  # a matrix, by rows or by columns
+            rows = [[value[4 * row + column] for column in range(4)] for row in range(4)]
+            by_columns = [row[3] for row in rows] == [0, 0, 0, 1] != rows[3]
+            matrix = [list(column) for column in zip(*rows, strict=True)] if by_columns else rows
+            value = matrix if matrix[3] == [0, 0, 0, 1] else value
+        names: Sequence[str] = "123" if path and path[-1].lower().endswith("rvec") else "xyz"
+        if len(value) == 3 and path and path[-1].lower().endswith("tvec"):
+            path, names = (*path[:-1], path[-1][:-4].rstrip("_")), ("tx", "ty", "tz")
         in_matrix = any(isinstance(item, list) for item in value) or (path and path[-1].isdecimal())
         for i, item in enumerate(value):
-            yield from _leaves(item, (*path, str(i) if in_matrix else "xyz"[i] if len(value) == 3 else str(i + 1)))
+            yield from _leaves(item, (*path, str(i) if in_matrix else names[i] if len(value) == 3 else str(i + 1)))
     else:
         # A unit goes last.
-        words = sorted("_".join(path).split("_"), key={"m", "mm", "um", "rad", "mrad", "deg"}.__contains__)
+        words = sorted(
+            "_".join(filter(None, path)).split("_"), key={"m", "mm", "um", "rad", "mrad", "deg"}.__contains__
+        )
         yield "_".join(words), value

@@ -7,19 +7,20 @@ from __future__ import annotations
 
 import re
 from collections.abc import Sequence
+from functools import partial
 
 from robacc.errors import refuse
-from robacc.programs.program import (
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
+    LAYOUT,
     ROTATION_VECTOR,
     RUN_TIME,
     Draft,
     EventKind,
     FrameEvent,
     Place,
-    Program,
-    ProgramFrame,
-    ProgramSource,
-    ProgramTarget,
     arguments,
     items,
     mask,
@@ -27,8 +28,8 @@ from robacc.programs.program import (
     stripped,
     timeline,
     unclosed,
+    write_program,
 )
-from robacc.robots.description import Frame
 
 SIGN = re.compile(r"^\s*(?:def|thread|sec)\s+\w+\s*\([^)\n]*\)\s*:|\b(?:movej|movel|movep|movec)\s*\(", re.M)
 _HIDDEN = re.compile(r"\"[^\"\r\n]*\"|'[^'\r\n]*'|#[^\r\n]*")
@@ -144,3 +145,23 @@ def _written(text: str, place: Place) -> ProgramTarget | None:
     is_pose = text[place[0] : place[1]][:1] == "p"
     values = numbers(text, items(text, (place[0] + is_pose, place[1])), (1.0,) * 6)
     return None if values is None else ProgramTarget(ROTATION_VECTOR if is_pose else None, values)
+
+
+NEW_SUFFIX = ".script"
+"""Suffix of a new program."""
+write = partial(
+    write_program,
+    {
+        **LAYOUT,
+        "joints": [N_AXES],
+        "has": f"a URScript target has {N_AXES}",
+        "program": "def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
+        "{moves}\nend\n",
+        "move": "  # {comment}\n  movej([{numbers}], a=0.5, v=0.314)",
+        "wait": "  sleep(2)",
+        "decimals": 7,
+        "units": (1.0, 1.0),
+        "line_end": "\n",
+    },
+)
+"""Return the text of a new program; see :func:`robacc_plugins.dialects.write_program`."""

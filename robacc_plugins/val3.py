@@ -15,24 +15,26 @@ from typing import NamedTuple
 from robacc.errors import refuse
 from robacc.geometry import rotation_from_quaternion, rotation_from_rpy, transpose
 from robacc.programs.program import (
-    AXIS_UNITS,
-    POSE_UNITS,
-    RUN_TIME,
     Convention,
-    Draft,
-    Place,
     Program,
     ProgramFrame,
     ProgramNote,
     ProgramNumber,
     ProgramSource,
     ProgramTarget,
+)
+from robacc.robots.description import Frame
+from robacc_plugins.dialects import (
+    AXIS_UNITS,
+    POSE_UNITS,
+    RUN_TIME,
+    Draft,
+    Place,
     arguments,
     mask,
     nearest_angles,
     numbers,
 )
-from robacc.robots.description import Frame
 
 SIGN = re.compile(r"<Database\b[^>]*/VAL3/Data/")
 _COMMENT = re.compile(r"<!--.*?-->", re.S)

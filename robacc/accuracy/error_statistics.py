@@ -5,8 +5,6 @@ contradict it (Hotelling's and Mardia's tests at 1 %), intervals are chi-square 
 commanded poses were repeated, intervals come from resampling poses. Each interval names its method.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence
@@ -15,11 +13,10 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
 from robacc.errors import InputError, applying
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
     EstimateOrReason,
     Interval,
@@ -300,7 +297,7 @@ class _ErrorSample(PoseSampling):
     is_repeated: bool = field(kw_only=True)
 
     @classmethod
-    def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> _ErrorSample:
+    def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> "_ErrorSample":
         """Return the errors with the numbers of their commanded poses."""
         if (n := errors.shape[1]) == 0:
             raise InputError("there are no poses; statistics need at least one")
@@ -332,7 +329,7 @@ class _ErrorSample(PoseSampling):
         )
 
     @classmethod
-    def of_sums(cls, sums: ErrorSums, count: int) -> _ErrorSample:
+    def of_sums(cls, sums: ErrorSums, count: int) -> "_ErrorSample":
         """Return the errors of ``count`` commanded poses whose sums are known."""
         n = sums.n
         mean = sums.origin + sums.products[0, 1:4] / n

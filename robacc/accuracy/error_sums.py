@@ -7,15 +7,12 @@ command, so that repetitions of a command are in one group (cluster-robust varia
 sum of z z^T, and quantiles come from a histogram of the lengths.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 
 PAIRS = ((0, 0), (0, 1), (0, 2), (1, 1), (1, 2), (2, 2))
 LENGTH = np.eye(11)[-1]
@@ -82,7 +79,7 @@ class ErrorSums:
     """Largest length."""
 
     @classmethod
-    def of(cls, errors: Array, origin: Array, hashes: NDArray[np.uint64]) -> ErrorSums:
+    def of(cls, errors: Array, origin: Array, hashes: NDArray[np.uint64]) -> "ErrorSums":
         """Return the sums over errors ``(3, N)`` of poses with these hashes ``(N,)`` of their commands."""
         length = vector_lengths(errors)
         z = features(errors - origin[:, None], length)
@@ -92,7 +89,7 @@ class ErrorSums:
         bins = Counter(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
         return cls(origin, np.stack(groups, axis=1), z @ z.T, bins, float(length.max(initial=0.0)))
 
-    def __add__(self, other: ErrorSums) -> ErrorSums:
+    def __add__(self, other: "ErrorSums") -> "ErrorSums":
         """Return the sums over the errors of both."""
         return ErrorSums(
             self.origin,

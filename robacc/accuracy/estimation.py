@@ -21,14 +21,13 @@ from operator import add
 from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, applying, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
-from robacc.geometry import Array, log_between, rms_length, rotate_back, transpose, vector_lengths
+from robacc.geometry import Array, NDArray, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import quantiles
@@ -176,14 +175,9 @@ def too_far(error: float, position: Array) -> bool:
     return error > _FAR * rms_length(position - position.mean(axis=1, keepdims=True))
 
 
-def too_far_turned(errors: PoseErrors) -> bool:
-    """Return whether orientation errors are too large for an arm: one as built has a fraction of a degree."""
-    return errors.rotation is not None and rms_length(errors.rotation) > np.deg2rad(5.0)
-
-
 def _far_errors(errors: Array) -> tuple[float, int]:
-    """Return the rms length of position errors ``(3, N)`` without those far beyond the others, m, and how many are."""
-    near = inlier_mask(errors, np.ones((1, 1)), np.ones(errors.shape[1], dtype=np.bool_), 0)
+    """Return the rms length of errors ``(3, N)`` without those far beyond the others, and how many are, m or rad."""
+    near = inlier_mask(errors, errors, np.ones(errors.shape[1], dtype=np.bool_), 0)
     return rms_length(errors[:, near]), int(np.count_nonzero(~near))
 
 
@@ -336,6 +330,8 @@ class EstimateResult:
     """Errors of each target, where several targets were measured."""
     distances: DistanceErrors | None
     """Errors of the distances between poses; None where positions are not measured."""
+    too_large: tuple[str, ...]
+    """Advice on errors that, but for those far beyond the others, are too large for an arm; empty for others."""
     notes: tuple[str, ...]
     """Information that is needed to read the result."""
     warnings: tuple[str, ...]
@@ -594,11 +590,12 @@ def estimate(
         worst_orientation=worst[1],
         targets=targets if len(targets) > 1 else (),
         distances=distance_errors(data, PredictedBy.of(robot, alignment, chosen)),
+        too_large=_too_large(data, errors, alignment, far[0]),
         notes=_notes(data, robot, frame, chosen, oriented, alignment),
         warnings=(
             *(everything.warnings if everything else data.warnings),
             *data.contradicted_ids(),
-            *_warnings(data, errors, alignment, worst[0], *far),
+            *_far_rows(worst[0], *far),
             *([Note(_NOT_USED)] if robot is not None and data.commanded_position is not None else []),
         ),
     )
@@ -680,29 +677,27 @@ def _relative_size(data: Measurements, alignment: Alignment) -> float:
     return float(np.exp(found.x)) if 2.0 * found.fun < error(0.0) else 1.0
 
 
-def _warnings(
-    data: Measurements,
-    errors: PoseErrors,
-    alignment: Alignment | None,
-    worst: Sequence[WorstPose],
-    usual: float,
-    n_far: int,
-) -> tuple[str, ...]:
-    """Warn of errors far beyond the others, or else of errors that are too large for an arm."""
+def _far_rows(worst: Sequence[WorstPose], usual: float, n_far: int) -> tuple[str, ...]:
+    """Warn of errors far beyond the others."""
     named = ", ".join(f"{pose.place} ({1e3 * pose.position:.3g} mm)" for pose in worst[:n_far])
     more = f" and {n_far - N_WORST} more" if n_far > N_WORST else ""
-    far, turned = _moves(data) and too_far(usual, data.position), too_far_turned(errors)
-    outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
-    size = 1.0
-    if far and alignment is not None and data.q is not None:
-        size = _relative_size(data, alignment)
-    cause, *_ = applying(
+    return applying(
         (
             n_far > 0,
             f"far beyond the other errors ({1e3 * usual:.3g} mm rms without): {named}{more}; all figures include "
             "them: check these readings and their commands",
-        ),
-        (not (far or turned), ""),
+        )
+    )
+
+
+def _too_large(data: Measurements, errors: PoseErrors, alignment: Alignment | None, usual: float) -> tuple[str, ...]:
+    """Return the advice on errors that are too large for an arm: of position, ``usual`` m rms, or of orientation."""
+    far = _moves(data) and too_far(usual, data.position)
+    # An arm as built is a fraction of a degree off.
+    turned = errors.rotation is not None and _far_errors(errors.rotation)[0] > np.deg2rad(5.0)
+    outside = "; ".join(text.rpartition(": ")[2] for text in data.warnings if text.endswith(MOVES_UNUSED))
+    size = _relative_size(data, alignment) if far and alignment is not None and data.q is not None else 1.0
+    advice = applying(
         (
             far and bool(outside),
             f"the errors are too large for an arm, and {outside}: an axis that carries the arm is one of its joints",
@@ -720,4 +715,4 @@ def _warnings(
             "quaternion or the convention of the angles",
         ),
     )
-    return (cause,) if cause else ()
+    return advice[:1] if far or turned else ()

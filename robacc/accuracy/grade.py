@@ -1,19 +1,14 @@
 """Accuracy grades: scales and their reader, the grade that the errors meet, and sentences that explain it."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
-from typing import TYPE_CHECKING, Any, Literal, NamedTuple, cast, get_args
+from typing import Any, Literal, NamedTuple, cast, get_args
 
 from robacc.accuracy.error_statistics import ErrorStatistics, Statistic, Unit
 from robacc.errors import applying, refuse
+from robacc.io.yaml_nodes import YamlSection, top_section
 from robacc.quantities import UNITS
 from robacc.statistics.intervals import Interval, largest_known
-
-if TYPE_CHECKING:
-    from robacc.io.yaml_nodes import YamlSection
-
 
 # Scales of accuracy grades: the record, and its reader from YAML.
 
@@ -84,8 +79,6 @@ def load_scale(text: str, file: str) -> Scale:
     Raises:
         InputError: With every problem, its line and key.
     """
-    from robacc.io.yaml_nodes import top_section
-
     top = top_section(text, file, _KEYS)
     top.text("robacc", (VERSION,), needed=True)
     confidence = top.number("confidence", lambda level: 0.5 <= level < 1.0, "at least 0.5 and less than 1")

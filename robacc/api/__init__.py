@@ -3,8 +3,6 @@
 :mod:`robacc` exports all of them. The command line parses its arguments, makes these calls, and renders their results.
 """
 
-from __future__ import annotations
-
 HOMES = {
     "Calibrated": "api.fitting",
     "Checked": "api.stored",

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, Literal
 
 from robacc.accuracy.estimation import (
     EstimateResult,
@@ -14,8 +14,6 @@ from robacc.accuracy.estimation import (
     estimate as estimate_errors,
     moved_warning,
     position_errors,
-    too_far,
-    too_far_turned,
     totals_of_parts,
 )
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
@@ -57,7 +55,7 @@ from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import pose_document
 from robacc.errors import InputError, Note, applying, refuse
-from robacc.geometry import rms_length, vector_lengths
+from robacc.geometry import vector_lengths
 from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements, even_rows
@@ -74,10 +72,9 @@ _MOST_ROWS = 5000
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
-class Estimate(Result, EstimateResult):
+class Estimate(Result, EstimateResult, command="estimate"):
     """Errors of the measured poses, their statistics and the grade, with the inputs."""
 
-    command: ClassVar[str] = "estimate"
     robot: Robot | None
     """Robot as its file describes it, before any alignment."""
     data: Measurements
@@ -206,8 +203,7 @@ def estimate(
     if arm is not None and data.q is None and data.commanded_position is not None:
         text = f"{data.source}: has commanded poses and no joint variables, so the errors are against these commands"
         arm, data = None, replace(data, warnings=(*data.warnings, Note(f"{text}, not against the robot")))
-    if arm is not None:
-        arm = inputs.campaign(arm, data)
+    arm = None if arm is None else inputs.campaign(arm, data)
     fitted = fitted_pose_warnings(arm, inputs.records)
     grades, totals = inputs.scale(), None
     if parts:
@@ -238,14 +234,13 @@ def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tu
     error = some.position - commanded
     moved = moved_warning(some, error)
     if robot is None or data.q is None:
-        return moved
+        return (*body.too_large, *moved)
     roundings = rounding_in_errors(fitted.robot if fitted else robot, some, error)
     try:
-        is_too_large = too_far(rms_length(error), some.position) or too_far_turned(body.errors)
-        mistakes = check_data(robot, some) if is_too_large and fitted else other_arm(robot, some, commanded)
+        mistakes = check_data(robot, some) if body.too_large and fitted else other_arm(robot, some, commanded)
     except InputError as mistake:
         mistakes = (str(mistake),)
-    return (*mistakes, *moved, *roundings)
+    return (*(mistakes or body.too_large), *moved, *roundings)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)

@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import default_scale
 from robacc.api.inputs import Inputs
@@ -37,7 +36,7 @@ from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
 from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
-from robacc.geometry import Array, Poses, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
 from robacc.poses.csv_file import pose_pieces
@@ -59,8 +58,6 @@ from robacc.quantities import size
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, part_of
 from robacc.robots.description import Frame, Robot
 
-_TWICE = 2.0
-"""Largest correction, as a multiple of the largest on the poses of the fit."""
 _LISTED = 5
 """Refused targets that a message names for one reason."""
 _SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
@@ -112,8 +109,7 @@ class Corrected(CsvResult, Correction, command="correct"):
         """Yield the file that the command writes: corrected joints, and the wanted poses as ``cmd_`` columns."""
         names = " ".join(file.name for file in self.made.inputs)
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
-        for _, place, reason in self.unchanged:
-            yield f"# {place} of the targets is not corrected: {reason}\n"
+        yield from (f"# {place} of the targets is not corrected: {reason}\n" for _, place, reason in self.unchanged)
         wanted, _ = self._framed_poses()
         corrected = replace(
             self.given,
@@ -339,17 +335,16 @@ def correct(
             scale=grades or default_scale(),
         )
     except MissingColumnError as error:
-        message = f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
-        raise MissingColumnError(message) from error
-    outside = {
-        i: refusal.reason
+        raise MissingColumnError(
+            f"{error}; `ordered`, `payload`, `temperature` and `time` give what a column lacks"
+        ) from error
+    outside = [
+        (f"{body.causes['out_of_range']} of {data.n} targets are outside the model; the first: {refusal.reason}", i)
         for i, refusal in enumerate(body.refusals)
-        if strict_range and refusal is not None and refusal.cause == "out_of_range"
-    }
-    for first, reason in outside.items():
-        message = f"{len(outside)} of {data.n} targets are outside the model; the first: {reason}"
-        fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
-        raise InputError(Problem(message, data.source, data.line(first), fix=fix))
+        if refusal is not None and refusal.cause == "out_of_range"
+    ]
+    fix = "leave these targets out, fit the model to poses that include them, or drop `strict_range`"
+    refuse(*((strict_range, Problem(text, data.source, data.line(i), fix=fix)) for text, i in outside))
     result = Corrected(
         **fields_of(body),
         model=arm,
@@ -386,9 +381,12 @@ def _limits(
         UsageError: ``most`` is not one or two sizes.
     """
     refuse((weight <= 0, "`weight`: expected a length above zero"))
-    position, angle = length_and_angle("most", most, "3mm,0.5deg")
-    if most is None and fit is not None:
-        position, angle = (_TWICE * largest for largest in fit.largest_correction)
+    # By default twice the largest correction on the poses of the fit.
+    position, angle = (
+        length_and_angle("most", most, "3mm,0.5deg")
+        if most is not None or fit is None
+        else [2.0 * largest for largest in fit.largest_correction]
+    )
     limits = Limits(position, angle, weight, beyond_range, None if fit is None else fit.ranges)
     return limits, "option" if most is not None else "none" if fit is None else "model"
 

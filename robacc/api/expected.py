@@ -7,7 +7,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import Annotated, Any, Literal, cast
+from typing import Annotated, Any, Literal, cast, get_args
 
 import numpy as np
 
@@ -63,7 +63,7 @@ from robacc.planning.candidates import (
     parse_box,
     parse_half_space,
 )
-from robacc.plug_ins import plug_in
+from robacc.plug_ins import plug_in, plug_ins
 from robacc.poses.csv_file import format_poses, pose_pieces
 from robacc.prediction.comparison import Noise, compare_with_measured
 from robacc.prediction.model_uncertainty import calibrated_accuracy, coverage, model_fit
@@ -79,11 +79,10 @@ from robacc.prediction.predicting import (
     uncertain_parameters,
     warranty_map,
 )
-from robacc.programs.targets import SUFFIX, write_program
 from robacc.quantities import optional_size, size
 from robacc.render.views.expected import plan_comments
 from robacc.robots.arm import build_chain
-from robacc.robots.description import Robot
+from robacc.robots.description import Fixture, Robot
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -251,9 +250,11 @@ def predict(
     if isinstance(poses, np.ndarray):
         poses = Measurements(position=np.zeros((3, poses.shape[-1])), q=poses.copy())
     arm = inputs.robot(robot, poses if against is None else against)
-    toleranced, meaning = arm, NORMAL
-    if tolerances is not None:
-        toleranced, meaning = inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
+    toleranced, meaning = (
+        (arm, NORMAL)
+        if tolerances is None
+        else inputs.text(tolerances, "tolerances", partial(parse_tolerances, robot=arm))
+    )
     grades = inputs.scale() or default_scale()
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
@@ -276,13 +277,14 @@ def predict(
         else calibrated_accuracy(arm, fit, configurations, predicted, grades, seed)
     )
     aligned = effect_names(align)
-    comparison = covered = None
-    if fit is not None and measured is not None:
-        covered = coverage(arm, fit, measured, seed, aligned, noise_std)
-    elif measured is not None:
-        comparison = compare_with_measured(
+    covered = None if fit is None or measured is None else coverage(arm, fit, measured, seed, aligned, noise_std)
+    comparison = (
+        compare_with_measured(
             arm, measured, parameters, align=aligned, noise=noise_std, confidence=confidence, seed=seed
         )
+        if fit is None and measured is not None
+        else None
+    )
     made = inputs.made(
         samples=configurations.n if predicted is None else None,
         align=list(aligned),
@@ -301,7 +303,6 @@ def predict(
 
 
 _MOST_PAYLOADS = 5
-_STATISTICS = ("rms", "mean_error", "p95", "max")
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -311,7 +312,7 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         yield from (f"# {line}\n" for line in plan_comments(self))
-        yield from pose_pieces(self.visits(), attained=False)
+        yield from pose_pieces(self.visits(), attained=self.candidates.in_sockets and self.candidates.socket is None)
 
     def validation_csv(self) -> str:
         """Return the file of the validation poses.
@@ -336,13 +337,9 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
             UsageError: The suffix is of no language, or the robot has too many joints for it.
         """
         file = PurePath(path)
-        dialects = {suffix: dialect for dialect, suffix in SUFFIX.items()}
-        refuse(
-            (
-                file.suffix.lower() not in dialects,
-                f"`program`: expected a file name that ends in {', '.join(dialects)}, found {path!r}",
-            )
-        )
+        writers = {each.NEW_SUFFIX: each.write for each in plug_ins("robacc.programs") if hasattr(each, "write")}
+        ends = f"`program`: expected a file name that ends in {', '.join(writers)}, found {path!r}"
+        write = given(writers.get(file.suffix.lower()), ends)
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
         targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
         groups = {os.fspath(path): targets}
@@ -353,10 +350,7 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
                 ]
                 for payload in (block["payload_kg"] for block in self.payload_blocks)
             }
-        return {
-            name: write_program(dialects[file.suffix.lower()], group, name=PurePath(name).stem, linear=linear)
-            for name, group in groups.items()
-        }
+        return {name: write(group, name=PurePath(name).stem, linear=linear) for name, group in groups.items()}
 
 
 @call
@@ -387,7 +381,13 @@ def plan(
     ] = "",
     candidates: Annotated[
         PosesSource | int | None,
-        Help("CSV of poses to choose from, or number of samples.", "FILE|N", read=count_or_path, holds="planned poses"),
+        Help(
+            "CSV of poses to choose from, or of places x, y, z of sockets in the base frame, or number of samples.",
+            "FILE|N",
+            "A file without joints has places: the poses then bring the target there.",
+            read=count_or_path,
+            holds="planned poses",
+        ),
     ] = None,
     task: Annotated[
         PosesSource | None, Help("CSV of poses where the accuracy matters.", "FILE", holds="planned poses")
@@ -504,10 +504,22 @@ def plan(
     read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:
-            read[kind] = inputs.poses(source, arm, ordered=False, kind=kind, attained=False, visited_by=known)
+            any_kind = kind == "candidates"
+            read[kind] = inputs.poses(
+                source, arm, ordered=False, kind=kind, attained=False, any_kind=any_kind, visited_by=known
+            )
             check_at_rest(arm, read[kind])
     if already is not None:
-        read["already"] = inputs.poses(already, arm, kind="already", attained=False)
+        read["already"] = inputs.poses(already, arm, kind="already", attained=False, any_kind=True)
+    chosen = [read[name] for name in ("candidates", "already") if name in read]
+    others = {str(kind) for data in chosen if data.kind is not None for kind in data.kind} - {"position", "point"}
+    in_sockets = {data.fixture is not None for data in chosen} | ({False} if chosen_from is None else set())
+    refuse(
+        (others, f"a plan has positions and points in sockets, but rows are of kind {', '.join(sorted(others))}"),
+        (len(in_sockets) > 1, "`candidates` and `already` are two files with a column socket each, or without"),
+    )
+    sockets = dict.fromkeys(str(name) for data in chosen if data.fixture is not None for name in data.fixture)
+    arm = replace(arm, fixtures={name: Fixture("point" if name else "position") for name in sockets})
     links = None
     if collisions:
         no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
@@ -600,7 +612,7 @@ def _demands(
         inputs.records += records
         for criterion in loaded.criteria:
             quantity, _, statistic = criterion.key.partition(".")
-            if quantity == "position" and statistic in _STATISTICS and criterion.limit is not None:
+            if quantity == "position" and statistic in get_args(Statistic) and criterion.limit is not None:
                 limit = criterion.limit, criterion.confidence, criterion.share
                 demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))
         refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import PurePath
-from typing import TYPE_CHECKING, Annotated, Any, NamedTuple, TypeVar, cast
+from typing import Annotated, Any, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -47,7 +47,7 @@ from robacc.documents.fit import fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Note, Problem, refuse
-from robacc.fitting.fit_result import Options
+from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.in_parts import fitted_in_parts
 from robacc.fitting.solver import tolerance_priors
 from robacc.fitting.visits import places
@@ -64,14 +64,10 @@ from robacc.render.text import Section
 from robacc.render.views.fit import fit_view
 from robacc.robots.arm import Arm
 from robacc.robots.description import Robot
-from robacc.tracing.calibrating import Calibration, calibrate as fit_effects
+from robacc.tracing.calibrating import Calibration, Judged, calibrate as fit_effects
 from robacc.tracing.trace import Trace, trace as trace_effects
 from robacc.version import __version__
 from robacc.workers import Workers
-
-if TYPE_CHECKING:
-    from robacc.fitting.fit_result import Fit
-    from robacc.tracing.calibrating import Judged
 
 Made = TypeVar("Made", bound="FitResult")
 
@@ -89,12 +85,10 @@ class FitInputs(NamedTuple):
     """Functions that read the parts of a large file, of which ``data`` are some poses; none for any other file."""
 
 
-class FitResult(Result):
-    """A result with a corrected robot."""
+@dataclass(frozen=True, kw_only=True, repr=False)
+class FitResult(Result, Judged):
+    """A result with a corrected robot, and its inputs."""
 
-    __slots__ = ()
-    robot: Robot
-    fit: Fit
     fit_inputs: FitInputs
 
     def payload(self) -> dict[str, Any]:
@@ -102,7 +96,7 @@ class FitResult(Result):
         inputs = self.fit_inputs
         return fit_document(
             own_keys(self.command),
-            cast("Judged", self),
+            self,
             inputs.data,
             inputs.robot,
             inputs.holdout,
@@ -117,8 +111,7 @@ class FitResult(Result):
 
     def summary(self) -> dict[str, Any]:
         """Return the main figures, for a table of several files: rms position errors in m, and the findings."""
-        judged = cast("Judged", self)
-        stages = [(stage.held_out or stage.fitted).position.rms for stage in (judged.nominal, judged.after)]
+        stages = [(stage.held_out or stage.fitted).position.rms for stage in (self.nominal, self.after)]
         names = ", ".join(f"{each.effect}({','.join(each.joints)})" for each in getattr(self, "findings", ()))
         return {"n_poses": self.fit.data.n, "before_m": stages[0], "after_m": stages[1], "findings": names or "–"}
 
@@ -161,14 +154,10 @@ class FitResult(Result):
 class Calibrated(FitResult, Calibration, command="calibrate"):
     """Calibrated robot and its errors, with the inputs."""
 
-    fit_inputs: FitInputs
-
 
 @dataclass(frozen=True, kw_only=True, repr=False)
 class Traced(FitResult, Trace, command="trace"):
     """Result of a trace, with its inputs."""
-
-    fit_inputs: FitInputs
 
 
 @call
@@ -403,9 +392,11 @@ def _check_validation(data: Measurements, validation: Measurements, name: str | 
 
 def _origins(data: Measurements) -> set[str]:
     """Return the kinds and names of what the rows were measured from."""
-    if data.kind is None or data.fixture is None:
-        return {"position without a kind"}
-    return {f"{kind} {fixture}".strip() for kind, fixture in zip(data.kind, data.fixture, strict=True)}
+    return (
+        {"position without a kind"}
+        if data.kind is None or data.fixture is None
+        else {f"{kind} {fixture}".strip() for kind, fixture in zip(data.kind, data.fixture, strict=True)}
+    )
 
 
 @contextmanager

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -12,7 +13,6 @@ from hashlib import sha256
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.grade import Scale, load_scale
 from robacc.api.parameters import (
@@ -35,11 +35,11 @@ from robacc.api.parameters import (
     Units,
     call,
 )
-from robacc.diagnostics.robot_poses import check_size, read_robot_poses, read_rows
+from robacc.diagnostics.robot_poses import check_size, nominal_poses, read_robot_poses, read_rows
 from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
-from robacc.geometry import Array, rotation_from_quaternion
+from robacc.geometry import Array, NDArray, rotation_from_quaternion
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_file
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits
@@ -61,7 +61,6 @@ from robacc.poses.reading import (
     reading_of,
 )
 from robacc.poses.reshaped_tables import unit_of_positions
-from robacc.robots.arm import build_chain
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
@@ -85,6 +84,7 @@ class Inputs:
     def __init__(self, arguments: Mapping[str, Any], *first: str) -> None:
         """Take the arguments by name, in their order, and the kinds of files that are recorded first."""
         self.arguments, self.first = dict(arguments), first
+        self.links = self.arguments.get("base_link"), self.arguments.get("tip_link")
         self.records: list[InputFile] = []
         self.outside: OutsideValidity | None = None
         """Poses outside the validity ranges of the model; None without a model."""
@@ -117,7 +117,7 @@ class Inputs:
             InputError: The file cannot be read or is wrong.
             UsageError: A link does not exist, or is given with a robot that was read before.
         """
-        base_link, tip_link = self._links if kind == "robot" else (None, None)
+        base_link, tip_link = self.links if kind == "robot" else (None, None)
         if isinstance(source, Robot):
             refuse(
                 (
@@ -132,10 +132,6 @@ class Inputs:
         self.records.append(InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity))
         return robot
 
-    @property
-    def _links(self) -> tuple[str | None, str | None]:
-        return self.arguments.get("base_link"), self.arguments.get("tip_link")
-
     def optional_robot(self, poses: PosesSource | None = None) -> Robot | None:
         """Return :meth:`robot` of the argument; None without one.
 
@@ -146,7 +142,7 @@ class Inputs:
         source = self.arguments["robot"]
         refuse(
             (
-                source is None and any(self._links),
+                source is None and any(self.links),
                 "`base_link` and `tip_link` choose a chain of a URDF, so they need `robot`",
             )
         )
@@ -211,15 +207,17 @@ class Inputs:
                 name = STDIN if data.source in (None, "<stdin>") else str(data.source)
             record = InputFile.at(name, digest or sha256(csv_file.format_poses(data).encode()).hexdigest(), kind)
         else:
-            path, reading = pose_path(source), dict[str, Any]()
+            path, reading, options = pose_path(source), dict[str, Any](), dict[str, Any]()
             commands = path.reading.commanded if attained and isinstance(path, PoseFile) else None
             try:
                 if commands is not None:
                     data, reading = _with_commands(path, commands, robot, ordered, **limits)
                 elif visited_by is not None:
-                    data = csv_file.read_poses(path, robot=visited_by, attained=False, **limits)
+                    # Candidates may be places without joints.
+                    options = {**limits, "commands": kind != "candidates", "planned_kinds": any_kind}
+                    data = csv_file.read_poses(path, robot=visited_by, attained=False, **options)
                 else:
-                    options: dict[str, Any] = {**limits, "attained": attained, "any_target": any_target}
+                    options = {**limits, "attained": attained, "any_target": any_target, "planned_kinds": any_kind}
                     data = read_rows(path, robot, ordered=ordered, **options)
             except InputError:
                 from robacc.programs.program import mistaken_for_poses
@@ -228,8 +226,7 @@ class Inputs:
                     raise InputError(problem) from None
                 raise
             record = InputFile.at(path, data.sha256 or "", kind)
-            if reading:
-                record = record._replace(reading={**(record.reading or {}), **reading})
+            record = record._replace(reading={**(record.reading or {}), **reading} or None)
         if data.seen is not None and any_kind:
             note = Note(
                 f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
@@ -415,6 +412,7 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
     "commanded_position": (3,),
     "commanded_rotation": (3, 3),
     "sigma_position": (3,),
+    "noise_covariance": (3, 3),
     **dict.fromkeys(("sigma_rotation", "time", "temperature", "payload"), ()),
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
@@ -443,6 +441,8 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
     fields: dict[str, Any] = {
         name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
     }
+    if "noise_covariance" in fields:
+        fields["sigma_position"] = np.sqrt(np.einsum("iin->in", fields["noise_covariance"]))
     return replace(data, **fields)
 
 
@@ -476,6 +476,11 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> It
             invalid = (deviation > 1e-3) | (np.linalg.det(np.moveaxis(array, -1, 0)) < 0)
             if np.any(invalid):
                 yield name, f"pose {int(np.argmax(invalid)) + 1} is not a rotation matrix", None
+        elif name == "noise_covariance" and not (
+            np.allclose(array, array.swapaxes(0, 1), atol=1e-9 * float(np.abs(array).max()))
+            and np.linalg.eigvalsh(array.T).min() > 0
+        ):
+            yield name, "expected symmetric, positive definite matrices", None
         elif name.startswith("sigma") and np.any(array <= 0):
             yield name, "expected standard deviations above 0", None
 
@@ -549,8 +554,8 @@ def _with_commands(
 ) -> tuple[Measurements, dict[str, Any]]:
     """Return measured poses with the commands of another file, and the record of that file as statements.
 
-    Rows are joined by the names of their poses; without names in one of the files, by their order. Joints of an open
-    unit are read in that under which the measured positions follow the arm.
+    Rows are joined by the names of their poses; without names in one of the files, by their order. Open units and
+    angles of the commands are those under which the measured positions follow them, if no others do.
 
     Raises:
         InputError: A file is wrong, has no commands, or does not fit the other.
@@ -558,19 +563,29 @@ def _with_commands(
     reading = reading_of(path)
     try:
         return _read_with_commands(path, commands, robot, reading, ordered, ignore_limits)
-    except InputError:
-        readings = []
-        for unit in ("rad", "deg") if robot is not None and reading.units is None else ():
+    except InputError as error:
+        readings = {}
+        trials = itertools.product(
+            (robot,) if robot is None else (robot, None),
+            ("m,rad", "m,deg", "mm,rad", "mm,deg") if reading.units is None else (reading.units,),
+            (None, "rotvec", "fixed-xyz", "moving-xyz", "wxyz", "xyzw")
+            if reading.angles is None
+            else (reading.angles,),
+        )
+        for arm, units, angles in trials if any(problem.file == commands for problem in error.problems) else ():
             with suppress(InputError):
                 data, record = _read_with_commands(
-                    path, commands, robot, replace(reading, units=unit), ordered, ignore_limits
+                    path, commands, arm, replace(reading, units=units, angles=angles), ordered, ignore_limits
                 )
-                if unit_of_positions(data.position, *_commanded_poses(data, robot)) == "m":
-                    text = f"{commands}: joints taken as {unit}: no other unit agrees with the motion of the arm"
-                    readings.append((replace(data, warnings=(*data.warnings, Note(text))), record))
+                poses = nominal_poses(data, arm)
+                if unit_of_positions(data.position, *poses) == "m":
+                    taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
+                    readings[str(poses)] = data, record, taken
         if len(readings) != 1:
             raise
-        return readings[0]
+        ((data, record, taken),) = readings.values()
+        note = Note(f"{commands}: {taken}: no other reading agrees with the measured positions")
+        return replace(data, warnings=(*data.warnings, note)), record
 
 
 def _read_with_commands(
@@ -590,12 +605,15 @@ def _read_with_commands(
     def known_poses(rows: Measurements) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(rows, planned, commands, path)
         position, rotation = (
-            None if part is None else np.where(found, part, np.nan) for part in _commanded_poses(given, robot)
+            None if part is None else np.where(found, part, np.nan) for part in nominal_poses(given, robot)
         )
         return position, rotation
 
     known = UNKNOWN_ROBOT if robot is None else KnownRobot(target_names=tuple(robot.targets))
     measured = csv_file.read_poses(path, robot=known, commands=False, known_poses=known_poses)
+    if reading.units and lengths_too_large(measured.position):  # the stated unit is that of the commands
+        of_commands = PoseFile.of(path, replace(reading_of(path), units=None))
+        measured = csv_file.read_poses(of_commands, robot=known, commands=False, known_poses=known_poses)
     own, fix = "the measured poses have commands of their own", "leave out `commanded`, or those columns"
     has_own = measured.q is not None or (measured.commands is not None and planned.q is None)
     refuse((has_own, Problem(own, measured.source, fix=fix)))
@@ -614,7 +632,8 @@ def _read_with_commands(
     texts = (type(remark)(f"{measured.source}: {remark}") for remark in remarks)
     warnings = (*data.warnings, *size_warnings, *planned.warnings, *texts)
     record = InputFile.at(commands, planned.sha256 or "", "commanded")
-    data = seen_from_board(replace(data, warnings=warnings), reading.camera)
+    data = replace(data, warnings=warnings)
+    data = seen_from_board(data, reading.camera, partial(nominal_poses, robot=robot))
     return data, {"commanded": record.name, "commanded_sha256": record.sha256}
 
 
@@ -672,14 +691,6 @@ def _program(path: str) -> Measurements:
     warning = f"{path}: commanded poses are in the program's base frame{' ' + ', '.join(based) if based else ''}"
     rotation = rotation_from_quaternion(values[3:])
     return replace(data, commanded_position=values[:3], commanded_rotation=rotation, warnings=(warning,))
-
-
-def _commanded_poses(planned: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
-    """Return the commanded positions and orientations; None where the commands have none."""
-    if planned.q is None or robot is None:
-        return planned.commanded_position, planned.commanded_rotation
-    poses = build_chain(replace(robot, effects=())).forward(planned.q)
-    return poses.translation, poses.rotation
 
 
 _GROUP = r".*(?:::|/|\\)_?"

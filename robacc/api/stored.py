@@ -54,7 +54,7 @@ from robacc.documents.envelope import (
     understood,
 )
 from robacc.documents.history import TEST, date_text
-from robacc.errors import InputError, Problem, UsageError, given, refuse
+from robacc.errors import InputError, Problem, UsageError, applying, given, refuse
 from robacc.gates import GateOutcome, evaluate_gate
 from robacc.history import (
     COLUMNS,
@@ -600,7 +600,7 @@ def history_changes(*, db: Database, arm: ArmName = None) -> HistoryChanges:
                 * any(test["temperature_c"] is None for test in used),
             ]
             moved = {change["key"] for change in changed[name]}
-            charts = [control.entry() for control in controls if control.series.key in moved or len(groups) == 1]
+            charts = [control for control in controls if control["key"] in moved or len(groups) == 1]
             entry = {"arm": name, "n_tests": len(own), "level": level, "detection_limits": limits, "series": charts}
             arms.append({**entry, "notes": [*filter(None, notes)]})
     return HistoryChanges(arms=arms, changes=changed, made=Inputs({"arm": arm}).made())
@@ -679,9 +679,13 @@ def health(
     )
     factor = Spread.of(series).factor
     changed, limits, hidden, rms = quick_test(model, record, data, level, factor, (own[-1]["at"], when))
-    warnings = [*data.warnings, *inputs.warnings, *(() if digests & {*model.fitted_to} else (doubt,))]
-    if too_far(rms, build_chain(model).forward(q).translation):
-        warnings.append(f"{TOO_LARGE}; the changes named say nothing of the arm until the cause is found")
+    doubts = applying(
+        (not digests & {*model.fitted_to}, doubt),
+        (
+            too_far(rms, build_chain(model).forward(q).translation),
+            f"{TOO_LARGE}; the changes named say nothing of the arm until the cause is found",
+        ),
+    )
     return Health(
         arm=own_name,
         n_poses=different(data.groups()),
@@ -690,7 +694,7 @@ def health(
         detection_limits=limits,
         hidden=hidden,
         rms=rms,
-        warnings=(*warnings,),
+        warnings=(*data.warnings, *inputs.warnings, *doubts),
         made=inputs.made("db", poses=path, robot=path_of(robot)),
     )
 

@@ -3,8 +3,6 @@
 A parameter is declared by ``Annotated[type, Help(…)]``: positional ones are arguments, others options.
 """
 
-from __future__ import annotations
-
 import inspect
 import itertools
 import os

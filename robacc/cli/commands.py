@@ -4,8 +4,6 @@ A function has the name of its call in :mod:`robacc.api`, and its docstring is t
 ``call`` gets the call with the arguments of its options, ``outlets`` the options of :class:`Outlets`.
 """
 
-from __future__ import annotations
-
 import os
 import sys
 from collections.abc import Sequence
@@ -30,6 +28,7 @@ from robacc.cli.output import (
     emit,
     progress_bar,
     write,
+    write_extra,
 )
 from robacc.errors import Note, Problem, UsageError, refuse
 from robacc.render.text import draw, say_warnings, warnings_below
@@ -62,18 +61,7 @@ def estimate(
 
     Example: robacc estimate poses.csv --robot robot.yaml --align base_frame,tool_frame
     """
-    from robacc.api.result import effect_names
-
-    options = call.keywords
-    options["align"] = None if options["align"] is None else effect_names(options["align"])
-    if len(poses) > 1:
-        from robacc.cli.many import process_each
-
-        return process_each("estimate", poses, options, outlets, per_pose, full)
-    with progress_bar() as progress:
-        result = call(poses[0], progress=progress)
-    write(per_pose, result.per_pose_pieces)
-    deliver(outlets, result, lambda: result.view(full, poses[0], options["robot"]))
+    _measured("estimate", call, poses, per_pose, outlets, full)
 
 
 def trace(
@@ -90,7 +78,7 @@ def trace(
 
     Example: robacc trace poses.csv --robot robot.yaml --write-model better.yaml
     """
-    _fit("trace", call, poses, write_model, outlets, full)
+    _measured("trace", call, poses, write_model, outlets, full)
 
 
 def calibrate(
@@ -108,29 +96,28 @@ def calibrate(
 
     Example: robacc calibrate poses.csv --robot robot.yaml --fit base_frame,tool_frame --write-model better.yaml
     """
-    _fit("calibrate", call, poses, write_model, outlets, full)
+    _measured("calibrate", call, poses, write_model, outlets, full)
 
 
-def _fit(command: str, call: Call, poses: Sequence[str], write_model: str | None, outlets: Outlets, full: bool) -> None:
-    """Run the call of a fit with a progress bar, write its model and deliver the result.
+def _measured(command: str, call: Call, poses: Sequence[str], extra: str | None, outlets: Outlets, full: bool) -> None:
+    """Run a call on a file of poses with a progress bar and deliver its result, or run it on each of several files.
 
-    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
-    status 5 too; its model says so.
+    ``extra`` is the file for the error of each pose, or for the model of a fit.
     """
     if len(poses) > 1:
         from robacc.cli.many import process_each
 
-        return process_each(command, poses, call.keywords, outlets, write_model, full)
+        return process_each(command, poses, call.keywords, outlets, extra, full)
     with progress_bar() as progress:
-        progress("starting", 0, 0)
+        if command != "estimate":
+            progress("starting", 0, 0)
         result = call(poses[0], progress=progress)
-    if write_model is not None and result.converged:
-        result.write_model(write_model)
-    deliver(outlets, result, lambda: result.view(full, write_model))
-    if result.suspicions and write_model is not None:
-        say_warnings((f"{write_model} must not be used until the suspected data mistake is resolved",))
-    if result.suspicions or not result.converged:
-        raise typer.Exit(5)
+    view, status = write_extra(command, result, extra, full, poses[0], call.keywords["robot"])
+    deliver(outlets, result, view)
+    if status and extra is not None and result.suspicions:
+        say_warnings((f"{extra} must not be used until the suspected data mistake is resolved",))
+    if status:
+        raise typer.Exit(status)
 
 
 def iso9283(

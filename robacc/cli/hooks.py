@@ -1,7 +1,5 @@
 """Hook of pre-commit: read each file as a robot file and report every mistake; exit status 3 if there is one."""
 
-from __future__ import annotations
-
 import sys
 from collections.abc import Sequence
 

@@ -4,8 +4,6 @@ The commands are imported when one runs, so that ``robacc --help`` is fast. For 
 NumPy and its users inside their functions.
 """
 
-from __future__ import annotations
-
 import io
 import os
 import sys
@@ -61,11 +59,6 @@ RENAMED: dict[str, tuple[str, list[str]]] = {
 }
 """Names of commands in 0.2, which work until 0.4: the new name, and what was the default then."""
 
-INTERRUPTED = 130
-"""Exit status of an interrupted program in a shell: 128 + SIGINT."""
-BROKEN_PIPE = 141
-"""Exit status when the reader of the output has closed it: 128 + SIGPIPE."""
-
 
 class Commands(TyperGroup):
     """Group of commands; loads the requested command, and turns errors into messages and exit statuses."""
@@ -104,7 +97,7 @@ class Commands(TyperGroup):
             written = getattr(sys.modules.get("robacc.io.files"), "WRITTEN", ())
             done = f"{', '.join(written)} was written, nothing else" if written else "nothing was written"
             say(f"interrupted; {''.join(map(str, interrupt.args)) or done}", "dim")
-            raise typer.Exit(INTERRUPTED) from interrupt
+            raise typer.Exit(130) from interrupt  # as a shell has it: 128 + SIGINT
 
 
 def form_of(name: str, arguments: list[str]) -> tuple[str, list[str]]:
@@ -172,7 +165,7 @@ def main() -> None:
             sys.stdout.flush()
             raise
     except OSError as error:
-        status = BROKEN_PIPE
+        status = 141  # The reader of the output has closed it: 128 + SIGPIPE.
         if not isinstance(error, BrokenPipeError):
             if error.filename is not None:
                 raise

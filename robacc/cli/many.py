@@ -1,13 +1,11 @@
 """``estimate``, ``calibrate`` and ``trace`` on several files: one result for each, and one table of all."""
 
-from __future__ import annotations
-
 import json
 import os
 import time
 import traceback
 from collections import Counter
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -52,23 +50,15 @@ def process_file(task: FileTask) -> FileOutcome:
     """Process a file and write its results, as the command does for a single file; an error becomes its outcome."""
     from robacc.io.json_text import json_pieces
 
-    started, status = time.perf_counter(), 0
+    started = time.perf_counter()
     try:
         call = getattr(import_module(f"robacc.{HOMES[task.command]}"), task.command)
         result = call(task.path, **task.options)
         document, gate, warnings = output.with_gate(result, task.outlets.gate)
-        if task.command == "estimate":
-            output.write(task.extra, result.per_pose_pieces)
-            shown: tuple[str | None, ...] = (task.path, task.options["robot"])
-        else:
-            status, shown = 5 * bool(result.suspicions or not result.converged), (task.extra,)
-            if task.extra is not None and result.converged:
-                result.write_model(task.extra)
+        view, status = output.write_extra(task.command, result, task.extra, task.full, task.path, task.options["robot"])
         output.write(task.document, lambda: json_pieces(document()))
         if task.outlets.output:
-            output.write_result(
-                task.outlets, task.command, document, partial(result.view, task.full, *shown), gate, warnings
-            )
+            output.write_result(task.outlets, task.command, document, view, gate, warnings)
         status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
         outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     except RobaccError as error:
@@ -95,8 +85,11 @@ def process_each(
         InputError: an input of all files cannot be read, or a result cannot be written.
         typer.Exit: a file could not be estimated (3), or its gate did not pass (4 or 5).
     """
-    workers = Workers(options.pop("jobs"), options.pop("cluster"))
-    is_estimate = command == "estimate"
+    from robacc.api.result import effect_names
+
+    workers, is_estimate = Workers(options.pop("jobs"), options.pop("cluster")), command == "estimate"
+    if options.get("align") is not None:
+        options["align"] = effect_names(options["align"])
     inputs = _check_call(paths, options, extra, "--per-pose" if is_estimate else "--write-model")
     folder, extra_folder = _folder(outlets.output), extra and _folder(extra)
     no_folder = f"several files need --output DIR/: {command} writes each result into a file of its own"
@@ -133,7 +126,7 @@ def process_each(
         raise typer.Exit(status)
 
 
-def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | None, name: str) -> Inputs:
+def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | None, name: str) -> "Inputs":
     """Return the inputs of all files; an error that concerns every file is raised once, before the first is read."""
     from robacc.accuracy.estimation import check_confidence
     from robacc.api.inputs import Inputs
@@ -244,12 +237,15 @@ def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
 def _write(
     outcomes: Sequence[FileOutcome],
     tasks: Sequence[FileTask],
-    inputs: Inputs,
+    inputs: "Inputs",
     outlets: Outlets,
     folder: str | None,
     warnings: tuple[str, ...],
 ) -> None:
     """Write the table of all files and the requested files."""
+    from robacc.documents.accuracy import many_pieces
+    from robacc.documents.envelope import InputFile
+    from robacc.io.files import sha256_of
     from robacc.render.views.compare import many_annotations, many_view
 
     command, options = tasks[0].command, tasks[0].options
@@ -267,7 +263,12 @@ def _write(
         output.write(outlets.report, render(read, [*documents]))
     place = outlets.output if folder is None else "-"
     if outlets.form == "json" and command == "estimate":
-        output.write(place, _document(outcomes, inputs, outlets.gate, {} if folder else documents))
+        # The full results are part of it, unless they have files of their own.
+        counts = {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
+        whole = {} if folder else documents
+        inputs.records += [InputFile.at(gate, sha256_of(gate), "gate") for gate in [outlets.gate] if gate is not None]
+        head = inputs.made().document("estimate-many", counts)
+        output.write(place, many_pieces(head, [(outcome, whole.get(outcome.name)) for outcome in outcomes]))
     elif outlets.form == "github":
         output.write(place, many_annotations(command, outcomes))
     else:
@@ -288,18 +289,3 @@ def _warnings(outcomes: Sequence[FileOutcome]) -> tuple[str, ...]:
         type(text)(f"{text} (the same in {count[key]} files)") if count[key] > 1 else text
         for key, text in dict(texts).items()
     )
-
-
-def _document(
-    outcomes: Sequence[FileOutcome], inputs: Inputs, gate: str | None, documents: Mapping[str, str]
-) -> Iterator[str]:
-    """Yield the JSON document of all files, with the full results in ``documents``, by the names of the files."""
-    from robacc.documents.accuracy import many_pieces
-    from robacc.documents.envelope import InputFile
-    from robacc.io.files import sha256_of
-
-    if gate is not None:
-        inputs.records.append(InputFile.at(gate, sha256_of(gate), "gate"))
-    payload = {"n_files": len(outcomes), "n_failed": sum(outcome.failed for outcome in outcomes)}
-    head = inputs.made().document("estimate-many", payload)
-    return many_pieces(head, [(outcome, documents.get(outcome.name)) for outcome in outcomes])

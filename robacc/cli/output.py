@@ -3,8 +3,6 @@
 Nothing here imports NumPy or its users before there is a result.
 """
 
-from __future__ import annotations
-
 import io
 import json
 import os
@@ -105,7 +103,7 @@ def progress_bar() -> Iterator[Callable[[str, int, int], None]]:
         bar.stop()
 
 
-def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:
+def deliver(outlets: Outlets, result: "Result", view: View | None = None) -> None:
     """Write a result in the requested form, with its gate if there is one, and with the warnings of both below.
 
     Args:
@@ -132,11 +130,27 @@ def deliver(outlets: Outlets, result: Result, view: View | None = None) -> None:
         raise typer.Exit(status)
 
 
-def with_gate(result: Result, gate: str | None) -> tuple[Document, Mapping[str, Any] | None, tuple[str, ...]]:
+def with_gate(result: "Result", gate: str | None) -> tuple[Document, Mapping[str, Any] | None, tuple[str, ...]]:
     """Return what makes the document of a result, the gate's part of it if there is one, and the warnings of both."""
     document = cache(partial(result.document, gate=gate))
     outcome = document()["gate"] if gate is not None or result.command == "check" else None
     return document, outcome, tuple(dict.fromkeys((*result.warnings, *(outcome or {"warnings": ()})["warnings"])))
+
+
+def write_extra(
+    command: str, result: Any, extra: str | None, full: bool, poses: str, robot: str | None
+) -> tuple[View, int]:
+    """Write the errors of each pose of an estimate, or the model of a fit; return the view and the exit status.
+
+    A fit that did not converge ends with status 5, without a model. A fit that makes a data mistake likely ends with
+    status 5 too; its model says so.
+    """
+    if command == "estimate":
+        write(extra, result.per_pose_pieces)
+        return partial(result.view, full, poses, robot), 0
+    if extra is not None and result.converged:
+        result.write_model(extra)
+    return partial(result.view, full, extra), 5 * bool(result.suspicions or not result.converged)
 
 
 def write_junit(path: str | None, command: str, outcomes: Sequence[FileOutcome]) -> None:

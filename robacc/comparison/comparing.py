@@ -1,7 +1,5 @@
 """Results side by side: differences, a ranking and grades; and the same targets before and after a correction."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass, replace

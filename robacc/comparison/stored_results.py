@@ -4,19 +4,17 @@ One key stands for one kind of figure: the figures of a fit on held-out poses ha
 come from poses that the model was not fitted to.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import GradeStep, Scale
 from robacc.errors import applying, given, refuse
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
     FEWEST_FOR_BOOTSTRAP,
     MOST_FOR_BOOTSTRAP,
@@ -246,9 +244,9 @@ class ComparedResult(NamedTuple):
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")
 _QUANTITIES = ("position", "orientation")
-_LENGTHS = ("rms", "mean_error", "p95", "max")
+LENGTHS = get_args(Statistic)
 _STATISTICS = {
-    **{name: name for name in (*_LENGTHS, "max_radius95")},
+    **{name: name for name in (*LENGTHS, "max_radius95")},
     **{"radius95": "radius95.fitted_mean.radius", "longest_sd": "ellipsoid.0.sd"},
     **{f"mean_{axis}": f"mean.{i}" for i, axis in enumerate("xyz")},
 }
@@ -350,7 +348,7 @@ def _places(document: Document, command: str) -> dict[str, str]:
 
 
 def _figures(document: Document, command: str, places: Mapping[str, str]) -> Iterator[tuple[str, EstimatedValue]]:
-    names = ("max",) if command == "iso9283" else _LENGTHS if command in FITS else tuple(_STATISTICS)
+    names = ("max",) if command == "iso9283" else LENGTHS if command in FITS else tuple(_STATISTICS)
     for start, place in places.items():
         figures = {name: _at(document, f"{place}.{_STATISTICS[name]}", number_at) for name in names}
         yield from ((f"{start}.{name}", figure) for name, figure in figures.items() if figure is not None)

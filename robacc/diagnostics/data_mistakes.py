@@ -9,8 +9,6 @@ better by far is shifted. Rows that fit under no shift are matched with each oth
 that fits nowhere is examined by itself.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 import math
@@ -18,7 +16,6 @@ from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, RobaccError
 from robacc.fitting.closed_form import (
@@ -32,6 +29,7 @@ from robacc.fitting.closed_form import (
 from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE, SHORTLIST
 from robacc.geometry import (
     Array,
+    NDArray,
     Poses,
     log_between,
     log_so3,
@@ -373,6 +371,11 @@ READINGS = (
         "the quaternions seem to be in the order x, y, z, w",
         "correct the names of the columns: qw is the scalar part",
         lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), 1, axis=0)),
+    ),
+    _of_orientations(
+        "the quaternions seem to be in the order w, x, y, z, read as x, y, z, w",
+        "correct the names of the columns: qw is the scalar part",
+        lambda rotation: rotation_from_quaternion(np.roll(quaternion_from_rotation(rotation), -1, axis=0)),
     ),
     _of_orientations(
         "the orientations seem to be inverted: of the measuring frame in the target's",

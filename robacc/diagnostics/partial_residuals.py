@@ -14,8 +14,6 @@ least-squares fit of the pose's residual r by the joint's column c of the Jacobi
 Any other effect is given as the component along its displacement of the target at that pose, in m.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -1,19 +1,16 @@
 """What was recorded and what was not: joints read back, rounded joints, a memory of play, loads that nobody logged."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import FOLLOWED_SHARE, effect_class
 from robacc.fitting.levels import ALIKE, DECISIVE, DEPENDENT, ENOUGH, FEW, MANY, SAMPLE, SETTLED, STEPS
 from robacc.fitting.normal_equations import solved
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, joint_columns
@@ -29,7 +26,7 @@ READ_BACK = "read_back"
 """Effect whose coefficient is the share."""
 
 
-def read_back_warning(final: Fit, data: Measurements) -> tuple[str, ...]:
+def read_back_warning(final: "Fit", data: Measurements) -> tuple[str, ...]:
     """Return which joints the measured positions follow, if the file has both; empty if the model has `read_back`."""
     model, cls = final.model, effect_class(READ_BACK)
     if cls.missing(model.arm, data) is not None or any(effect.name == READ_BACK for effect in model.free):
@@ -118,7 +115,7 @@ def joint_step(values: Array, kind: str) -> tuple[float, str] | None:
     return None
 
 
-def evident_rounding(fit: Fit, data: Measurements) -> Rounding | None:
+def evident_rounding(fit: "Fit", data: Measurements) -> Rounding | None:
     """Return the rounding of the joint variables; None if there is none, or if the residual does not show it."""
     return _evident_rounding(fit.model, data.subset(fit.inliers), fit.residual[:3, fit.inliers])
 
@@ -188,7 +185,7 @@ _FEWEST_ROWS = 30
 """Rows, or visits, from which sums over them are close to Gaussian."""
 
 
-def memory_of_play(fit: Fit, data: Measurements, joints: Sequence[str]) -> dict[str, float]:
+def memory_of_play(fit: "Fit", data: Measurements, joints: Sequence[str]) -> dict[str, float]:
     """Return, for each joint with play, the p-value of a memory in the residual.
 
     Outliers count with a bounded size, since a memory may be what makes them. The result is empty without masses,
@@ -280,7 +277,7 @@ class RowLoads(NamedTuple):
         )
 
 
-def unlogged_loads(fit: Fit, data: Measurements) -> RowLoads | None:
+def unlogged_loads(fit: "Fit", data: Measurements) -> RowLoads | None:
     """Return the groups of rows with different loads that explain the remaining error; None if there are none."""
     if data.payload is not None or data.q is None or data.n < _FEWEST_ROWS:
         return None

@@ -1,9 +1,8 @@
 """Reader of the poses measured on a known robot, checked against its names, limits, targets and size."""
 
-from __future__ import annotations
-
 import dataclasses
 import os
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -11,6 +10,7 @@ import numpy as np
 from robacc.accuracy.estimation import commanded_poses
 from robacc.errors import InputError, Problem
 from robacc.fitting.levels import SAMPLE
+from robacc.geometry import Array
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.cameras import seen_from_board
 from robacc.poses.checks import TURN, central_range, check_scale, thousandfold
@@ -28,6 +28,7 @@ def read_robot_poses(
     ignore_limits: bool = False,
     attained: bool = True,
     any_target: bool = False,
+    planned_kinds: bool = False,
 ) -> Measurements:
     """Return the validated poses of a CSV file that ``robot`` was commanded to.
 
@@ -38,6 +39,7 @@ def read_robot_poses(
         ignore_limits: As in :func:`robacc.poses.csv_file.read_poses`.
         attained: As in :func:`robacc.poses.csv_file.read_poses`.
         any_target: Several targets are valid although the robot has one tool.
+        planned_kinds: As in :func:`robacc.poses.csv_file.read_poses`.
 
     Raises:
         InputError: Everything that is wrong with the file; or the spread of its positions shows another unit than that
@@ -52,9 +54,10 @@ def read_robot_poses(
         ordered=ordered,
         ignore_limits=ignore_limits,
         attained=attained,
+        planned_kinds=planned_kinds,
     )
-    warnings = check_size(data, robot) if attained and data.kind is None else ()
-    return dataclasses.replace(data, warnings=(*data.warnings, *warnings))
+    doubts = check_size(data, robot) if attained and data.kind is None else ()
+    return dataclasses.replace(data, warnings=(*data.warnings, *doubts))
 
 
 def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **options: Any) -> Measurements:
@@ -70,7 +73,19 @@ def read_rows(path: str, robot: Robot | None, *, ordered: bool = False, **option
         if robot is None
         else read_robot_poses(path, robot, ordered=ordered, **options)
     )
-    return seen_from_board(data, reading_of(path).camera) if options.get("attained", True) else data
+    return (
+        seen_from_board(data, reading_of(path).camera, partial(nominal_poses, robot=robot))
+        if options.get("attained", True)
+        else data
+    )
+
+
+def nominal_poses(data: Measurements, robot: Robot | None) -> tuple[Array | None, Array | None]:
+    """Return the commanded positions and orientations; None where the commands have none."""
+    if data.q is None or robot is None:
+        return data.commanded_position, data.commanded_rotation
+    poses = build_chain(dataclasses.replace(robot, effects=())).forward(data.q)
+    return poses.translation, poses.rotation
 
 
 def joints_of(robot: Robot) -> KnownRobot:

@@ -5,8 +5,6 @@ magnitude, if it has a sign), with its interval under ``intervals``, so that a g
 missing value is null, and ``why`` gives the reason.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from hashlib import sha256
 from pathlib import Path

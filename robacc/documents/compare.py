@@ -3,8 +3,6 @@
 With them stand the corrected poses, and the targets of a correction as CSV.
 """
 
-from __future__ import annotations
-
 from collections import Counter
 from typing import TYPE_CHECKING
 
@@ -446,14 +444,14 @@ CORRECTED = part(
 """Columns with an entry for each target."""
 
 
-def _extent(metrics: ErrorMetrics | None, unit: str) -> Document | None:
+def _extent(metrics: "ErrorMetrics | None", unit: str) -> Document | None:
     """Return RMS and largest length; None without any."""
-    if metrics is None or np.isnan(metrics.max):
-        return None
-    return {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+    return (
+        None if metrics is None or np.isnan(metrics.max) else {f"rms_{unit}": metrics.rms, f"max_{unit}": metrics.max}
+    )
 
 
-def _expected(result: Correction, errors: ExpectedErrors) -> Document:
+def _expected(result: "Correction", errors: "ExpectedErrors") -> Document:
     """Return the expected errors of the corrected targets together."""
     document: Document = {"position": None, "orientation": None, "grades": None}
     for name, unit, length, rms, bound in (

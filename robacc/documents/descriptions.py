@@ -1,7 +1,5 @@
 """Keys of ``robacc show``, of its forms ``robots`` and ``effects``, and of ``simulate``."""
 
-from __future__ import annotations
-
 from hashlib import sha256
 
 from robacc.documents.keys import (

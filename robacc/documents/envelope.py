@@ -4,8 +4,6 @@ A stored result is read back with a check of its values by the declarations of i
 outcome of a gate is a part of any result; a gate file is read with the baselines that it names, which are results.
 """
 
-from __future__ import annotations
-
 import json
 import math
 import os
@@ -94,10 +92,6 @@ def csv_text(columns: Mapping[str, Iterable[Any] | None]) -> str:
     return "".join(f"{','.join(row)}\n" for row in (present, *zip(*present.values(), strict=True)))
 
 
-_SCHEMA_VERSIONS = {"calibrate": 2, "trace": 2}
-"""Schema versions other than 1. A version goes up when a key changes its name or meaning, not when keys are added."""
-
-
 class InputFile(NamedTuple):
     """One input file of a result."""
 
@@ -113,15 +107,18 @@ class InputFile(NamedTuple):
     """Identity of the arm that a robot file states."""
 
     @classmethod
-    def at(cls, path: str, sha256: str, kind: str, identity: Mapping[str, str] | None = None) -> InputFile:
+    def at(cls, path: str, sha256: str, kind: str, identity: Mapping[str, str] | None = None) -> "InputFile":
         """Return the record of the file at ``path``."""
         reading = path.reading.document() if isinstance(path, PoseFile) else None
         return cls(str(path) if path == "-" else PurePath(path).name, sha256, kind, reading, identity)
 
 
 def schema_version(command: str) -> int:
-    """Return the version of the schema that results of ``command`` follow."""
-    return _SCHEMA_VERSIONS.get(command, 1)
+    """Return the version of the schema that results of ``command`` follow.
+
+    A version goes up when a key changes its name or meaning, not when keys are added.
+    """
+    return {"calibrate": 2, "trace": 2}.get(command, 1)
 
 
 class Provenance(NamedTuple):
@@ -133,7 +130,7 @@ class Provenance(NamedTuple):
     """Every file that was read, and every object that replaced one."""
     seed: int | None = None
     """Seed of the random numbers; None without any."""
-    outside: OutsideValidity | None = None
+    outside: "OutsideValidity | None" = None
     """Poses outside the validity ranges of the robot's model; None without a robot."""
     warnings: tuple[str, ...] = ()
     """Warnings about the use of the model on the poses."""
@@ -208,9 +205,6 @@ def result_kind(name: str) -> Kind:
 
 RESULT_LIMIT = 256 * 2**20
 """Largest result in bytes: enough for an estimate of half a million poses at some 480 bytes each."""
-_SCHEMA = re.compile(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})")
-_CUT_SHORT = re.compile(r"[-+.\w]*\s*")
-"""Text after the error in a truncated file: nothing, or a part of a number or word."""
 
 
 class StoredResult(NamedTuple):
@@ -277,7 +271,8 @@ def _parsed(text: str, name: str) -> Any:
             # JSON can spell half of a surrogate pair, which is not a character and cannot be printed or written.
             json.dumps(document, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
-        if _CUT_SHORT.fullmatch(text, error.pos) or error.msg.startswith("Unterminated string"):
+        # A truncated file ends there, or with a part of a number or word.
+        if re.fullmatch(r"[-+.\w]*\s*", text[error.pos :]) or error.msg.startswith("Unterminated string"):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
         raise InputError(
             Problem(
@@ -325,7 +320,8 @@ def _checked(document: Any, name: str) -> str:
     refuse((not isinstance(document, Mapping) or "schema" not in document, other))
     message = f"found {shortened(document['schema'])}, expected robacc.COMMAND/VERSION"
     schema = document["schema"] if isinstance(document["schema"], str) else ""
-    command, version = given(_SCHEMA.fullmatch(schema), Problem(message, name, column="schema")).groups()
+    match = re.fullmatch(r"robacc\.([a-z0-9][a-z0-9-]*)/([0-9]{1,6})", schema)
+    command, version = given(match, Problem(message, name, column="schema")).groups()
     message = (
         f"has version {int(version)} of the schema, from robacc {shortened(document.get('robacc', 'unknown'))}; this "
         f"robacc reads version {schema_version(command)}"
@@ -529,7 +525,7 @@ CHECK = part(
 # Read a gate file and the baselines that it names.
 
 
-def read_gate(path: str) -> tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]:
+def read_gate(path: str) -> "tuple[Gate, Mapping[str, Mapping[str, Any]], list[InputFile]]":
     """Return the gate of a file, its baselines, and the records of all these files.
 
     Paths of baselines start from the folder of the gate file.

@@ -1,7 +1,5 @@
 """What to expect: ``robacc.predict/1`` and ``robacc.plan/1`` in m and rad, and the prediction of every pose as CSV."""
 
-from __future__ import annotations
-
 import dataclasses
 from hashlib import sha256
 from typing import TYPE_CHECKING
@@ -449,7 +447,7 @@ _POINT = part(
 """Predicted accuracy for a number of poses."""
 
 
-def _visits(plan: CampaignPlan) -> Document:
+def _visits(plan: "CampaignPlan") -> Document:
     visits = plan.visits()
     return {
         "pose": texts(visits.pose),
@@ -484,6 +482,9 @@ PLAN = part(
                     "source": Key(text, "Origin of the candidates."),
                     "drawn": Key(count, "Number of candidates before the filters.", "n_drawn"),
                     "feasible": Key(count, "Number of feasible candidates that were chosen from.", "n_poses"),
+                    "in_sockets": Key(
+                        flag, "Whether the target is in sockets, so that its place need not be measured."
+                    ),
                     "excluded": Key(
                         array(
                             part(
@@ -665,6 +666,11 @@ PLAN = part(
                 {
                     "planned": Key(_POINT | None, "The planned poses; null where they do not identify the model."),
                     "curve": Key(array(_POINT), "Over the number of poses."),
+                    "of_tracker": Key(
+                        _POINT | None,
+                        "As many poses anywhere, measured with the typical noise; null unless the candidates are in "
+                        "sockets.",
+                    ),
                     "knee": Key(
                         integer | None,
                         (

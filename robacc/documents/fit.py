@@ -1,13 +1,10 @@
 """Documents of `robacc calibrate` and `robacc trace`: the keys that they share, and their own."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import length_intervals
 from robacc.documents.envelope import GATE_KEY
@@ -42,14 +39,13 @@ from robacc.documents.keys import (
 )
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
-from robacc.geometry import Array
-from robacc.measurements import different
+from robacc.geometry import Array, NDArray
+from robacc.measurements import Measurements, different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
     from robacc.effects.specification import Baseline
-    from robacc.measurements import Measurements
     from robacc.robots.description import Robot
     from robacc.tracing.calibrating import Judged, Stage
 
@@ -752,7 +748,7 @@ TRACE = part(
 _STAGES = ("nominal_unregistered", "nominal", "before", "after")
 
 
-def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
+def _stage(stage: "Stage", groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
     """Return the metrics of one stage, with intervals over the commanded poses ``groups``, repetitions together.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
@@ -774,7 +770,7 @@ def _stage(stage: Stage, groups: Mapping[str, NDArray[np.int64]], seed: int) -> 
 
 
 def _figures(
-    metrics: ErrorMetrics | None, errors: Array, groups: NDArray[np.int64], unit: str, seed: int, share: float
+    metrics: "ErrorMetrics | None", errors: Array, groups: NDArray[np.int64], unit: str, seed: int, share: float
 ) -> Document | None:
     if metrics is None:
         return None
@@ -792,12 +788,12 @@ def _figures(
 
 def fit_document(
     kind: Kind,
-    result: Judged,
+    result: "Judged",
     data: Measurements,
-    robot: Robot,
+    robot: "Robot",
     apart: Measurements | None = None,
     seed: int = 0,
-    baseline: Baseline | None = None,
+    baseline: "Baseline | None" = None,
 ) -> Document:
     """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
 

@@ -1,7 +1,5 @@
 """Keys of ``robacc history`` and its forms, of ``health`` and of ``fleet``."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Sequence
 from datetime import UTC, datetime
 from itertools import chain

@@ -6,8 +6,6 @@ A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the d
 :class:`Key` takes its value from the record's attribute of the same name without the unit, unless it says otherwise.
 """
 
-from __future__ import annotations
-
 import json
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -15,10 +13,9 @@ from functools import reduce
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm, outline
 from robacc.robots.description import Robot
@@ -46,16 +43,16 @@ class Kind(NamedTuple):
     """Words of JSON Schema: the type and its limits."""
     null: bool = False
     """Whether null may stand for a missing value."""
-    items: Kind | None = None
+    items: "Kind | None" = None
     """Kind of the entries of a list, or of the values of an object with any keys."""
-    keys: Mapping[str, Key] | None = None
+    keys: "Mapping[str, Key] | None" = None
     """Keys of an object, in their order in the document."""
     name: str = ""
     """Name of a part that several places share."""
     about: str = ""
     """Description of a shared part."""
 
-    def __or__(self, other: None) -> Kind:
+    def __or__(self, other: None) -> "Kind":
         """Return the kind of values that may be null."""
         return self._replace(null=True)
 

@@ -4,8 +4,6 @@ An error that turns with the line of sight has the instrument's place as a setti
 does for the place of a step in the sequence of poses.
 """
 
-from __future__ import annotations
-
 import abc
 import itertools
 import math
@@ -15,7 +13,6 @@ from pathlib import PurePath
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import (
     FOLLOWED_SHARE,
@@ -35,7 +32,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.frames import frame_terms
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, Arm
@@ -499,7 +496,7 @@ class Step(Effect):
         over = Over("line" if self.from_time is None else "time_s", is_only=False)
         return self.traits._replace(chart=over)
 
-    def starting(self, at: float, data: Measurements) -> Step:
+    def starting(self, at: float, data: Measurements) -> "Step":
         """Return the same step at a time (s) or line of ``data``."""
         timed = varies(data.time)
         return Step(

@@ -8,8 +8,6 @@ torque, with the sign of the approach), ``distance`` (from the origin of the mea
 The validity ranges of an effect are the ranges of its drivers over the poses that it was fitted to.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Iterable, Mapping
@@ -17,10 +15,9 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.gravity import gravity_torques, payload, weight_torques
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
@@ -120,7 +117,7 @@ class Driver(NamedTuple):
     """Make poses that differ in the driver alone, from its values; None where no poses can be made for it."""
 
     @classmethod
-    def at(cls, arm: Arm, data: Measurements, name: str, is_only: bool) -> Driver | None:
+    def at(cls, arm: Arm, data: Measurements, name: str, is_only: bool) -> "Driver | None":
         """Return a driver at these poses; None if they do not have it."""
         values = driver_values(arm, data, name)
         if values is None:

@@ -1,7 +1,5 @@
 """Effects of weight: joints, bearings and the pedestal that deflect under the arm's own links or its payload."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence

@@ -3,8 +3,6 @@
 What moves a frame at a step is in :mod:`robacc.effects.campaign`.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import itertools
 from collections.abc import Collection, Iterator, Mapping

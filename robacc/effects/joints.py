@@ -1,7 +1,5 @@
 """Effects on a joint's variable by its own motion or another's: ratio, coupling, backlash, friction, lag."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping

@@ -4,8 +4,6 @@ Of periodic errors their orders, which poses support and gears explain, and the 
 is without a physical cause: a polynomial of one or two drivers, or a smooth function of all joints.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import itertools
@@ -589,7 +587,7 @@ class PoseCorrection(Effect):
         lengths: Sequence[float],
         moves: Literal["joints", "position"] = "joints",
         noise: float = 0.0,
-    ) -> PoseCorrection:
+    ) -> "PoseCorrection":
         """Return the correction with centres among these poses, by pivots of their kernel's Cholesky factor.
 
         ``noise`` is the variance of the noise over that of the process.

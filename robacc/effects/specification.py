@@ -3,8 +3,6 @@
 Of effects with values: entries of a robot file, validity ranges, and constants written into the robot's numbers.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 import re

@@ -28,7 +28,6 @@ from functools import cached_property, lru_cache
 from typing import ClassVar, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.special import bdtrc
@@ -36,7 +35,7 @@ from scipy.special import bdtrc
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS, STEPS
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, residuals
 from robacc.robots.arm import Arm
@@ -69,6 +68,8 @@ class Rows:
     """``(N,)`` random rank of each row's commanded pose: the first ranks are a fair part of the rows, in any order."""
     stated: Array
     """``(N, M)`` variance of the noise that the file states, m² and rad²; 0 without."""
+    between: Array
+    """``(N, M, M)`` covariance of that noise between components, m²; 0 on the diagonals. A gross error adds none."""
     scale: Array
     """``(J,)`` factor of the angles: 1 of a joint that turns, rad/m of a slide."""
     shown: NDArray[np.bool_]
@@ -85,6 +86,9 @@ class Rows:
         start = np.where(turns, 0.0, data.q.min(axis=1))
         time = sequence_of(data).astype(float)
         stated = np.zeros((data.n, 3 if data.rotation is None else 6))
+        between = np.zeros((*stated.shape, stated.shape[1]))
+        if data.sigma_position is not None and data.correlated_noise is not None:
+            between[:, :3, :3] = np.moveaxis(data.correlated_noise, -1, 0)
         if data.position_variance is not None:
             stated[:, :3] = data.position_variance.T
         if data.rotation is not None and data.sigma_rotation is not None:
@@ -97,6 +101,7 @@ class Rows:
             moves,
             random_rank(data),
             stated,
+            between,
             scale,
             np.ones(stated.shape, dtype=bool) if data.shown is None else data.shown.T,
         )
@@ -111,6 +116,7 @@ class Rows:
             self.moves,
             self.draw[index],
             self.stated[index],
+            self.between[index],
             self.scale,
             self.shown[index],
         )
@@ -210,7 +216,12 @@ class Linearised:
     @property
     def of_position(self) -> Linearised:
         """Return the same without orientations."""
-        rows = dataclasses.replace(self.rows, stated=self.rows.stated[:, :3], shown=self.rows.shown[:, :3])
+        rows = dataclasses.replace(
+            self.rows,
+            stated=self.rows.stated[:, :3],
+            between=self.rows.between[:, :3, :3],
+            shown=self.rows.shown[:, :3],
+        )
         return Linearised(rows, self.y[:, :3], self.columns[:, :3], self.joints[:, :3], self.prior_std)
 
     @cached_property
@@ -576,7 +587,7 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
         numpy.linalg.LinAlgError: The covariance is singular.
     """
     factor: Array = np.sqrt(_independent(noise, linear.rows))
-    if noise.terms:
+    if noise.terms or linear.rows.between.any():
         factor = _each_block(_lower_factor, covariance(noise, linear))
     white = _divided(linear.flat, factor)
     columns, y = white[:, :-1], white[:, -1]
@@ -617,7 +628,8 @@ def _independent(noise: CovarianceParameters, rows: Rows) -> Array:
 def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
     """Return V ``(B, n / B, n / B)``, in blocks of the components where no term acts through the joints."""
     count, components = linear.y.shape
-    matrix, of_joints = np.zeros((components, count, count)), None
+    matrix = np.zeros((components, count, count))
+    of_joints = np.zeros((len(linear.joints), count, count)) if linear.rows.between.any() else None
     for name, parameters in noise.terms.items():
         kernels = TERMS[name].kernels(parameters, linear.rows)
         if TERMS[name].of_joints:
@@ -632,6 +644,7 @@ def covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
         for component, block in enumerate(matrix):
             np.matmul(linear.joints[:, component].T[:, None], carried, out=whole[component].reshape(count, 1, -1))
             whole[component, :, component] += block
+        whole[:, np.arange(count), :, np.arange(count)] += linear.rows.between
         matrix = whole.reshape(1, components * count, components * count)
         matrix += linear.known
     each = np.arange(matrix.shape[1])
@@ -661,7 +674,7 @@ def likelihood_derivatives(
     # P = V^-1 - U U', of which P y and U are the columns here, whitened.
     spread = solve_triangular(white.triangle, white.columns.T, lower=True, check_finite=False).T
     beyond = np.column_stack((white.y - spread @ white.reduced, spread))
-    if not noise.terms:
+    if not noise.terms and not linear.rows.between.any():
         share = own / noise.variance(linear.rows.stated, components)
         slope = by_row(np.sum(np.square(beyond), axis=1) - 1.0, components) * share
         return white.log_likelihood, noise.by_kind(slope), np.diag(noise.by_kind(2.0 * np.square(share)))
@@ -704,22 +717,23 @@ def likelihood_derivatives(
 def unaccounted(noise: CovarianceParameters, linear: Linearised, white: Whitened) -> Array:
     """Return ``(N, M)`` what noise and scatter must account for: y less the posterior mean of all else."""
     weighted = white.weighted_residual(linear.y.shape[1])
-    left = noise.variance(linear.rows.stated, linear.y.shape[1]) * weighted
+    left: Array = np.einsum("nab,nb->na", linear.rows.between, weighted)
+    left += noise.variance(linear.rows.stated, linear.y.shape[1]) * weighted
     if "scatter" in noise.terms:
         by_visit = np.einsum("jan,na->jn", linear.joints, weighted) @ linear.rows.same_visit
         left += np.einsum("jan,jn->na", linear.joints, np.exp(2.0 * noise.terms["scatter"])[:, None] * by_visit)
     return left
 
 
-def scatter_covariance(noise: CovarianceParameters, linear: Linearised) -> Array:
-    """Return ``(N, M, M)`` the covariance of each row by scatter of the joints."""
+def covariance_of_rows(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return ``(N, M, M)`` the covariance of each row by scatter of the joints and between components of the noise."""
     moved = linear.joints * np.exp(noise.terms.get("scatter", np.array([-np.inf])))[:, None, None]
-    return np.asarray(np.einsum("jan,jbn->nab", moved, moved))
+    return np.asarray(np.einsum("jan,jbn->nab", moved, moved) + linear.rows.between)
 
 
 def usual_std(noise: CovarianceParameters, linear: Linearised) -> Array:
     """Return the root mean squares of noise and scatter together, m and rad: what a further term starts from."""
-    shared = np.einsum("naa->na", scatter_covariance(noise, linear))
+    shared = np.einsum("naa->na", covariance_of_rows(noise, linear))
     variance = noise.variance(linear.rows.stated, linear.y.shape[1]) + shared
     mean = np.mean(variance / np.square(noise.factor)[:, None], axis=0)
     return np.asarray(np.sqrt(mean.reshape(-1, 3).mean(axis=1)))
@@ -817,11 +831,11 @@ def with_gross_errors(
     noise, lacking = estimated(noise, linear, gains=gains), np.count_nonzero(~linear.rows.shown, axis=1)
     for _ in range(rounds):
         usual = noise.independent(linear.rows.stated) / noise.factor[:, None]
-        # Along the axes of the scatter over the noise, the components of a row are independent.
-        shared, vectors = np.linalg.eigh(scatter_covariance(noise, linear) / usual[:, :, None] / usual[:, None])
+        # Along the axes of this covariance over the noise, the components of a row are independent.
+        shared, vectors = np.linalg.eigh(covariance_of_rows(noise, linear) / usual[:, :, None] / usual[:, None])
         left = unaccounted(noise, linear, whitened(noise, linear)) / usual
         along = np.square(np.einsum("nab,na->nb", vectors, left))
-        variance = np.maximum(shared, 0.0) + np.square(GROSS_FACTORS)[:, None, None]
+        variance = np.maximum(shared, 1e-9 - 1.0) + np.square(GROSS_FACTORS)[:, None, None]
         log_posterior = _LOG_SHARES[:, None] - 0.5 * np.sum(np.log(variance) + along / variance, axis=2)
         log_posterior += np.multiply.outer(np.log(GROSS_FACTORS), lacking)
         factor = GROSS_FACTORS[np.argmax(log_posterior, axis=0)]

@@ -8,8 +8,6 @@ scatter where repeated visits or several targets separate the two. The coefficie
 W the weights and P the precision of the priors.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Callable, Collection, Mapping
@@ -17,7 +15,6 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Effect
 from robacc.effects.periodic import PoseCorrection
@@ -41,7 +38,7 @@ from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements, different
 
 Source = Literal["repeated visits", "several targets", "residual"]
@@ -71,10 +68,10 @@ class DirectionalNoise:
     """``(3,)`` standard deviations along them, m."""
 
     @property
-    def beyond_least(self) -> tuple[tuple[float, float, float], ...]:
-        """Return the covariance in the measuring frame beyond equal noise of the least standard deviation, m²."""
+    def beyond_least(self) -> Array:
+        """Return the covariance ``(3, 3)`` in the measuring frame beyond equal noise of the least size, m²."""
         excess = np.square(self.std) - np.square(self.std.min())
-        return tuple((x, y, z) for x, y, z in (self.axes.T @ (excess[:, None] * self.axes)).tolist())
+        return np.asarray(self.axes.T @ (excess[:, None] * self.axes))
 
     @property
     def text(self) -> str:
@@ -133,7 +130,7 @@ def with_error_structure(
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.
     directional = None
-    if data.position_variance is None and data.noise_covariance is None and data.kind is None:
+    if data.position_variance is None and data.kind is None:
         directional = _directional(start, noise, linear)
         noise = start if directional is not None else noise
     visits = different(visit_numbers(data))
@@ -211,6 +208,7 @@ def _with_covariance(
         fitted.gram.copy()
         if is_weighted
         else share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
+        + share * np.einsum("nka,nab,nlb->kl", by_column, linear.rows.between, by_column, optimize=True)
     )
     for name in terms:
         term = TERMS[name]

@@ -13,18 +13,15 @@ Kronecker products, A. Li, L. Wang, D. Wu 2010).
 Hypotheses are the leading axis H of every array; a stack of H matrices has the shape ``(H, m, m)``.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting.levels import HALF_DIGITS
-from robacc.geometry import Array, Poses, nearest_rotation, skew
+from robacc.geometry import Array, NDArray, Poses, nearest_rotation, skew
 from robacc.measurements import IMAGES, Measurements
 from robacc.modelling.model import predict
 from robacc.robots.description import Fixture, Frame, Robot, Vector

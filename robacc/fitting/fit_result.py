@@ -1,14 +1,11 @@
 """A fit of a model to poses, its settings, the identifiability of its coefficients, and errors of held-out poses."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
@@ -16,7 +13,7 @@ from robacc.errors import RobaccError
 from robacc.fitting.levels import BLOCK_NUMBERS, DEPENDENT, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
 from robacc.fitting.normal_equations import Whitening, blocks_of, posterior, solved
 from robacc.fitting.visits import LEAST_PLACES, places
-from robacc.geometry import Array, Poses, compose, exp_so3
+from robacc.geometry import Array, NDArray, Poses, compose, exp_so3
 from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model, Noise, observed_jacobian, residuals
 
@@ -265,7 +262,7 @@ class HoldOut:
     """``(N,)`` number of the places that are held out together."""
 
     @classmethod
-    def of(cls, data: Measurements, validation: Measurements | None, count: int | None, seed: int) -> HoldOut:
+    def of(cls, data: Measurements, validation: Measurements | None, count: int | None, seed: int) -> "HoldOut":
         """Hold out ``validation``, or each place of ``data`` in turn, or ``count`` parts of the places.
 
         A place's part depends on the place and the seed, not on the order of rows.

@@ -1,21 +1,18 @@
 """Coefficients of a fit to some poses of a large file, fitted to all of them by the normal equations of its parts."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Sequence
 from functools import partial, reduce
 from operator import add
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import NEGLIGIBLE, ROUNDS
-from robacc.fitting.normal_equations import posterior
+from robacc.fitting.normal_equations import Whitening, posterior, whitening
 from robacc.fitting.outliers import inlier_limit, row_weights
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.robots.arm import BLOCK
@@ -25,10 +22,10 @@ _GROUPS = 1024
 """Groups of commands: a standard error from them has a relative standard error of 1 / sqrt(2 * 1024), two per cent."""
 
 
-def _whitened(data: Measurements, residual: Array, misfit: tuple[float, float]) -> tuple[Array, Array]:
-    """Return the weights ``(M, N)`` of rows, and the mean whitened squares ``(N,)``."""
-    weight = row_weights(data, misfit)
-    return weight, np.asarray(np.square(residual * weight).mean(axis=0))
+def _whitened(data: Measurements, residual: Array, misfit: tuple[float, float]) -> tuple[Whitening, Array]:
+    """Return the whitening of rows, and the mean whitened squares ``(N,)``."""
+    white = whitening(row_weights(data, misfit), noise=data.correlated_noise)
+    return white, np.asarray(np.square(white.apply(residual)).mean(axis=0))
 
 
 @single_threaded
@@ -66,10 +63,10 @@ def sums_of_part(
             raise InputError(f"{data.source}: {data.place(start)} and below have targets or loads that others lack")
         poses, jacobian = bound.linearise(theta, columns, 3 if some.rotation is None else 6)
         residual = residuals(some, poses)
-        weight, square = _whitened(some, residual, misfit)
-        weight = weight * (square <= limit)
-        white = jacobian * weight[:, None]
-        slopes = np.einsum("mkn,mn->kn", white, residual * weight)
+        map_of_rows, square = _whitened(some, residual, misfit)
+        rows_of = map_of_rows.rows(jacobian, residual) * (square <= limit)
+        white = rows_of[:, :-1]
+        slopes = np.einsum("mkn,mn->kn", white, rows_of[:, -1])
         gram = sum(component @ component.T for component in white)
         of_groups = np.stack([np.bincount(groups[rows], slope, _GROUPS).astype(float) for slope in slopes], axis=1)
         result += np.vstack((gram, of_groups))

@@ -1,7 +1,5 @@
 """Levels, shares, sizes and bounds that fits, traces and checks of data have in common, each with its source."""
 
-from __future__ import annotations
-
 import numpy as np
 
 # Evidence and probability: R. E. Kass and A. E. Raftery, "Bayes factors", JASA 90 (1995), section 3.2.

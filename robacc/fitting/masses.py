@@ -1,7 +1,5 @@
 """Masses in a fit with elastic joints: their uncertainty, and a load that nobody declared."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Sequence

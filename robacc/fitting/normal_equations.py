@@ -4,9 +4,9 @@ Rows that the arm reached in one visit share its scatter. Their covariance is
 
     R = D + B diag(s_1^2 ... s_J^2) B^T,
 
-D the covariance of the measurement, B the columns of the joint variables in the Jacobian (equation (7) of Wu and Lee
-within the measurement model), and s_j the intrinsic repeatability of joint j. Rows are whitened by its symmetric
-inverse root, which does not depend on their order.
+D the covariance of the measurement, also between the coordinates of a row where the file states that, B the columns of
+the joint variables in the Jacobian (equation (7) of Wu and Lee within the measurement model), and s_j the intrinsic
+repeatability of joint j. Rows are whitened by its symmetric inverse root, which does not depend on their order.
 
 Orientation residuals are r = log(R_measured R_predicted^T), whose exact derivative is -J_l^-1(-r) dphi. As r is an
 eigenvector of J_l(r) to eigenvalue 1 and a pose's three orientations have one weight, the gradient is the same without
@@ -14,16 +14,13 @@ that factor; the normal matrix changes by the order of r^2, which Gauss-Newton n
 unchanged.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.fitting.levels import BLOCK_NUMBERS
-from robacc.geometry import Array
+from robacc.fitting.levels import BLOCK_NUMBERS, EPSILON
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import JacobianByMotion, Model, residuals
 from robacc.robots.arm import BLOCK
@@ -124,7 +121,7 @@ class Whitening:
                 mixed = factor[start : start + step] @ stacked.reshape(len(part), factor.shape[1], -1)
                 scaled[:, :, part] = mixed.reshape(stacked.shape).transpose(3, 1, 0, 2)
 
-    def subset(self, rows: NDArray[np.int64] | slice) -> Whitening:
+    def subset(self, rows: NDArray[np.int64] | slice) -> "Whitening":
         """Return the map of the given rows; each visit must be included or excluded as a whole."""
         weight, blocks = self.weight[:, rows], []
         if self.blocks:
@@ -137,32 +134,37 @@ class Whitening:
 
 
 def whitening(
-    weight: Array, joint_columns: Array, scatter: Array, visits: NDArray[np.int64], noise: Array | None = None
+    weight: Array,
+    joint_columns: Array | None = None,
+    scatter: Array | None = None,
+    visits: NDArray[np.int64] | None = None,
+    noise: Array | None = None,
 ) -> Whitening:
-    """Build the map from the measurement's weights and the scatter of the joints.
+    """Build the map from the measurement's weights, its correlation, and the scatter of the joints.
 
     Args:
         weight: ``(M, N)`` reciprocal standard deviations of the measurement, zero for rows that are ignored.
-        joint_columns: ``(M, J, N)`` Jacobian of the joint variables.
-        scatter: ``(J,)`` standard deviation of each joint from visit to visit, rad or m; ``(0,)`` without.
-        visits: ``(N,)`` number of the visit of each row.
-        noise: ``(3, 3)`` covariance of each position in addition to the weights, m²; None without.
+        joint_columns: ``(M, J, N)`` Jacobian of the joint variables; None without scatter.
+        scatter: ``(J,)`` standard deviation of each joint from visit to visit, rad or m; None or ``(0,)`` without.
+        visits: ``(N,)`` number of the visit of each row; by default each row is one.
+        noise: ``(3, 3, N)`` covariance between the coordinates of each position, m², 0 on its diagonal; None without.
     """
-    if noise is None and not scatter.size:
+    components, n = weight.shape
+    scaled = np.zeros((components, 0, n))
+    if scatter is not None and scatter.size and joint_columns is not None:
+        scaled = joint_columns * weight[:, None, :] * scatter[:, None]
+    elif noise is None:
         return Whitening(weight)
-    components, blocks = len(weight), []
-    scaled = joint_columns * weight[:, None, :] * scatter[:, None]
-    for rows in blocks_of(visits):
+    blocks = []
+    for rows in blocks_of(np.arange(n) if visits is None else visits):
         count, n = rows.shape
         columns = scaled[:, :, rows].transpose(2, 0, 3, 1).reshape(count, components * n, -1)
         covariance = columns @ columns.swapaxes(1, 2)
         if noise is not None:
-            by_row, own = weight[:, rows], np.zeros((components, components))
-            own[:3, :3] = noise
-            each = np.einsum("avi,ab,bvi,ij->vaibj", by_row, own, by_row, np.eye(n), optimize=True)
-            covariance += each.reshape(covariance.shape)
+            each, position = covariance.reshape(count, components, n, components, n), weight[:3, rows]
+            each[:, :3, :, :3] += np.einsum("avi,abvi,bvi,ij->vaibj", position, noise[..., rows], position, np.eye(n))
         values, vectors = np.linalg.eigh(covariance)
-        factor = (vectors / np.sqrt(1.0 + np.maximum(values, 0.0))[:, None, :]) @ vectors.swapaxes(1, 2)
+        factor = (vectors / np.sqrt(np.maximum(1.0 + values, EPSILON))[:, None, :]) @ vectors.swapaxes(1, 2)
         blocks.append((rows, factor))
     return Whitening(weight, tuple(blocks))
 
@@ -214,16 +216,16 @@ class NormalEquations:
         """Return ``(K,)`` the step to the minimum with priors of precision ``(K,)``; see :func:`solved`."""
         return solved(self.gram + np.diag(prior), self.gradient - prior * self.theta, damping)
 
-    def subset(self, columns: NDArray[np.int64]) -> NormalEquations:
+    def subset(self, columns: NDArray[np.int64]) -> "NormalEquations":
         """Return the equations of some of the coefficients, the others fixed."""
         grams = self.grams[:, columns[:, None], columns]
         return NormalEquations(self.theta[columns], grams, self.gradients[:, columns], self.costs)
 
-    def at(self, theta: Array, costs: Array) -> NormalEquations:
+    def at(self, theta: Array, costs: Array) -> "NormalEquations":
         """Return the same linearisation at coefficients ``theta`` ``(K,)``, where the squares sum to ``costs``."""
         return NormalEquations(theta, self.grams, self.gradients - self.grams @ (theta - self.theta), costs)
 
-    def scaled(self, factors: Array) -> NormalEquations:
+    def scaled(self, factors: Array) -> "NormalEquations":
         """Return the equations with the squares of positions and of orientations times ``factors`` ``(2,)``."""
         grams, gradients = self.grams * factors[:, None, None], self.gradients * factors[:, None]
         return NormalEquations(self.theta, grams, gradients, self.costs * factors)

@@ -1,14 +1,11 @@
 """Misfit beyond the known noise, the inlier mask, and a circumstance that outliers share."""
 
-from __future__ import annotations
-
 import math
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW, ROUNDING, SIGNIFICANT, STEPS
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.arm import BLOCK
@@ -26,9 +23,9 @@ def misfits(
     leverages of their residuals (restricted maximum likelihood at given weights).
     """
     rows = slice(None) if data.n > BLOCK and inliers.all() else inliers  # of many rows without a copy
-    known = data.position_variance
-    variance = 0.0 if known is None else np.broadcast_to(known, (3, data.n))[:, inliers]
-    position = _misfit(residual[:3, rows], variance, used[0], data.count(inliers) * 3 // len(residual))
+    along, known = data.along_noise(residual[:3])
+    variance = known if isinstance(known, float) else known[:, inliers]
+    position = _misfit(along[:, rows], variance, used[0], data.count(inliers) * 3 // len(residual))
     if residual.shape[0] == 3:
         return position, 0.0
     turned = 0.0 if data.sigma_rotation is None else np.square(data.sigma_rotation[inliers])
@@ -60,12 +57,11 @@ def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
     """Return ``(M, N)`` reciprocal standard deviations of measuring uncertainty and a misfit common to all poses.
 
     The misfit is at least :data:`ROUNDING`. This gives data without noise finite weights, and keeps the weights of
-    noisy position and exact orientation within what the normal equations can hold. Correlated noise is not part of the
-    weights. The array is read-only: without uncertainties of rows, these share one column.
+    noisy position and exact orientation within what the normal equations can hold. How coordinates are correlated is
+    no part of the weights. The array is read-only: without uncertainties of rows, these share one column.
     """
-    rows = 3 if data.rotation is None else 6
-    variance = np.empty((rows, 1 if data.sigma_position is None and data.sigma_rotation is None else data.n))
-    known = data.position_variance if data.correlated_noise is None else None
+    rows, known = 3 if data.rotation is None else 6, data.position_variance
+    variance = np.empty((rows, 1 if known is None and data.sigma_rotation is None else data.n))
     variance[:3] = max(misfit[0], ROUNDING) ** 2 + (0.0 if known is None else known)
     variance[3:] = max(misfit[1], ROUNDING) ** 2
     if data.sigma_rotation is not None:
@@ -75,7 +71,7 @@ def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:
 
 def inlier_mask(
     residual: Array,
-    weight: Array,
+    white: Array,
     inliers: NDArray[np.bool_],
     coefficients: int,
     tolerance: float = 1.0,
@@ -85,11 +81,12 @@ def inlier_mask(
 
     The median and the limit of the mean whitened square are Wilson and Hilferty's quantiles of the chi-square
     distribution, the limit at a tail of 1e-7 / N, that is some six standard deviations: a structured residual that the
-    model lacks is bounded and stays within it, a beam break does not. ``tolerance`` multiplies the limit of the length;
+    model lacks is bounded and stays within it, a beam break does not. ``white`` ``(M, N)`` is the residual over its
+    standard deviations, ``tolerance`` multiplies the limit of the length;
     ``shown`` ``(3, N)`` are the components that were measured, by default all.
     """
     rows = np.array(len(residual)) if shown is None else shown.sum(axis=0)
-    distance = np.square(residual * weight).sum(axis=0) / rows
+    distance = np.square(white).sum(axis=0) / rows
     limit = tolerance**2 * inlier_limit(distance, rows, distance.size)
     if not limit.any():
         return inliers

@@ -1,7 +1,5 @@
 """Fitted coefficients: as a result reports them, written into a robot, and the leverage of rows on them."""
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Mapping, Sequence

@@ -23,8 +23,6 @@ Standard errors stay those without the sparse prior. The interval of a shrunk co
 constant of any size; a posterior interval would do so only on average over constants distributed as the prior.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Sequence
 from dataclasses import dataclass

@@ -4,8 +4,6 @@ Without a robot, the commanded poses of the file stand for its arm: a gantry who
 roll of the commanded pose. Its base and its tool are then registered as those of any arm.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import math
 from collections.abc import Iterator, Sequence
@@ -13,7 +11,6 @@ from dataclasses import dataclass
 from typing import cast
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects import effect_class
 from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
@@ -23,7 +20,7 @@ from robacc.fitting.levels import DECISIVE, MANY
 from robacc.fitting.parameters import FittedParameter, apply_fit, parameters
 from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, Poses, rotation_from_rpy, rpy_from_rotation
+from robacc.geometry import Array, NDArray, Poses, rotation_from_rpy, rpy_from_rotation
 from robacc.gravity import LEVEL
 from robacc.measurements import Measurements, different, numbered
 from robacc.modelling.model import Model

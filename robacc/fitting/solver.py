@@ -5,13 +5,10 @@ separately for position and orientation, so lengths and angles are never mixed u
 number of poses beyond the data and what is predicted for them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Mapping, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.effects.specification import absorbed
@@ -39,7 +36,7 @@ from robacc.fitting.normal_equations import (
 )
 from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_pattern, row_weights
 from robacc.fitting.visits import random_rows, visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.robots.arm import Arm
@@ -243,7 +240,8 @@ def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]
         if np.array_equal(inliers, before):
             break
     robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
-    inliers = inlier_mask(placed.residual, placed.weight, np.ones_like(inliers), len(placed.names), shown=data.shown)
+    white, every = placed.residual * placed.weight, np.ones_like(inliers)
+    inliers = inlier_mask(placed.residual, white, every, len(placed.names), shown=data.shown)
     return dataclasses.replace(model, arm=Arm.of(robot)), inliers
 
 
@@ -281,11 +279,9 @@ class _Solver:
 
     def _row_weight(self) -> Array:
         """Return ``(M, N)`` reciprocal standard deviations of each row, noise and scatter together."""
-        if self.data.correlated_noise is None and not self.scatter.size:
+        if not self.scatter.size:
             return self.row
         variance = np.sum(np.square(self.joints * self.scatter[:, None]), axis=1)
-        if self.data.correlated_noise is not None:
-            variance[:3] += np.diag(self.data.correlated_noise)[:, None]
         return np.asarray(self.row / np.sqrt(1.0 + np.square(self.row) * variance))
 
     def _identify(self) -> Identifiability:
@@ -434,7 +430,7 @@ class _Solver:
         position = float(np.sum(inverse * linear.grams[0])) if self.equations.components == 6 else used
         self.misfit = misfits(self.data, self.residual, self.inliers, (position, used - position))
         before, self.row = self.row, row_weights(self.data, self.misfit)
-        is_common = self.data.sigma_position is None and self.data.sigma_rotation is None and not self.latest.blocks
+        is_common = self.data.position_variance is None and self.data.sigma_rotation is None and not self.latest.blocks
         if self.normal is not None:
             # One misfit of all rows scales all their squares.
             ratios = np.square(self.row[[0, -1], 0] / before[[0, -1], 0])
@@ -449,11 +445,13 @@ class _Solver:
 
     def trim(self) -> bool:
         """Find the inliers again; return whether they changed."""
-        weight, count = self._row_weight(), self.equations.columns.size
-        inliers = inlier_mask(self.residual, weight, self.inliers, count, shown=self.data.shown)
+        white, count = self.residual * self._row_weight(), self.equations.columns.size
+        if self.data.states_covariance and not self.scatter.size:
+            white = self.whitening(np.ones_like(self.inliers)).apply(self.residual)
+        inliers = inlier_mask(self.residual, white, self.inliers, count, shown=self.data.shown)
         if outlier_pattern(self.data, ~inliers, self.model.arm.names) is not None:
             # Rows that share a circumstance show what the model lacks; only gross ones would spoil the fit.
-            inliers = inlier_mask(self.residual, weight, self.inliers, count, _GROSS, self.data.shown)
+            inliers = inlier_mask(self.residual, white, self.inliers, count, _GROSS, self.data.shown)
         changed = not np.array_equal(inliers, self.inliers)
         self.inliers = inliers
         if changed:

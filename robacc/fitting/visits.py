@@ -1,7 +1,5 @@
 """Visits and places: arrivals of the arm, and poses that lie close together; random parts of the rows."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -1,7 +1,5 @@
 """Warnings that every fit can give: its noise, its poses and coefficients, and mistakes that its figures suggest."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -45,6 +43,12 @@ class LackOfFit:
         return math.sqrt(self.axes) * self.noise.position
 
 
+NO_LENGTH = (
+    "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
+    "add rows of kind distance, such as between two sockets, or positions"
+)
+
+
 def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
     """Compare the residual of the inliers with the measurement noise."""
     residual, axes = fit.residual[:3, fit.inliers], 3.0 if data.shown is None else float(data.shown.sum(axis=0).mean())
@@ -68,11 +72,11 @@ def lack_of_fit(fit: Fit, data: Measurements) -> LackOfFit:
         return LackOfFit(noise, f_sf(between / variance, remaining_dof, repeat_dof), rms / noise.position, axes)
     if stated is None:
         return LackOfFit(fit.noise, None, 1.0, axes)
-    known = np.square(stated[:, fit.inliers])
+    along, known = data.subset(fit.inliers).along_noise(residual)
     sigma = None if data.rotation is None else data.sigma_rotation
     orientation = None if sigma is None else float(np.sqrt(np.mean(np.square(sigma[fit.inliers]))))
-    p_value = chi2_sf(float(np.sum(np.square(residual) / known)), max(dof, 1.0))
-    noise = Noise.of_variances(np.mean(known, axis=1), orientation, "file")
+    p_value = chi2_sf(float(np.sum(np.square(along) / known)), max(dof, 1.0))
+    noise = Noise.of_variances(np.mean(np.square(stated[:, fit.inliers]), axis=1), orientation, "file")
     return LackOfFit(noise, p_value, rms / float(np.sqrt(np.mean(known))), axes)
 
 
@@ -120,10 +124,7 @@ def fit_warnings(
             "check the units, the frames and the joint signs, fit fewer effects, or measure more poses"
         )
     if not data.has_length:
-        yield (
-            "no row measures a length, so the longest link keeps its nominal length and all others are relative to it: "
-            "add rows of kind distance, such as between two sockets, or positions"
-        )
+        yield NO_LENGTH
     free = {effect.name for effect in fit.model.free}
     if data.is_of_images and "link_geometry" in free and "instrument_scale" not in free:
         yield Note(

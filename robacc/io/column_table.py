@@ -1,7 +1,5 @@
 """Open a table; and columns as one: of a data frame, a Parquet file, a recording, or the records of a document."""
 
-from __future__ import annotations
-
 import datetime as dt
 import hashlib
 import os
@@ -14,10 +12,9 @@ from pathlib import PurePath
 from typing import Any, BinaryIO, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, given, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, clip, opened
 from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
@@ -97,8 +94,12 @@ class ColumnTable(Table):
                     raise TypeError
                 values[i] = float(column[i])
             except (TypeError, ValueError, OverflowError):
-                fix = "convert the column to numbers" if isinstance(column[i], str) else None
-                self.log.add(f"found {clip(str(column[i]))}, expected a number", int(rows[i]), name, fix)
+                self.log.add(
+                    f"found {clip(str(column[i]))}, expected a number",
+                    int(rows[i]),
+                    name,
+                    "convert the column to numbers" if isinstance(column[i], str) else None,
+                )
         infinite = np.isinf(values) if is_object else ~np.isfinite(values) & ~missing
         if self.skip_gaps:
             self.log.gaps.update(rows[missing | infinite].tolist())
@@ -116,8 +117,7 @@ class ColumnTable(Table):
             texts = ["" if _is_missing(value) else _text(value) for value in column.tolist()]
         if is_sparse or not self.skip_gaps:
             rows = zip(self.places.tolist(), texts, strict=True)
-            filled = [self.text(text, i, name) if text or not is_sparse else "" for i, text in rows]
-            return np.array(filled, dtype=str)
+            return np.array([self.text(text, i, name) if text or not is_sparse else "" for i, text in rows], dtype=str)
         self.log.gaps.update(i for i, text in zip(self.places.tolist(), texts, strict=True) if not text)
         return np.array([text[:MAX_TEXT] for text in texts], dtype=str)
 
@@ -198,10 +198,13 @@ _OTHER_FILES = {
     b"<?xml": ("an XML document", _EXPORT),
 }
 """What a file is that begins with these bytes, in small letters, and is no table, and what to do."""
-_LONGEST = 16
-"""Bytes that tell one kind of file from another."""
-_OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum", ".json", ".jsonl"})
-"""Ends of the names of text files, about which no plug-in is asked: the search for them takes a tenth of a second."""
+_LONGEST = 4096
+"""Bytes that tell one kind of file from another; cells that are lists may stand in the first row of a CSV only."""
+_OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc", ".log", ".tum"})
+"""Ends of the names of text files. No plug-in is asked about these, unless they look like a document of records: the
+search takes a tenth of a second."""
+_OF_RECORDS = re.compile(rb"(?s)[{\[]|---|header:|.*[\n,;\t]\"\[")
+"""Beginning of a document of records: JSON, YAML, or a CSV whose cells are lists."""
 
 
 class Reader(Protocol):
@@ -210,8 +213,7 @@ class Reader(Protocol):
     A reader that has ``read_stream(stream, file, options)`` gets the open file in place of its path, so that it reads
     pipes too; ``file`` is the name for messages.
 
-    Readers are asked about a folder, and about a file that no reader of this package takes by its first bytes and whose
-    name or bytes are not those of a text file.
+    Readers are asked about a folder, and about a file whose name or first bytes are not those of a table as text.
     """
 
     def takes(self, path: str, first: bytes) -> bool:
@@ -228,17 +230,13 @@ class Reader(Protocol):
 
 def _by_plug_in(path: str, first: bytes, options: TableOptions, stream: BinaryIO | None = None) -> Table | None:
     """Return the table that the first reader among the plug-ins makes of a file; None where none takes it."""
-    readers: Iterator[Reader] = plug_ins("robacc.readers")
+    # That of records comes first: the others import more.
+    readers: Iterator[Reader] = plug_ins("robacc.readers", "records")
     reader = next((reader for reader in readers if reader.takes(path, first)), None)
     if reader is not None and stream is not None and hasattr(reader, "read_stream"):
         table: Table = reader.read_stream(stream, "<stdin>" if path == STANDARD_STREAM else path, options)
         return table
     return None if reader is None else reader.read(path, options)
-
-
-def are_records(file: str, text: bytes) -> bool:
-    """Return whether a file is a JSON, JSON Lines or YAML document, by its name or the first bytes of its text."""
-    return bool(re.match(rb"\{|\[\s*[\[{]|(---\s+)?header:", text)) or file.lower().endswith((".yaml", ".yml"))
 
 
 def is_of_files(path: str) -> bool:
@@ -290,16 +288,14 @@ def _table(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         first = stream.read(_LONGEST)
         stream.seek(0)
     text = first.removeprefix(b"\xef\xbb\xbf").lstrip()
-    if are_records(file, text):
-        records: Table = plug_in("robacc.readers", "records").read_stream(stream, file, options)
-        return records
     suffix = PurePath(file).suffix.lower()
     kind, fix = next(
         (kind for start, kind in _OTHER_FILES.items() if start in (first[: len(start)], text.lower()[: len(start)])),
         ("", ""),
     )
     is_text = b"\0" not in first or first.startswith((b"\xff\xfe", b"\xfe\xff"))  # UTF-16
-    if kind or not is_text or first.startswith(b"PAR1") or suffix not in _OF_TEXT:
+    is_marked = first.startswith(b"PAR1") or bool(_OF_RECORDS.match(text))
+    if kind or is_marked or not is_text or suffix not in _OF_TEXT:
         path = STANDARD_STREAM if stream is sys.stdin.buffer else file
         if (table := _by_plug_in(path, first, options, stream)) is not None:
             return table

@@ -4,8 +4,6 @@ A file is first compared with the documented form (commas, points, the header in
 not of this form is examined further, so that documented files are read exactly as documented.
 """
 
-from __future__ import annotations
-
 import csv
 import itertools
 import re
@@ -171,8 +169,8 @@ class TableDialect(NamedTuple):
     def description(self) -> str:
         """Return the deviations from the documented form, for a message; empty without any."""
         names = {"\t": "tabs", ";": "semicolons", "|": "bars", None: "blanks"}
-        parts = [f"separated by {names[self.separator]}"] if self.separator in names else []
-        return ", ".join([*parts, *(["decimal comma"] if self.decimal_comma else [])])
+        separated = f"separated by {names[self.separator]}" if self.separator in names else ""
+        return ", ".join(filter(None, (separated, "decimal comma" * self.decimal_comma)))
 
     def split(self, line: str) -> list[str]:
         """Return the fields of a line, stripped and without quotes.

@@ -1,7 +1,5 @@
 """Read and write files: text is decoded with a clear error, files are written whole, problems are collected."""
 
-from __future__ import annotations
-
 import errno
 import hashlib
 import os

@@ -5,8 +5,6 @@ ordinary tools can read and compare a result. Large arrays are encoded in pieces
 of Python's encoder; small ones are not, because its import takes longer than their text.
 """
 
-from __future__ import annotations
-
 import json
 import math
 from collections.abc import Iterator, Mapping, Sequence

@@ -5,8 +5,6 @@ parses a block. A block that it refuses, or that has a value that is not finite,
 problem.
 """
 
-from __future__ import annotations
-
 import contextlib
 import csv
 import hashlib
@@ -20,10 +18,9 @@ from dataclasses import dataclass
 from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Counted, InputError, Problem, applying, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.dialect import (
     GAPS,
     PLAIN,
@@ -73,7 +70,7 @@ class TableBody(NamedTuple):
     lines: NDArray[np.int64]
     """``(N,)`` 1-based line of each row, or its row number where the file has no lines."""
 
-    def without(self, gaps: Collection[int]) -> TableBody:
+    def without(self, gaps: Collection[int]) -> "TableBody":
         """Return the rows that are not on the lines ``gaps``."""
         if not gaps:
             return self
@@ -443,10 +440,12 @@ def _documented_names(line: str, number: int, file: str) -> list[str]:
     signs = {";": "semicolons", "\t": "tabs", **({" ": "spaces"} if len(names) == 1 else {})}
     word = next((word for sign, word in signs.items() if line.strip().count(sign) >= len(names)), "")
     separated, fix = f"the columns are separated by {word}", "export the file with commas, and with a point in decimals"
-    rows = Problem("found numbers, expected a header row", file, number, fix="begin the file with the columns' names")
     refuse(
         (word, Problem(f"{separated}, expected commas", file, number, fix=fix)),
-        (all(number_of(name, decimal_comma=False) is not None for name in names), rows),
+        (
+            all(number_of(name, decimal_comma=False) is not None for name in names),
+            Problem("found numbers, expected a header row", file, number, fix="begin the file with the columns' names"),
+        ),
     )
     return names
 
@@ -486,7 +485,7 @@ class TablePart(TableRows):
         return PartTable(self, options)
 
     @classmethod
-    def divided(cls, path: str, options: TableOptions) -> tuple[TablePart, ...]:
+    def divided(cls, path: str, options: TableOptions) -> "tuple[TablePart, ...]":
         """Return an evenly spread sample of a large file of the documented form, and the parts that are the whole.
 
         Nothing for any other file.

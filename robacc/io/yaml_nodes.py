@@ -1,7 +1,5 @@
 """Read YAML with line numbers, as a safe tree of nodes with typed access that collects every problem; and change it."""
 
-from __future__ import annotations
-
 import contextlib
 import difflib
 import itertools
@@ -79,7 +77,7 @@ def compose(text: str, file: str) -> yaml.Node:
     return given(node, Problem("the file is empty", file))
 
 
-def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> YamlSection:
+def top_section(document: str | yaml.Node, file: str, known: Sequence[str]) -> "YamlSection":
     """Return the whole of a document, or of its text: a mapping with the keys ``known``.
 
     Raises:
@@ -102,7 +100,7 @@ class Source(ProblemLog):
         """Add a problem of a node, or of the file where ``node`` is None."""
         self.add(message, None if node is None else node.start_mark.line + 1, path or None, fix)
 
-    def section(self, node: yaml.Node, path: str, known: Sequence[str]) -> YamlSection | None:
+    def section(self, node: yaml.Node, path: str, known: Sequence[str]) -> "YamlSection | None":
         """Return a mapping with the keys ``known``, reporting any other key; None where the node is not a mapping."""
         if not isinstance(node, yaml.MappingNode):
             self.report(node, path, f"expected keys with values ({', '.join(known)}), found {describe(node)}")
@@ -165,7 +163,7 @@ class Source(ProblemLog):
         node: yaml.Node,
         path: str,
         count: int,
-        kind: Callable[[Source, yaml.Node, str], float | None] | None = None,
+        kind: "Callable[[Source, yaml.Node, str], float | None] | None" = None,
     ) -> tuple[float, ...] | None:
         """Return ``count`` numbers of a kind (default: finite); report other values and return None."""
         if not isinstance(node, yaml.SequenceNode) or len(node.value) != count:
@@ -255,7 +253,7 @@ class YamlSection(NamedTuple):
             value = None
         return default if value is None else value
 
-    def sections(self, key: str, item_name: str, known: Sequence[str], if_empty: str) -> list[YamlSection]:
+    def sections(self, key: str, item_name: str, known: Sequence[str], if_empty: str) -> "list[YamlSection]":
         """Return the mappings of a list; report a missing or empty one, and items that are not mappings."""
         node = self.require(key)
         items = () if node is None else self.source.items(node, self.at(key), item_name)

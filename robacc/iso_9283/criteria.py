@@ -9,8 +9,6 @@ Visits of one commanded pose are treated as independent Gaussian samples; a drif
 which makes the intervals wider, not narrower. No interval includes the systematic part of the measuring uncertainty.
 """
 
-from __future__ import annotations
-
 import math
 import zlib
 from collections.abc import Callable, Mapping, Sequence
@@ -20,11 +18,10 @@ from itertools import combinations, pairwise
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import principal_axes
 from robacc.errors import Problem, refuse
-from robacc.geometry import Array, compose, log_so3, rpy_from_rotation, transpose
+from robacc.geometry import Array, NDArray, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
 from robacc.statistics.intervals import (
     STUDENT,
@@ -73,7 +70,7 @@ class CommandedPose(NamedTuple):
     at_pole: bool
     """True if the deviations are about x, y, z of the measuring frame, since a and c are not defined."""
 
-    def place(self, position: Any, n: int | None = None, **others: Any) -> IsoCriterion:
+    def place(self, position: Any, n: int | None = None, **others: Any) -> "IsoCriterion":
         """Return a criterion at this pose, of ``n`` visits or of all."""
         return IsoCriterion((self.label,), self.source, self.data.n if n is None else n, position, **others)
 
@@ -145,7 +142,7 @@ class Iso9283Result:
     """In the standard's order; a criterion that the data cannot support has a reason and no number."""
     protocol: Sequence[Mapping[str, str]]
     """Conditions of the standard's protocol, their status and its reason, with the keys of the result."""
-    alignments: tuple[Alignment, ...]
+    alignments: "tuple[Alignment, ...]"
     """Registration of each file, if one was requested."""
     unaligned: Array | None
     """``(files,)`` largest AP before registration, m."""

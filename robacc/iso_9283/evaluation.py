@@ -1,7 +1,5 @@
 """Test poses of ISO 9283:1998, the evaluation of measured poses, and the conditions of the standard's protocol."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -651,7 +649,7 @@ def iso9283(
 
 def _notes(
     poses: Sequence[CommandedPose],
-    alignments: Sequence[Alignment],
+    alignments: "Sequence[Alignment]",
     robot: Robot | None,
     files: Sequence[Measurements],
     shift: Characteristic,

@@ -13,7 +13,6 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import RADIUS, SCALE_OF_INSTRUMENT, Effect, Part, Term, commanded
 from robacc.effects.drivers import Validity, united
@@ -21,6 +20,7 @@ from robacc.effects.specification import Known, faded, held_at_ends, known_effec
 from robacc.errors import EquilibriumError, refuse
 from robacc.geometry import (
     Array,
+    NDArray,
     Poses,
     compose,
     left_jacobian_inverse,

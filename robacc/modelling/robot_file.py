@@ -1,7 +1,5 @@
 """Read a robot from a robot file (YAML), a URDF or the arms of the package, and write a fitted robot as its file is."""
 
-from __future__ import annotations
-
 import difflib
 import math
 import os

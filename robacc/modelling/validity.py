@@ -4,8 +4,6 @@ Facts of a campaign are effects of time and of the instrument, and the registere
 robot. On the poses of the campaign they are part of the fitted prediction; other poses do not inherit them.
 """
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any, Literal, NamedTuple

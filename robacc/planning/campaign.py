@@ -1,7 +1,5 @@
 """Plan of a campaign: demands and what is known before, choice of poses, order of the visits, expected result."""
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Mapping, Sequence
@@ -9,12 +7,12 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
-from robacc.errors import given, refuse
+from robacc.errors import applying, given, refuse
 from robacc.fitting.parameters import Correlation, correlations
-from robacc.geometry import Array
+from robacc.fitting.warnings import NO_LENGTH
+from robacc.geometry import Array, NDArray, rotate
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import Model
 from robacc.planning.candidates import (
@@ -25,6 +23,7 @@ from robacc.planning.candidates import (
     branches_at_rest,
     conditions_of,
     given_candidates,
+    measured_in,
     sampled_candidates,
     task_joints,
 )
@@ -231,9 +230,11 @@ class CampaignPlan:
         """Return the visits as poses to measure, with direction and speed of approach."""
         numbers = self.route.visits
         cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        return replace(
-            _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg), cycle=np.array(cycle)
-        )
+        data = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
+        base, places = self.robot.base.pose, self.candidates.position[:, self.chosen[numbers]]
+        position = np.round(rotate(base.rotation, places) + base.translation[:, None], 6)
+        socket = None if self.candidates.socket is None else self.candidates.socket[self.chosen[numbers]]
+        return measured_in(replace(data, position=position, cycle=np.array(cycle)), socket)
 
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
@@ -349,7 +350,8 @@ def planned_visits(
         return data, data
     before = replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
     columns: dict[str, Array] = {}
-    for name in ("position", "q", "target", "time", "temperature", "payload", "direction", "speed", "branches"):
+    names = ("position", "q", "target", "time", "temperature", "payload", "direction", "speed", "branches")
+    for name in (*names, "kind", "fixture"):
         earlier, later = getattr(before, name), getattr(data, name)
         if later is not None:
             if earlier is None:
@@ -439,9 +441,9 @@ def plan_campaign(
     pool = conditions.with_payloads(
         sampled_candidates(model, constraints, n_candidates, seed)
         if candidates is None
-        else given_candidates(model, constraints, candidates)
+        else given_candidates(model, constraints, candidates, n_candidates, seed)
     )
-    rows_of_pool = conditions.at(pool.q, pool.payload)
+    rows_of_pool = measured_in(conditions.at(pool.q, pool.payload), pool.socket)
     measured = None if already is None else commanded_part(already, conditions)
     # Payloads of the plan in turn where the poses of the task have none.
     q = task_joints(model, constraints, region, seed) if task is None else task.q
@@ -512,6 +514,23 @@ def plan_campaign(
         worth = worth_of(
             expectation, (rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)], repeated, readings)
         )
+        if pool.in_sockets:
+            free = plan_campaign(
+                replace(robot, fixtures={}),
+                purpose,
+                count,
+                criterion,
+                fit,
+                constraints=constraints,
+                region=region,
+                repeatability=repeatability,
+                unexplained=unexplained,
+                n_candidates=n_candidates,
+                payloads=payloads,
+                seed=seed,
+                task=task,
+            )
+            accuracy = {**accuracy, "of_tracker": free.accuracy and free.accuracy["planned"]}
 
     # Names of given candidates, else numbers that go on from those measured already.
     first = 1 if already is None else int(already.groups().max(initial=-1)) + 2
@@ -548,23 +567,25 @@ def plan_campaign(
     # Repeats and checks are measurements too, and the order gives the approaches.
     new, data = planned_visits(plan, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
-    warnings = []
     # Coordinates: 3 of a position, 6 with the orientation.
     n, components, n_coefficients = count + n_known, rows.shape[1], planned.columns.size
-    if purpose != "acceptance" and components * n < n_coefficients:
-        warnings.append(
+    warnings = applying(
+        (
+            purpose != "acceptance" and components * n < n_coefficients,
             f"{n} pose{'s' * (n != 1)} measure {components * n} coordinates, fewer than the {n_coefficients} "
             "coefficients of the fit: the fit would stay near the nominal model in some directions and be arbitrary in "
             f"others; plan at least {math.ceil(n_coefficients / components) - n_known} poses, and more for a check on "
-            "held-out poses"
-        )
+            "held-out poses",
+        ),
+        (not rows_of_pool.has_length, NO_LENGTH),
+    )
     return replace(
         plan,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
         sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
         detectability=detectability(model, data, errors) if purpose != "acceptance" else None,
-        warnings=tuple(warnings),
+        warnings=warnings,
     )
 
 

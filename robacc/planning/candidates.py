@@ -1,21 +1,18 @@
 """Candidate poses of a plan: sampled, in circumstances and under constraints, and filtered with counts."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Problem, UsageError, given, refuse
-from robacc.geometry import Array, Poses, rotate
+from robacc.geometry import Array, NDArray, Poses, rotate
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.quantities import parse_quantity
-from robacc.robots.arm import Arm, joint_ranges
+from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges
 from robacc.robots.description import BranchJoint, Robot
 from robacc.simulation.simulate import even_joints
 
@@ -275,6 +272,10 @@ class CandidatePoses:
     """``(N,)`` kg; None where no payload was given."""
     n_payloads: int = 1
     """Number of payloads that each pose is a candidate with."""
+    in_sockets: bool = False
+    """Whether the target is in sockets, so that its place need not be measured."""
+    socket: NDArray[np.str_] | None = None
+    """``(N,)`` socket of unknown place that the target is in, empty where the position is measured; None if all are."""
 
     @property
     def n(self) -> int:
@@ -287,6 +288,12 @@ class CandidatePoses:
         return self.n // self.n_payloads
 
 
+def measured_in(data: Measurements, socket: NDArray[np.str_] | None) -> Measurements:
+    """Return the poses as measurements in sockets of unknown place ``(N,)``; see :class:`CandidatePoses`."""
+    kind = None if socket is None else np.where(socket == "", "position", "point")
+    return replace(data, kind=kind, fixture=socket)
+
+
 def _feasible(
     model: Model,
     constraints: Constraints,
@@ -295,6 +302,7 @@ def _feasible(
     none: str = "no pose is feasible",
     ids: NDArray[np.str_] | None = None,
     source: str = "{} samples within the joint limits",
+    socket: NDArray[np.str_] | None = None,
 ) -> CandidatePoses:
     """Return the first ``count`` feasible poses of ``draws``, blocks ``(J, n)``, or as many as there are.
 
@@ -332,6 +340,7 @@ def _feasible(
         n_drawn,
         exclusions,
         source.format(n_drawn),
+        socket=None if socket is None else socket[at],
     )
 
 
@@ -370,22 +379,58 @@ def sampled_candidates(model: Model, constraints: Constraints, count: int, seed:
     )
 
 
-def given_candidates(model: Model, constraints: Constraints, data: Measurements) -> CandidatePoses:
+def given_candidates(
+    model: Model, constraints: Constraints, data: Measurements, count: int, seed: int
+) -> CandidatePoses:
     """Return the feasible poses among the rows of a file; a repeated pose counts once.
 
+    Rows without joints are sockets: places that about ``count`` poses bring the target to.
+
     Raises:
-        UsageError: The rows have no joints, or none is feasible.
+        UsageError: The rows have neither joints nor places, or none is feasible.
     """
-    q = given(data.q, "the candidates have no joint columns")
+    if data.q is None:
+        q, names = _in_sockets(model, constraints, data, -(-count // data.n), seed)
+        return replace(
+            _feasible(model, constraints, [q], count, ids=names, source="{} poses in sockets"), in_sockets=True
+        )
+    q = data.q
     first = np.sort(np.unique(data.groups(), return_index=True)[1])
-    return _feasible(
+    pool = _feasible(
         model,
         constraints,
         [q[:, first]],
         first.size,
         ids=None if data.pose is None else data.pose[first].astype(str),
         source="{} given poses",
+        socket=None if data.fixture is None else data.fixture[first],
     )
+    return replace(pool, in_sockets=pool.socket is not None)
+
+
+def _in_sockets(
+    model: Model, constraints: Constraints, data: Measurements, count: int, seed: int
+) -> tuple[Array, NDArray[np.str_]]:
+    """Return joint variables ``(J, N)`` with the target in sockets, at most ``count`` for each, and names of the poses.
+
+    ``data`` has the places of the sockets in the base frame, m, and their names.
+
+    Raises:
+        UsageError: There are no places, or no joints bring the target to one.
+    """
+    refuse(
+        (not data.position.any(), "the candidates have neither joint columns nor places x, y, z of sockets"),
+        (model.arm.robot.targets, "only a tool has places in sockets: give a robot without targets"),
+    )
+    starts = next(_drawn(model.arm.robot, constraints.margin, count, 0, seed, 1))
+    places = model.arm.robot.base.pose @ Poses(Poses.identity(data.n).rotation, data.position)
+    solution = inverse_kinematics(model.arm, places, starts=starts, oriented=False)
+    names = [f"S{i + 1}" if data.pose is None else str(data.pose[i]) for i in range(data.n)]
+    for name, reached in zip(names, solution.converged, strict=True):
+        refuse((not reached.any(), f"no joints within the limits bring the target to socket {name}"))
+    socket, start = np.nonzero(solution.converged)
+    q = np.round(solution.q[:, socket, start], 6)
+    return q, np.array([f"{names[i]}-{k + 1}" for i, k in zip(socket, start, strict=True)])
 
 
 def task_joints(model: Model, constraints: Constraints, region: Zone | None, seed: int) -> Array:
@@ -445,15 +490,15 @@ class Conditions:
         count, ids = len(self.payloads), candidates.ids
         if count == 0:
             return candidates
-        if ids is not None and count > 1:
-            ids = np.array([f"{name}@{payload:g}kg" for payload in self.payloads for name in ids])
+        named = [f"{name}@{payload:g}kg" for payload in self.payloads for name in (() if ids is None else ids)]
         return replace(
             candidates,
             q=np.tile(candidates.q, count),
             position=np.tile(candidates.position, count),
-            ids=ids,
+            ids=np.array(named) if ids is not None and count > 1 else ids,
             payload=np.repeat(np.array(self.payloads, dtype=np.float64), candidates.n),
             n_payloads=count,
+            socket=None if candidates.socket is None else np.tile(candidates.socket, count),
         )
 
 

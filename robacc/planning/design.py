@@ -13,17 +13,14 @@ such as a warm-up, is not confused with place; passes run to and fro along one s
 approached from both directions. A check pose is visited at the start, after every k poses and at the end.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.fitting.levels import ACCEPTED
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import motion_between_rows
 
 Criterion = Literal["I", "G", "D", "A"]

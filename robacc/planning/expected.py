@@ -3,8 +3,6 @@
 The linear model has the whitened columns of the coefficients at planned poses, their priors, and the task's region.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -12,7 +10,6 @@ from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
@@ -21,7 +18,7 @@ from robacc.fitting.levels import ACCEPTED, ROUNDS
 from robacc.fitting.normal_equations import whitening
 from robacc.fitting.solver import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.planning.design import (
@@ -51,7 +48,7 @@ class ExpectedNoise:
     """Error of the model that stays the same at one pose and differs from pose to pose, along each axis, m."""
     source: str
 
-    def reduced(self, visits: int, readings: int) -> ExpectedNoise:
+    def reduced(self, visits: int, readings: int) -> "ExpectedNoise":
         """Return the noise of the mean over ``visits`` of each pose, with ``readings`` at each visit."""
         share = 1.0 / np.sqrt(visits * readings)
         return replace(
@@ -95,12 +92,9 @@ def free_effects(robot: Robot, fit: str) -> tuple[Effect, ...]:
 
 def with_targets(robot: Robot, poses: Measurements) -> Measurements:
     """Return unmeasured poses with every target at each pose, poses in order, targets innermost."""
-    targets = tuple(robot.targets)
-    if not targets:
-        return poses
-    return replace(
-        poses.subset(np.repeat(np.arange(poses.n), len(targets))), target=np.tile(np.array(targets), poses.n)
-    )
+    names = np.array(tuple(robot.targets))
+    every = np.repeat(np.arange(poses.n), names.size)
+    return replace(poses.subset(every), target=np.tile(names, poses.n)) if names.size else poses
 
 
 def _jacobian(model: Model, data: Measurements, more: Iterable[Term] = ()) -> Array:
@@ -281,7 +275,7 @@ def expected_accuracy(
         counts = np.arange(curve[0]["n_poses"], curve[-1]["n_poses"] - BATCH + 1)
         now, later = (np.interp(np.log(n), log_n, log_total) for n in (counts, counts + BATCH))
         knee = next(iter(counts[later - now > np.log(1.0 - ENOUGH_GAIN)].tolist()), None)
-    return {"planned": points[chosen.size], "curve": curve, "knee": knee}
+    return {"planned": points[chosen.size], "curve": curve, "of_tracker": None, "knee": knee}
 
 
 def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> Mapping[str, Any]:

@@ -5,23 +5,22 @@ default), ``size`` (px) and ``mount``: ``world`` for a camera beside the arm, ``
 the mount only, the photos are to show the lens. For several cameras, ``cameras`` has these keys under each name.
 """
 
-from __future__ import annotations
-
 import os
 import re
+from collections.abc import Callable
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.errors import Note, refuse
-from robacc.geometry import Array, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
+from robacc.geometry import Array, NDArray, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
 from robacc.measurements import Measurements, even_rows
 from robacc.plug_ins import plug_in
+from robacc.poses.reshaped_tables import unit_of_positions
 
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
 _MOST = 1e6
@@ -135,22 +134,31 @@ def _camera(section: YamlSection) -> Camera:
 # Poses of a board in a camera on the hand, as hand-eye calibrations write them.
 
 
-def seen_from_board(data: Measurements, camera: str | None) -> Measurements:
+def seen_from_board(
+    data: Measurements, camera: str | None, poses_of: Callable[[Measurements], tuple[Array | None, Array | None]]
+) -> Measurements:
     """Return measured poses of a board in a camera on the hand as those of the camera in the board; others as they are.
 
     The file ``camera`` may state the mount. If not, the motion of the arm from each commanded pose to the next shows
-    it: its turns are the commanded ones in axes that stand still in what turns (Shiu and Ahmad 1989).
+    it: its turns are the commanded ones in axes that stand still in what turns (Shiu and Ahmad 1989). ``poses_of``
+    returns the commanded positions and orientations of rows. Positions that follow them are those of the hand.
 
     Raises:
         InputError: The file cannot be read or is wrong.
     """
-    if data.rotation is None or data.kind is not None:
+    if data.rotation is None:
         return data
     is_on_hand = camera is not None and all(each.is_on_hand for each in read_cameras(camera).values())
     # Three turns determine the axes and test them; a thousand decide well enough.
-    if camera is None and data.commanded_rotation is not None and data.n > 3:
-        rows = even_rows(data.n, 1000)
-        arm, measured = _turns(data.commanded_rotation[..., rows]), data.rotation[..., rows]
+    rows = even_rows(data.n, 1000)
+    place, turn = poses_of(data.subset(rows))
+    if (
+        turn is not None
+        and camera is None
+        and data.n > 3
+        and not unit_of_positions(data.position[:, rows], place, turn)
+    ):
+        arm, measured = _turns(turn), data.rotation[..., rows]
         seen = [_turns(rotation) for rotation in (measured, transpose(measured))]
         as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)
         # One reading must follow the arm much better than the other, as for any mistake in data.
@@ -184,12 +192,13 @@ class Photo(NamedTuple):
     squares: float
     """Sum of squares of the remaining errors of the rays."""
 
-    def of_camera(self) -> Photo:
+    def of_camera(self) -> "Photo":
         """Return the pose of the camera in the board: it stands at -R' t, which a turn of the board moves too."""
         back = self.pose.rotation.T
         moves = np.block([[-back, -back @ skew(self.pose.translation)], [np.zeros((3, 3)), -back]])
-        at = Poses(back, -back @ self.pose.translation)
-        return self._replace(pose=at, covariance=np.asarray(moves @ self.covariance @ moves.T))
+        return self._replace(
+            pose=Poses(back, -back @ self.pose.translation), covariance=np.asarray(moves @ self.covariance @ moves.T)
+        )
 
 
 def _rows_of_each(photo: NDArray[Any]) -> list[NDArray[np.int64]]:

@@ -1,7 +1,5 @@
 """Checks of the values of a pose file: units and conventions that names leave open, each row, repeated rows."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math
@@ -9,19 +7,20 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import InputError, Note, Problem
-from robacc.geometry import Array, vector_lengths
+from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
 from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
     AXES,
+    BY_SIGHT,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
     CONVENTIONS,
+    CORRELATIONS,
     JOINT_COLUMN,
     QUATERNION,
     ROTATION_VECTOR,
@@ -84,9 +83,10 @@ def excess_beyond_limits(q: Array, limits: tuple[float, float]) -> Array:
 def lengths_too_large(position: Array) -> bool:
     """Return whether most of ``position`` ``(3, N)`` has a larger range or distance than a robot's poses in m."""
     # A few wild readings are outliers, not another unit: most of the poses decide.
-    if max(np.ptp(axis) for axis in position) <= _RANGE and np.max(np.abs(position)) <= _DISTANCE:
-        return False
-    return bool(np.max(central_range(position)) > _RANGE or np.max(np.abs(np.median(position, axis=1))) > _DISTANCE)
+    is_any = max(np.ptp(axis) for axis in position) > _RANGE or np.max(np.abs(position)) > _DISTANCE
+    return bool(
+        is_any and (np.max(central_range(position)) > _RANGE or np.max(np.abs(np.median(position, axis=1))) > _DISTANCE)
+    )
 
 
 def central_range(values: Array) -> Array:
@@ -251,7 +251,7 @@ def check_units(
         # Roll, pitch, yaw or a rotation vector never need more than a turn.
         if angles is not None and (largest := np.max(np.abs(angles))) > 1.01 * TURN:
             refuse(keys, f"found angles up to {largest:.4g}, which cannot be rad", "angle")
-    for keys, kind in ((SIGMAS, "length"), (("sigma_r",), "angle")):
+    for keys, kind in ((SIGMAS, "length"), (BY_SIGHT, "length"), (("sigma_r",), "angle")):
         if (sigma := bare(keys)) is None:
             continue
         impossible, doubtful = doubtful_sigma(sigma, kind)
@@ -485,9 +485,8 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
 
     Joints that were logged as read differ a little from visit to visit of one commanded pose.
     """
-    if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
-        return data
-    if np.unique(data.groups()).size < data.n:
+    is_open = data.pose is None and data.q is not None and 2 <= data.n <= MOST_POSES
+    if not is_open or data.q is None or np.unique(data.groups()).size < data.n:
         return data
     place = close_groups(data.q, _ONE_COMMAND, 2.0 * _ONE_COMMAND)
     count = np.bincount(place)
@@ -656,9 +655,8 @@ def _are_copies(position: Array, equal: int) -> bool:
     steps = position / 1e-5
     if np.count_nonzero(np.abs(steps - np.round(steps)) > 1e-4) < 0.5 * position.size:
         return False
-    distinct = np.unique(position, axis=1)
     # m; size of the cells in which positions that nearly agree are counted.
-    cells = np.unique(np.floor(distinct / 5e-6), axis=1, return_counts=True)[1]
+    cells = np.unique(np.floor(np.unique(position, axis=1) / 5e-6), axis=1, return_counts=True)[1]
     # Pairs of a cell that differ, for each that is equal, from which equal ones are chance: five times fewer than noise
     # gives, at a resolution of 1 um.
     return float(np.sum(cells * (cells - 1)) / 2) < 25.0 * equal
@@ -716,6 +714,15 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
                 _report(values, key, test(values.numbers[values.row_index[key]]), expected)
     for key in layout.joints():
         _check_read_back(values, key)
+    if (correlations := values.column_set(CORRELATIONS)) is not None:
+        determinant = 1.0 + 2.0 * np.prod(correlations, axis=0) - np.sum(np.square(correlations), axis=0)
+        log.add_rows(
+            np.any(np.abs(correlations) >= 1.0, axis=0) | (determinant < 1e-9),  # below, an error is rounding
+            values.lines,
+            compact(CORRELATIONS),
+            lambda i: f"found {', '.join(f'{each:g}' for each in correlations[:, i])}, which no noise has",
+            "expected correlations between -1 and 1 whose matrix is positive definite",
+        )
     # kg; twice that of the strongest arm.
     if (payload := values.column("payload_kg")) is not None and (heavy := payload > 5000.0).any():
         log.warn(

@@ -1,7 +1,5 @@
 """Pose files: read into SI arrays, of every kind of measurement, written as CSV, and a column map for an export."""
 
-from __future__ import annotations
-
 import datetime as dt
 import math
 import os
@@ -13,10 +11,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, quaternion_from_rotation, vector_lengths
 from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
 from robacc.io.files import ProblemLog, clip
@@ -42,10 +39,13 @@ from robacc.poses.layout import Layout, Names, Values, documented_columns, find_
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
+    BY_SIGHT,
     CIRCUMSTANCES,
     COMMANDED_AXES,
     COMMANDED_QUATERNION,
+    CORRELATIONS,
     FIXED_KINDS,
+    INSTRUMENT,
     JOINT_COLUMN,
     OPEN,
     QUATERNION,
@@ -112,6 +112,8 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
         None if rotation is None else quaternion_from_rotation(rotation)
         for rotation in (m.rotation, m.commanded_rotation)
     )
+    sigma, noise = m.sigma_position, m.noise_covariance
+    correlation = None if sigma is None or noise is None else noise / (sigma[:, None] * sigma)
     sets: tuple[tuple[Sequence[str], Array | None], ...] = (
         (joints, m.q),
         (AXES, m.position if attained else None),
@@ -119,6 +121,7 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
         (COMMANDED_AXES, m.commanded_position),
         (COMMANDED_QUATERNION, cmd_rotation),
         (SIGMAS, m.sigma_position),
+        (CORRELATIONS, None if correlation is None else correlation[np.triu_indices(3, 1)]),
         (("sigma_r",), m.sigma_rotation),
         *zip(((name,) for name in CIRCUMSTANCES), (m.time, m.temperature, m.payload), strict=True),
         ([f"dir_{name}" for name in joints], None if m.direction is None else m.direction.astype(np.int64)),
@@ -134,6 +137,8 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
     }
     # Text goes last: an id that begins with # would make a comment of its row.
     texts = {name: column for name in TEXTS if (column := getattr(m, name)) is not None}
+    if m.kind is not None and m.fixture is not None and np.isin(m.kind, ("position", "point")).all():
+        texts |= {"kind": m.kind, "socket": m.fixture}
     return {**numbers, **{name: [cell(str(text)) for text in column.tolist()] for name, column in texts.items()}}
 
 
@@ -163,6 +168,7 @@ def read_poses(
     units_check: bool = True,
     attained: bool = True,
     commands: bool = True,
+    planned_kinds: bool = False,
     known_poses: KnownPoses | None = None,
 ) -> Measurements:
     """Return the validated poses of a CSV or Parquet file.
@@ -179,6 +185,7 @@ def read_poses(
         units_check: Raise an error for bare columns whose values look like degrees or millimetres.
         attained: Whether the poses were measured; planned poses may lack x, y, z, which are then zero.
         commands: Whether joints or commanded poses are required; without, they come from another file.
+        planned_kinds: Other kinds of measurement count in planned poses, too.
         known_poses: Poses that another file gives to the rows; like those of the robot, they show units and the
             convention of angles that names leave open.
 
@@ -189,9 +196,9 @@ def read_poses(
     with open_table(os.fspath(path), reading) as source:
         table: Table = source
         log, targets = table.log, robot.targets
-        kinds = KindTable.of(table, reading) if attained else None
-        if kinds is not None:
-            table, attained = kinds, False
+        of_kinds = KindTable.of(table, reading) if attained or planned_kinds else None
+        if of_kinds is not None:
+            table, attained = of_kinds, False
         elif reading.columns is None:
             table = reshaped(table, robot, attained, commands)
             # An arm of four joints may count them from 0.
@@ -208,7 +215,7 @@ def read_poses(
         check_sizes(values)
         wrong_joints: frozenset[str] = frozenset()
         if units_check:
-            values = with_units(values, robot, known_poses, is_touched=kinds is not None)
+            values = with_units(values, robot, known_poses, is_touched=of_kinds is not None)
             wrong_joints, _ = check_units(
                 values.rows(np.flatnonzero(np.isfinite(values.numbers).all(axis=0))) if log.total else values,
                 robot.limits,
@@ -219,9 +226,9 @@ def read_poses(
         log.raise_if_any()
         data = _measurements(values, ordered, angles)
         data = with_repetitions(data, log) if attained else data
-        copies = None if kinds is not None else duplicate_rows(values)
+        copies = None if of_kinds is not None else duplicate_rows(values)
         data = replace(data, copies=copies, source=table.file, sha256=table.sha256, warnings=log.warnings)
-        return data if kinds is None else kinds.measured(data)
+        return data if of_kinds is None else of_kinds.measured(data)
 
 
 def _read_values(table: Table, layout: Layout) -> Values:
@@ -245,7 +252,7 @@ def _read_values(table: Table, layout: Layout) -> Values:
         for key, column in zip(texts, body.texts, strict=True)
     }
     if times:
-        stamps = {columns[key]: by_key.pop(key) for key in times}
+        stamps = {columns[key]: np.char.lstrip(by_key.pop(key), "'") for key in times}  # as Excel marks a text
         numbers = np.vstack([numbers, read_times(stamps, body.lines, log)])
         keys.append("time_s")
     row_index = {key: i for i, key in enumerate(keys)}
@@ -262,8 +269,7 @@ def _with_named_poses(values: Values, target_names: Sequence[str]) -> Values:
         return values
     text = f"{column.name} is used as the names of the poses, because it differs in every row"
     values.log.warn(Note(text), of_file=True)
-    texts = {"pose" if key == "target" else key: text for key, text in values.texts.items()}
-    return values._replace(texts=texts)
+    return values._replace(texts={"pose" if key == "target" else key: column for key, column in values.texts.items()})
 
 
 def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> Measurements:
@@ -286,13 +292,15 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         log.warn(f"{text}; if the arm moved them, {fix}", of_file=True)
     branches = [np.full(n, branch.position) if column is None else column for branch, column in columns.items()]
     texts: dict[str, Any] = {key: values.texts.get(key) for key in TEXTS}
+    sigma, covariance = _noise(values, position)
     return Measurements(
         position=np.zeros((3, n)) if position is None else position,  # planned poses have none
         rotation=rotations(values, layout.orientation(), angles.get("", "")),
         q=q,
         commanded_position=values.column_set(COMMANDED_AXES),
         commanded_rotation=rotations(values, layout.orientation("cmd_"), angles.get("cmd_", "")),
-        sigma_position=values.column_set(SIGMAS),
+        sigma_position=sigma,
+        noise_covariance=covariance,
         sigma_rotation=values.column("sigma_r"),
         **texts,
         time=values.column("time_s"),
@@ -308,6 +316,22 @@ def _measurements(values: Values, ordered: bool, angles: Mapping[str, str]) -> M
         counted=log.counted,
         ordered=ordered,
     )
+
+
+def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array | None]:
+    """Return standard deviations ``(3, N)`` and covariance ``(3, 3, N)`` of the noise of positions, None if unknown."""
+    sigma, correlations, by_sight = map(values.column_set, (SIGMAS, CORRELATIONS, BY_SIGHT))
+    if by_sight is not None and position is not None:
+        instrument = values.column_set(INSTRUMENT)
+        sight = position - (np.zeros((3, 1)) if instrument is None else instrument)
+        sight /= np.maximum(vector_lengths(sight), 1e-9)
+        in_range, across = np.square(by_sight)
+        covariance = across * np.eye(3)[..., None] + (in_range - across) * sight[:, None] * sight
+        return np.sqrt(np.einsum("iin->in", covariance)), covariance
+    if sigma is None or correlations is None:
+        return sigma, None
+    matrix = np.vstack((correlations, np.ones(values.lines.size)))[np.array([[3, 0, 1], [0, 3, 2], [1, 2, 3]])]
+    return sigma, matrix * sigma[:, None] * sigma
 
 
 # Dates and times of day as seconds.
@@ -481,7 +505,7 @@ class KindTable(ReshapedTable):
         self._cells: dict[str, list[str]] = {}
 
     @classmethod
-    def of(cls, table: Table, reading: Reading) -> KindTable | None:
+    def of(cls, table: Table, reading: Reading) -> "KindTable | None":
         """Return the table without its columns of other kinds of measurement; None if it has none."""
         headings = [*map(heading_of, table.names)]
         keys = {_key(heading): i for i, heading in enumerate(headings)}

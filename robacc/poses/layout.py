@@ -1,7 +1,5 @@
 """Layout of a pose file: what each of its columns is taken for, whether each set of columns is complete, its values."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import re
@@ -12,18 +10,20 @@ from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
 from robacc.measurements import MOVES_UNUSED, Measurements
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,
+    BY_SIGHT,
     COMMANDED_AXES,
+    CORRELATIONS,
     FIXED_KINDS,
+    INSTRUMENT,
     JOINT_COLUMN,
     NAME_UNITS,
     ORIENTATIONS,
@@ -66,7 +66,7 @@ class Names(NamedTuple):
     ``branch_q1 …``."""
 
     @classmethod
-    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> Names:
+    def of(cls, header: Sequence[str | None], robot: KnownRobot) -> "Names":
         """Return the names for a robot in a file with this header."""
         names = tuple(robot.joint_names or ())
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
@@ -188,7 +188,7 @@ def read_layout(
     if reading.columns is None and (
         not table.dialect.is_documented
         or (attained and not layout.has(AXES))
-        or not (has_commands or not commands or is_repeated)
+        or not (has_commands or (is_repeated or not commands if attained or commands else layout.has(AXES)))
     ):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
@@ -209,8 +209,7 @@ def read_layout(
             f"{documented_name(name) or names.nearest(name)!r}"
             for name in [*unknown][:_MAX_WARNINGS]
         ]
-        if len(unknown) > _MAX_WARNINGS:
-            texts.append(f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns")
+        texts += [f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns"] * (len(unknown) > _MAX_WARNINGS)
         if unnamed := sum(not name for name in layout.unused):
             texts.append(f"columns without a name are ignored: {unnamed}")
         for text in texts:
@@ -301,22 +300,27 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         next((text for applies, text in forms if applies and text), "") if attained else "",
     )
     check_set(COMMANDED_AXES, "the commanded position", commanded)
-    check_set(SIGMAS, "the measuring uncertainty of a position")
-    for prefix, set_name in (("", "the attained orientation"), ("cmd_", "the commanded orientation")):
-        groups = [tuple(f"{prefix}{name}" for name in group) for group in ORIENTATIONS]
-        present = [keys for keys in groups if not columns.keys().isdisjoint(keys)]
+    check_set(CORRELATIONS, "the correlations of the measuring uncertainty")
+    check_set(INSTRUMENT, "the place of the instrument in the measuring frame")
+    beside = {SIGMAS: CORRELATIONS, BY_SIGHT: INSTRUMENT}
+    for set_name, groups in (
+        ("the attained orientation", ORIENTATIONS),
+        ("the commanded orientation", [tuple(f"cmd_{name}" for name in group) for group in ORIENTATIONS]),
+        ("the measuring uncertainty of a position", [*beside]),
+    ):
+        present = [keys for keys in groups if not columns.keys().isdisjoint((*keys, *beside.get(keys, ())))]
         for keys in present:
-            check_set(keys, set_name)
+            check_set(keys, set_name, True)
         if len(present) > 1:
             sets_text = " and ".join(", ".join(keys) for keys in present)
             log.add(f"{set_name} is given more than once: {sets_text}", line, fix="keep one of them")
     check_set(layout.joints("read_"), "the joint variables as read back")
     joint_numbers = sorted(int(key[1:]) for key in columns if JOINT_COLUMN.fullmatch(key) and key[0] == "q")
     if joint_numbers:
+        quaternion = "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
         fix = f"expected q1 … q{count} without a gap"
         fix += f", or the joints' names {listing(joint_names)}" if joint_names else ""
-        if joint_numbers == [1, 2, 3, 4]:
-            fix += "; if q1 … q4 are a quaternion, as ABB writes it, name them qw, qx, qy, qz or use `columns`"
+        fix += quaternion * (joint_numbers == [1, 2, 3, 4])
         counts = f"the robot has {count} joints, the file has columns for {len(joint_numbers)}: " if joint_names else ""
         check_set(layout.joints(), "", True, fix, counts)
     # Without the attained position, which is required, that is the problem of the file.
@@ -387,15 +391,15 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
     is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
     if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
         return headings, set()
-    result = [*headings]
-    for i in (*places[best[0]].values(), *turned.get(best[0], ())):
-        words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in best[0])
+    result, rivals = [*headings], [label for label in ranks if label not in best]
+    said = (best[0], *rivals) if len(rivals) == 1 else best
+    for label, i in ((of, i) for of in said for i in (*places[of].values(), *turned.get(of, ()))):
+        words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in label)
         result[i] = headings[i]._replace(words=words)
     if best[0]:  # an axis alone, such as X_Value, is none of a position
         alone = [i for label, axes in places.items() if label not in ranks for i in axes.values()]
         result = [item._replace(words=()) if i in alone and source_of(item.words) > 0 else item
                   for i, item in enumerate(result)]  # fmt: skip
-    rivals = [label for label in ranks if label not in best]
     return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
 
 
@@ -441,13 +445,19 @@ def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals
         if meaning is not None:
             rival = i in rivals and not _JOINT.fullmatch(meaning.key)
             meaning = meaning._replace(commanded=True) if rival else meaning
-            # One uncertainty may be of all axes.
-            for key in SIGMAS if meaning.full_key == "sigma" else (meaning.full_key,):
-                result.append(_Candidate(i, heading._replace(unit=unit), meaning._replace(key=key), rival))
+            result.append(_Candidate(i, heading._replace(unit=unit), meaning._replace(key=meaning.full_key), rival))
     keys = {*known.columns, *(item.meaning.key for item in result if not item.rival)}
     has_commands = any(_JOINT.fullmatch(key) or key.startswith("cmd_") for key in keys)
     used = {column.index for column in known.columns.values()}
-    return [item for item in result if item.place not in used and not (item.rival and has_commands)]
+    # One uncertainty may be of all axes that have none of their own.
+    return [
+        item._replace(meaning=item.meaning._replace(key=key))
+        for item in result
+        if item.place not in used and not (item.rival and has_commands)
+        for key in (
+            [axis for axis in SIGMAS if axis not in keys] if item.meaning.key == "sigma" else [item.meaning.key]
+        )
+    ]
 
 
 _ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
@@ -536,8 +546,9 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
         for key, item in chosen.items()
         if item.meaning.family and not JOINT_COLUMN.fullmatch(key)
     }
-    is_attained = any(item.meaning.commanded is False and JOINT_COLUMN.fullmatch(key) for key, item in chosen.items())
-    remarks = ["joint variables are attained values, used as commands"] if is_attained else []
+    remarks = ["joint variables are attained values, used as commands"] * any(
+        item.meaning.commanded is False and JOINT_COLUMN.fullmatch(key) for key, item in chosen.items()
+    )
     units = {columns[axis].unit for axis in AXES if axis in columns}
     unit = next(iter(units)) if len(units) == 1 else None
     sigmas = [column for column in without_unit if column.key in SIGMAS and unit is not None]
@@ -596,8 +607,8 @@ def _column(
         unit = None
     if quantity and unit is None:
         is_si = meaning.family == "ur" or (not meaning.family and _ROS_FIELD.search(heading.name))
-        si_unit = ("m" if quantity == "length" else "rad") if is_si else None
-        unit = (of_preamble if quantity == "length" else None) or reading.unit_of.get(quantity) or si_unit
+        of_all, si_unit = (of_preamble, "m") if quantity == "length" else (None, "rad")
+        unit = of_all or reading.unit_of.get(quantity) or (si_unit if is_si else None)
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage
     return Column(heading.name, candidate.place, key, kind, unit, coverage)
 
@@ -678,7 +689,10 @@ class Values(NamedTuple):
         start = self.row_index[keys[0]]
         return self.numbers[start : start + len(keys)]
 
-    def rows(self, index: NDArray[Any]) -> Values:
+    def rows(self, index: NDArray[Any]) -> "Values":
         """Return some of the rows."""
-        texts = {key: text[index] for key, text in self.texts.items()}
-        return self._replace(numbers=self.numbers[:, index], texts=texts, lines=self.lines[index])
+        return self._replace(
+            numbers=self.numbers[:, index],
+            texts={key: text[index] for key, text in self.texts.items()},
+            lines=self.lines[index],
+        )

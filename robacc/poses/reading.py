@@ -1,7 +1,5 @@
 """Names of a pose file's columns, and what is stated of the file: by its user, a column map and its robot."""
 
-from __future__ import annotations
-
 import difflib
 import os
 import re
@@ -18,7 +16,7 @@ from robacc.geometry import Array, Poses, exp_so3, rotation_from_quaternion, rot
 from robacc.io.column_table import divided
 from robacc.io.dialect import UNIT_NAMES
 from robacc.io.files import read_text
-from robacc.io.table import TableOptions, TableRows
+from robacc.io.table import TableOptions
 from robacc.io.yaml_nodes import Source, describe, is_null, join, top_section
 from robacc.measurements import Measurements
 
@@ -265,8 +263,7 @@ def heading_of(name: str) -> Heading:
     matches = filter(None, (form.fullmatch(stem) for form in _WITH_UNIT))
     if match := next((match for match in matches if match[2] == "Grad" or match[2].lower() in UNIT_NAMES), None):
         stem, unit = match[1], UNIT_NAMES.get(match[2].lower(), "deg")
-    if match := re.fullmatch(r"\d+\s*<(.*)>", stem):  # a channel behind its number, as loggers write it: 101 <Trk X>
-        stem = match[1]
+    stem = re.sub(r"^\d+\s*<(.*)>$", r"\1", stem)  # a channel behind its number, as loggers write it: 101 <Trk X>
     spaced = re.sub(r"(?<=[a-zäöü])(?=[A-Z])|(?<=\b[XYZ])(?=[A-Z][a-z])", " ", stem)
     return Heading(name, tuple(_TOKEN.findall(spaced.lower())), unit)
 
@@ -316,7 +313,8 @@ _PART_OF = {
 def labelled(heading: Heading) -> tuple[tuple[str, ...], str] | None:
     """Return the words beside a coordinate, and its axis or ``turn`` for an angle; None for another name."""
     words = heading.words
-    at = next((i for i in (-1, 0) if words and words[i] in _PART_OF), None)
+    # px_r is no angle
+    at = next((i for kinds in (AXES, ("turn",)) for i in (-1, 0) if words and _PART_OF.get(words[i]) in kinds), None)
     if at is None:
         return None
     label = tuple(word for i, word in enumerate(words) if i != at % len(words) and word not in _FORMS)
@@ -350,7 +348,7 @@ def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Mea
         is_quaternion = any("w" in sibling.split() for sibling in siblings)
         return Meaning(f"q{joined}") if is_quaternion else Meaning(f"r{joined}", family="axes")
     if (
-        match := re.fullmatch(r"(?:observation)?(p|tvec|rvec|)\d+", joined)
+        match := re.fullmatch(r"(?:observation|.*(?=[tr]vec))?(p|tvec|rvec|)\d+", joined)
     ) and not oriented:  # pos_1, pos_2, pos_3; a pose has an orientation behind
         places = sorted(sibling for sibling in siblings if sibling.rpartition(" ")[0] == text.rpartition(" ")[0])
         keys = ROTATION_VECTOR if match[1] == "rvec" else AXES
@@ -372,15 +370,14 @@ def _coordinate(text: str, core: Sequence[str], siblings: frozenset[str]) -> Mea
 
 def _uncertainty(core: Sequence[str]) -> Meaning | None:
     """Return the meaning of a standard deviation or of an uncertainty along an axis."""
-    words = [word for word in core if word not in _FILLERS]
+    split = (word if word in ("ux", "uy", "uz") else (word,) for word in core if word not in _FILLERS)
+    words = [word for parts in split for word in parts]
     axes = [word for word in words if word in AXES]
-    if len(axes) == 1 and _SPREAD & set(core) and set(words) <= {axes[0], *_SPREAD}:
-        return Meaning(f"sigma_{axes[0]}")
-    if "".join(words) in ("ux", "uy", "uz"):
-        return Meaning(f"sigma_{words[-1][-1]}", expanded=True)
+    known = _SPREAD if _SPREAD & {*words} else _UNCERTAIN
     is_95 = "95" in core  # U95 names its coverage; without an axis it is of all of them
-    if len(axes) in (1 - is_95, 1) and _UNCERTAIN & set(core) and set(words) <= {*axes, "95", *_UNCERTAIN}:
-        return Meaning(f"sigma_{axes[0]}" if axes else "sigma", coverage=1.0 + is_95, expanded=not is_95)
+    if len(axes) in (1 - is_95, 1) and known & {*words} and {*words} <= {*axes, "95", *known}:
+        is_open = known is _UNCERTAIN and not is_95
+        return Meaning(f"sigma_{axes[0]}" if axes else "sigma", coverage=1.0 + is_95, expanded=is_open)
     return None
 
 
@@ -413,6 +410,9 @@ ORIENTATIONS = (QUATERNION, ROTATION_VECTOR, RPY)
 COMMANDED_AXES = tuple(f"cmd_{axis}" for axis in AXES)
 COMMANDED_QUATERNION = tuple(f"cmd_{name}" for name in QUATERNION)
 SIGMAS = tuple(f"sigma_{axis}" for axis in AXES)
+CORRELATIONS = ("corr_xy", "corr_xz", "corr_yz")
+BY_SIGHT = ("sigma_range", "sigma_across")
+INSTRUMENT = tuple(f"instrument_{axis}" for axis in AXES)
 TEXTS = ("pose", "cycle", "visit", "target", "payload_group")
 CIRCUMSTANCES = ("time_s", "temperature_c", "payload_kg")
 
@@ -425,7 +425,8 @@ FIXED_KINDS: Mapping[str, Kind] = {
     **dict.fromkeys(COMMANDED_AXES, "length"),
     **dict.fromkeys(COMMANDED_QUATERNION, "ratio"),
     **dict.fromkeys((f"cmd_{name}" for name in (*ROTATION_VECTOR, *RPY)), "angle"),
-    **dict.fromkeys(SIGMAS, "length"),
+    **dict.fromkeys((*SIGMAS, *BY_SIGHT, *INSTRUMENT), "length"),
+    **dict.fromkeys(CORRELATIONS, "ratio"),
     "sigma_r": "angle",
     **dict.fromkeys(CIRCUMSTANCES, "number"),
 }
@@ -784,7 +785,7 @@ class PoseFile(str):
         board: str | os.PathLike[str] | None = None,
         bag: str | None = None,
         contact_sheet: str | os.PathLike[str] | None = None,
-    ) -> PoseFile:
+    ) -> "PoseFile":
         """Return the path with the statements, which are those of :class:`Reading`.
 
         Args:
@@ -814,7 +815,7 @@ class PoseFile(str):
                 "frame of records, or Measurements(position=…, q=…) of arrays",
             )
         )
-        result = super().__new__(cls, os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME)
+        name = os.fspath(path) if isinstance(path, str | os.PathLike) else FRAME
         stated: dict[str, Any] = (
             read_column_map(columns) if isinstance(columns, str | os.PathLike) else {"columns": columns}
         )
@@ -823,7 +824,13 @@ class PoseFile(str):
         stated |= {name: value for name, value in given.items() if value is not None}
         stated |= {name: os.fspath(file) for name, file in files.items() if file is not None}
         stated["frame"] = reading_of(path).frame if isinstance(path, str | os.PathLike) else path
-        result.reading = Reading(skip_gaps=skip_gaps, **stated)
+        return cls.of(name, Reading(skip_gaps=skip_gaps, **stated))
+
+    @classmethod
+    def of(cls, path: str, reading: Reading) -> "PoseFile":
+        """Return the path with these statements."""
+        result = super().__new__(cls, path)
+        result.reading = reading
         return result
 
 
@@ -835,13 +842,8 @@ def parts_of(path: str) -> tuple[PoseFile, ...]:
     """
     reading = reading_of(path)
     named = reading.columns or reading.commanded or reading.camera or reading.board or reading.bag
-
-    def file(part: TableRows) -> PoseFile:
-        result = PoseFile(path)
-        result.reading = replace(reading, frame=part)
-        return result
-
-    return () if named or reading.frame is not None else tuple(map(file, divided(path, reading)))
+    parts = () if named or reading.frame is not None else divided(path, reading)
+    return tuple(PoseFile.of(path, replace(reading, frame=part)) for part in parts)
 
 
 def reading_of(path: str | os.PathLike[str]) -> Reading:

@@ -1,7 +1,5 @@
 """Tables of another shape: without a header, poses as matrices, one row an axis, or several targets a row."""
 
-from __future__ import annotations
-
 import itertools
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -9,10 +7,9 @@ from functools import partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Note, Problem, refuse
-from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
+from robacc.geometry import Array, NDArray, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
@@ -64,6 +61,7 @@ def with_known_names(
         joints = (f"J{i + 1}" for i in range(width - 16))
         return (*joints, *(f"m_{row}{column}" for row in range(4) for column in range(4)))
     names = _of_numbers(table, rows, texts, robot, attained, commands) if required or texts.any() else None
+    who = "give `robot`, whose motion shows the columns" if robot.pose_at is None else "check that the arm is `robot`"
     refuse(
         (
             names is None and required,
@@ -71,8 +69,8 @@ def with_known_names(
                 "found numbers, expected a header row",
                 table.file,
                 table.line,
-                fix="begin the file with the columns' names, or name them with `columns`: a file with entries such as "
-                "'column 1: x_mm', which the command init writes",
+                fix=f"{who}; or begin the file with the columns' names, or name them with `columns`: a file with "
+                "entries such as 'column 1: x_mm', which the command init writes",
             ),
         )
     )
@@ -93,7 +91,10 @@ def _of_numbers(
     number does, with a count or texts before them.
     """
     width, joints = texts.size, len(robot.joint_names or ())
-    lead = int(texts.argmin()) or int(len(rows) > 1 and np.all(np.diff(rows[:, 0]) == 1))
+    steps = np.diff(rows[:, 0])
+    lead = int(texts.argmin()) or int(
+        len(rows) > 1 and np.all((steps >= 1) & (steps % 1 == 0)) and width not in (3, 6, joints)
+    )
     found: dict[int, str] = {}
     if not attained and joints:
         found = {lead + i: f"J{i + 1}" for i in range(joints)} if width == lead + joints else {}
@@ -103,22 +104,26 @@ def _of_numbers(
         found = dict(enumerate("XYZ", lead))
     if not found:
         return None
-    for i in [i + 1 for i, name in found.items() if name.startswith("Z")]:
+    for i in [i + 1 for i, name in found.items() if re.match(r"Z( |$)", name)]:
         # An orientation follows the position, or, in a list of SpatialAnalyzer, its uncertainty.
         is_list = texts.any() and (rows[:, i : i + 3] > 0).all()
         is_quaternion = rows.size and _are_unit(rows[:, i : i + 4])
-        angles = ("Q1 Q2 Q3 Q4" if is_quaternion else "Ux Uy Uz" if is_list else "Rx Ry Rz").split()
-        if {*range(i, i + len(angles))} <= {*range(width)} - {*found}:
+        angles = ("Quat1 Quat2 Quat3 Quat4" if is_quaternion else "Ux Uy Uz" if is_list else "Rx Ry Rz").split()
+        is_constant = len(found) > 3 and not np.ptp(rows[:, i : i + 3], axis=0).any()  # so not measured
+        if {*range(i, i + len(angles))} <= {*range(width)} - {*found} and not is_constant:
             found |= dict(enumerate(angles, i))
     named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
-    columns = f"columns {min(found) + 1} to {max(found) + 1}"
-    table.log.remarks.append(f"no header: {columns} read as {', '.join(found[i] for i in sorted(found))}, {reason}")
+    read_as = ", ".join(found[i] for i in sorted(found))
+    table.log.remarks.append(f"no header: columns {min(found) + 1} to {max(found) + 1} read as {read_as}, {reason}")
     return tuple(named)
 
 
 def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
-    """Return the names of columns, by index, under which positions follow the motion of the arm."""
+    """Return the names of columns, by index, under which positions follow the motion of the arm.
+
+    Three positions beside the same joints, or more, are those of as many targets; of two, one may be the controller's.
+    """
     joints, result = len(robot.joint_names or ()), []
     # Columns without names that are tried.
     if robot.pose_at is None or not joints or rows.shape[1] > 24:
@@ -135,6 +140,10 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
                 units = [angle if turn else length for turn in turns.ravel()]
                 names = {first + i: f"q{i + 1}_{unit}" for i, unit in enumerate(units)}
                 result.append(names | {place + i: f"{AXES[i].upper()} [{unit}]" for i in range(3)})
+    names = {i: name for reading in result for i, name in reading.items()}
+    if len(result) > 2 and len(names) == joints + 3 * len(result):
+        places = sorted([i for i, name in reading.items() if name[0] in "XYZ"] for reading in result)
+        return [names | {i: f"{names[i][0]}{k}{names[i][1:]}" for k, place in enumerate(places, 1) for i in place}]
     return result
 
 
@@ -165,24 +174,21 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
+_NO_POSE = re.compile(r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$")
+"""Matrices that are no poses."""
 _ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
 
 
 def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
     """Return the name of the first matrix among the names, and the column of each entry; None without a matrix."""
     found: dict[str, dict[tuple[int, int], int]] = {}
-    # Of 16 numbers in a row, as MoveIt's calibration writes them.
-    listed = {name.removesuffix("_16") for name in names if name.endswith("_16")} - {"q", "read_q", "cmd_q"}
     for index, name in enumerate(names):
-        stem, _, number = name.strip().rpartition("_")
-        if stem in listed and number.isdigit() and f"{stem}_17" not in names:
-            found.setdefault(stem, {})[divmod(int(number) - 1, 4)] = index
-        elif match := _ENTRY.fullmatch(name.strip()):
+        if match := _ENTRY.fullmatch(name.strip()):
             found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
     for (stem, entries), first in itertools.product(found.items(), (0, 1)):
         at = {(row - first, column - first): index for (row, column), index in entries.items()}
         needed = itertools.product(range(3), range(3 + (len(at) > 9)))
-        if len(at) in (9, 12, 16) and at.keys() >= {*needed}:
+        if len(at) in (9, 12, 16) and at.keys() >= {*needed} and not _NO_POSE.search(stem):
             return stem if len(stem) > 2 else "", at
     return None
 
@@ -201,7 +207,7 @@ def with_poses_of_matrices(table: Table) -> Table:
     return table
 
 
-def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> Rows:
+def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> "Rows":
     """Return positions and quaternions; matrices that are no rotations go to the log."""
     split, entries, identity = len(old.numbers) - 9, old.numbers, np.eye(3)[:, :, None]
     # Entries that could not be read are in the log already.
@@ -273,16 +279,18 @@ def points_in_rows(names: Sequence[str]) -> dict[str, dict[str, int]]:
 def advice_on_points(names: Sequence[str]) -> str | None:
     """Return what to do about a file with several points in each row; None for another file."""
     points = points_in_rows(names)
-    if not points:
-        return None
-    for label, columns in points.items():
-        if missing := [axis.upper() for axis in AXES if axis not in columns]:
-            return f"the rows hold the points {', '.join(points)}, but point {label} has no {' and no '.join(missing)}"
     labels = ", ".join(points)
-    return (
-        f"each row holds the points {labels}: for several targets at one pose, the robot file names them under "
-        f"targets ({labels}); for a single target, choose its columns with `columns`"
+    lacking = (
+        f"the rows hold the points {labels}, but point {label} has no {' and no '.join(missing)}"
+        for label, columns in points.items()
+        if (missing := [axis.upper() for axis in AXES if axis not in columns])
     )
+    several = (
+        f"each row holds the points {labels}: for several targets at one pose, fit tool_frame, which finds their "
+        "places (`align` of estimate, `fit` of calibrate; a trace does), or name them under targets in the robot file "
+        f"({labels}); for a single target, choose its columns with `columns`"
+    )
+    return next(lacking, several) if points else None
 
 
 Rows = tuple[NDArray[np.int64], Sequence[NDArray[Any]]]

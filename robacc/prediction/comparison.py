@@ -4,8 +4,6 @@ The measured poses are reduced to sufficient statistics. They decide the tests o
 variance components. Tests and components are mappings with the keys of the result (``robacc show schema predict``).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -16,8 +14,9 @@ import numpy as np
 
 from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, applying, refuse
 from robacc.fitting import registration
+from robacc.fitting.normal_equations import whitening
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -156,6 +155,7 @@ def reduce_residuals(
         InputError: There are too few poses to estimate the noise, or the noise is zero.
     """
     weights, stated, sources = zip(*_stated_noise(data, noise), strict=True)
+    data = data if sources[0] == "file" else replace(data, noise_covariance=None)
     triangles = _triangles(robot, data, parameters, weights, aligned)
     n_fixed = triangles[0].shape[1] - len(parameters) - 1
     sigma = _restricted_likelihood(data, triangles, stated)
@@ -210,7 +210,8 @@ def _triangles(
         error = residuals(part, model.bind(part).poses(np.zeros(0)))
         columns = np.concatenate((jacobian[: len(error)] * size[:, None], error[:, None]), axis=1)
         for number, weight in enumerate(weights):
-            weighted = (columns[3 * number : 3 * number + 3] * weight[:, None, block]).transpose(0, 2, 1)
+            white = whitening(weight[:, block], noise=None if number else part.correlated_noise)
+            weighted = white.apply(columns[3 * number : 3 * number + 3].swapaxes(0, 1)).transpose(1, 2, 0)
             stacked = np.concatenate((*triangles[number], weighted.reshape(-1, columns.shape[1])))
             triangles[number] = [np.asarray(np.linalg.qr(stacked, mode="r"))]
     return [triangle for (triangle,) in triangles]
@@ -420,9 +421,11 @@ def variance_components(
                 "why": _unidentified_reason(names, information, index, dof),
             }
         )
-    notes = [component["why"] for component in components if component["why"] is not None]
-    if not_estimated := sorted({parameter.component for parameter in parameters} & GIVEN):
-        notes.append(f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated")
+    not_estimated = sorted({parameter.component for parameter in parameters} & GIVEN)
+    notes = applying(
+        *((component["why"], component["why"]) for component in components),
+        (not_estimated, f"the tolerances of {' and '.join(not_estimated)} are used as given, not estimated"),
+    )
     return {"confidence": confidence, "components": components, "notes": notes}
 
 
@@ -595,10 +598,14 @@ def _one_draw(statistics: SufficientStatistics) -> str:
         f"{n_directions + statistics.noise_dof + statistics.n_aligned} measured numbers, {n_directions} depend on the "
         "parameters"
     )
-    if n_directions:
-        # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
-        more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
-        text += f": the size of the tolerances is known to about {100 / math.sqrt(2 * n_directions):.0f} %; {more}"
-    if statistics.n_aligned:
-        text += f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted"
-    return text
+    more = "more robots improve it, more poses do not" if statistics.noise_dof else "more poses would improve it"
+    # The standard deviation of a variance from n Gaussian numbers is sqrt(2/n), of its root half that.
+    size = 100 / math.sqrt(2 * max(n_directions, 1))
+    further = applying(
+        (n_directions, f": the size of the tolerances is known to about {size:.0f} %; {more}"),
+        (
+            statistics.n_aligned,
+            f". Fitting the frames used {statistics.n_aligned} degrees of freedom, which are not counted",
+        ),
+    )
+    return "".join((text, *further))

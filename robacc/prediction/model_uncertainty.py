@@ -12,8 +12,6 @@ Effects of the measurement (a scale of the instrument, a drift of its frame) mov
 measured poses their columns cancel errors of the arm's coefficients, so J has none of them where the arm's pose counts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,7 +23,7 @@ from robacc.accuracy.grade import Scale
 from robacc.effects.base import Effect, Part, Term, effect_class
 from robacc.effects.drivers import MARGIN, Validity, driver_values, is_outside, nearest_image, range_excess
 from robacc.effects.specification import Known, faded
-from robacc.errors import InputError, Problem, RobaccError, refuse
+from robacc.errors import InputError, Problem, RobaccError, applying, refuse
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.parameters import absorb_constants, apply_fit
 from robacc.fitting.registration import registration_fit
@@ -458,6 +456,8 @@ def blocks_with_frames(
         independent = outer_sums(factor * np.concatenate(scatter, axis=1))
         for rows, variance in zip((slice(0, 3), slice(3, 6)), _noise_variances(fit, part), strict=True):
             independent[rows, rows] += np.eye(3)[:, :, None] * variance
+        if part.correlated_noise is not None and fit.noise_is_separate:
+            independent[:3, :3] += part.correlated_noise
         yield block, bound.linearise(np.zeros(len(bound.names)))[1], correlated, independent
 
 
@@ -501,16 +501,20 @@ def calibrated_accuracy(
     data = completed(fit, poses, seed)
     covariances, rotation, traces = model_uncertainty(robot, fit, data, measured=False)
     sources = [{"parameter": name, "joint": None, "kind": name, "sd": None, "unit": None} for name in SOURCES]
-    notes = [*configurations.notes, f"the model was fitted to {fit.n_poses} poses"]
     low, high = np.array([fit.ranges.get(name, (-np.inf, np.inf)) for name in robot.variable_names]).T[..., None]
     outside = np.any((configurations.q < low) | (configurations.q > high), axis=0)
-    if outside.any():
-        notes.append(
+    notes = applying(
+        (True, f"the model was fitted to {fit.n_poses} poses"),
+        (
+            outside.any(),
             f"{np.count_nonzero(outside)} of {data.n} configurations lie outside the joint ranges of the fit, where "
-            "the unexplained error may be larger"
-        )
-    if fit.unexplained.shape[0] < 6:
-        notes.append("the fit had no measured orientations, so that of the prediction lacks the unexplained error")
+            "the unexplained error may be larger",
+        ),
+        (
+            fit.unexplained.shape[0] < 6,
+            "the fit had no measured orientations, so that of the prediction lacks the unexplained error",
+        ),
+    )
     return predicted(
         configurations,
         [in_tool_frame(part, rotation) for part in covariances],
@@ -520,7 +524,7 @@ def calibrated_accuracy(
         by_joint=(),
         by_kind=(),
         meaning="errors of the calibrated arm: coefficients of the fit, repeatability, and unexplained error",
-        notes=tuple(notes),
+        notes=(*configurations.notes, *notes),
     )
 
 
@@ -571,6 +575,7 @@ def coverage(
         data,
         sigma_position=data.sigma_position if position is None else np.full((3, data.n), position),
         sigma_rotation=data.sigma_rotation if angle is None else np.full(data.n, angle),
+        noise_covariance=data.noise_covariance if position is None else None,
     )
     half = data.groups() % 2 if aligned else np.zeros(data.n, dtype=np.int64)
     refuse(
@@ -627,7 +632,7 @@ def fit_record(
     nominal: Robot,
     data: Measurements,
     held_out: tuple[Measurements, Array] | None,
-    repeatability: Repeatability | None,
+    repeatability: "Repeatability | None",
     n_folds: int = 0,
 ) -> ModelFit:
     """Return the record of a fit.
@@ -679,9 +684,8 @@ def fit_record(
         finite = np.all(np.isfinite(held_out[1]), axis=0) & (fit.inliers if held_out[0] is data else True)
         residual, poses, sign = held_out[1][:, finite], held_out[0].subset(finite), -1.0
     # Held-out residuals have the errors of fits to fewer poses.
-    compared = record
-    if held_out is not None and held_out[0] is data:
-        compared = replace(record, covariance=_inflation(fit, data, n_folds) * record.covariance)
+    fewer = _inflation(fit, data, n_folds) if held_out is not None and held_out[0] is data else 1.0
+    compared = replace(record, covariance=fewer * record.covariance)
     # Variances of the measurement noise that is known apart from the arm's errors, m² and rad²: of the uncertainties in
     # the file, or of visits with several rows, which separate noise and scatter. Repeats alone hold both, so all of it
     # counts as the arm's.

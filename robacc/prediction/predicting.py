@@ -4,8 +4,6 @@ The prediction is for robots whose parameter errors are random within the tolera
 with mean zero and covariance V_d or V_δ; over poses it is their mixture in equal parts.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -13,12 +11,11 @@ from typing import Any, Literal
 
 import numpy as np
 import yaml
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Statistic
 from robacc.accuracy.grade import Quantity, Scale
-from robacc.errors import Problem, given, refuse
-from robacc.geometry import Array, compose, transpose
+from robacc.errors import Problem, applying, given, refuse
+from robacc.geometry import Array, NDArray, compose, transpose
 from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -256,24 +253,25 @@ def sampled_configurations(robot: Robot, n: int, seed: int = 0, target: str | No
     refuse((n < 1, f"`samples` is at least 1, not {n}"))
     fix = "give it limits, or give the configurations with `poses`"
     q = even_joints(robot, n, np.random.default_rng(seed), "to spread configurations over", fix)
-    notes, endless = [], [joint.name for joint in robot.variables if joint.limits is None]
-    if endless:
-        notes.append(f"joint{'s' * (len(endless) > 1)} {', '.join(endless)} without limits: sampled over a full turn")
+    endless = [joint.name for joint in robot.variables if joint.limits is None]
     name = next(iter(robot.targets), None) if target is None else target
+    known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
+    refuse((name not in (None, *robot.targets), f"no target {name!r}; the robot file {known}"))
+    notes = applying(
+        (endless, f"joint{'s' * (len(endless) > 1)} {', '.join(endless)} without limits: sampled over a full turn"),
+        (
+            target is None and len(robot.targets) > 1,
+            f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another",
+        ),
+    )
     if name is not None:
-        known = f"has {', '.join(robot.targets)}" if robot.targets else "has no targets"
-        refuse((name not in robot.targets, f"no target {name!r}; the robot file {known}"))
-        if len(robot.targets) > 1 and target is None:
-            notes.append(
-                f"predicted for the target {name}, the first of {len(robot.targets)}; `target` selects another"
-            )
         robot = replace(robot, tool=robot.targets[name], targets={})
     return Configurations(
         q,
         tuple(Arm.of(robot).chain.scalars(q)),
         tuple(f"sample {i}" for i in range(1, n + 1)),
         f"{n} configuration{'s' * (n != 1)} spread evenly over the joint ranges (seed {seed})",
-        tuple(notes),
+        notes,
     )
 
 
@@ -393,11 +391,10 @@ def predict_accuracy(
     by_parameter = with_shares(
         [{"parameter": p.name, "joint": p.joint, "kind": p.kind, "sd": p.sd, "unit": p.unit} for p in parameters], power
     )
-    notes = list(configurations.notes)
-    if robot.effects:
-        notes.append("the robot file's effects are not part of a prediction from tolerances")
-    if meaning != NORMAL:
-        notes.append("radii and percentiles assume that the sum of all errors is Gaussian; covariances do not")
+    notes = applying(
+        (robot.effects, "the robot file's effects are not part of a prediction from tolerances"),
+        (meaning != NORMAL, "radii and percentiles assume that the sum of all errors is Gaussian; covariances do not"),
+    )
     return predicted(
         configurations,
         covariances,
@@ -409,7 +406,7 @@ def predict_accuracy(
         ),
         by_kind=_summed_shares(by_parameter, [parameter.component for parameter in parameters]),
         meaning=meaning,
-        notes=tuple(notes),
+        notes=(*configurations.notes, *notes),
     )
 
 

@@ -1,11 +1,4 @@
-"""Robot program: its text, written back byte for byte, its targets, motions, and conventions of orientations.
-
-The reader of a dialect is a table of patterns for its statements, and functions that say what a statement means. It
-works on the text with blanks in place of comments and strings (:func:`mask`), so that a place in one is a place in the
-other, and collects what it finds in a :class:`Draft`.
-"""
-
-from __future__ import annotations
+"""Robot program: its text, written back byte for byte, its targets and motions. Dialects are plug-ins."""
 
 import os
 import re
@@ -18,30 +11,17 @@ from typing import Any, Literal, cast
 import numpy as np
 
 from robacc.errors import Problem, refuse
-from robacc.geometry import (
-    Array,
-    Poses,
-    compose,
-    exp_so3,
-    log_so3,
-    quaternion_from_rotation,
-    rotation_about,
-    rotation_from_quaternion,
-    rotation_from_rpy,
-    rpy_from_rotation,
-)
+from robacc.geometry import Array, Poses
 from robacc.io.files import read_bytes, read_text
 from robacc.io.yaml_nodes import top_section
 from robacc.plug_ins import plug_in, plug_in_names, plug_ins
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
-# Text of a program that is written back byte for byte, and masks that hide its comments and strings.
+# Text of a program that is written back byte for byte.
 
 PROGRAM_LIMIT = 64 * 2**20
 """Largest program that is read, bytes."""
-NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
-"""Pattern of a number in every dialect."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -55,7 +35,7 @@ class ProgramSource:
     _starts: tuple[int, ...] = field(repr=False, compare=False)
 
     @classmethod
-    def of(cls, data: bytes, file: str) -> ProgramSource:
+    def of(cls, data: bytes, file: str) -> "ProgramSource":
         """Return the source of a program's bytes.
 
         Raises:
@@ -152,56 +132,6 @@ def rotation_distance(first: Array, second: Array) -> Array:
     return np.asarray(4 * np.arcsin(np.minimum(np.sqrt(np.minimum(*squares)) / 2, 1.0)))
 
 
-def _nearest_quaternion(quaternion: Array, near: Array) -> Array:
-    unit = quaternion / np.sqrt(np.sum(np.square(quaternion), axis=0))
-    return np.asarray(np.where(np.sum(unit * near, axis=0) < 0, -unit, unit))
-
-
-def _nearest_vector(quaternion: Array, near: Array) -> Array:
-    vector = log_so3(rotation_from_quaternion(quaternion))
-    # The axis of a zero rotation is free: a whole turn about the program's own axis.
-    axis = np.where(np.any(vector != 0, axis=0), vector, near)
-    length = np.sqrt(np.sum(np.square(axis), axis=0))
-    turn = 2 * np.pi * axis / np.where(length > 0, length, 1.0)
-    candidates = np.stack((vector, vector - turn, vector + turn))
-    best = np.argmin(np.sum(np.square(candidates - near), axis=1), axis=0)
-    return np.asarray(np.take_along_axis(candidates, best[None, None], axis=0)[0])
-
-
-def nearest_angles(rotation: Array, near: Array) -> Array:
-    """Return roll, pitch, yaw ``(3, N)`` of the solution nearest to ``near``, in the range that ``near`` is in."""
-    first = rpy_from_rotation(rotation)
-    pole = np.abs(np.abs(first[1]) - np.pi / 2) < 1e-9
-    if np.any(pole):
-        # Only yaw -+ roll is determined: keep the program's roll.
-        upright = compose(rotation, np.swapaxes(rotation_about(0, near[0]), 0, 1))
-        first = np.where(pole, np.stack((near[0], first[1], np.arctan2(-upright[0, 1], upright[1, 1]))), first)
-    second = np.stack((first[0] + np.pi, np.pi - first[1], first[2] + np.pi))
-    to_first, to_second = (np.sum(np.square(_wrapped(angles - near)), axis=0) for angles in (first, second))
-    chosen = np.where(to_second < to_first, second, first)
-    return np.where(np.abs(near) <= np.pi + 1e-9, _wrapped(chosen), near + _wrapped(chosen - near))
-
-
-def _wrapped(angle: Array) -> Array:
-    """Return angles in [-pi, pi]."""
-    return angle - 2 * np.pi * np.round(angle / (2 * np.pi))
-
-
-ZYX = Convention(
-    lambda angles: rotation_from_rpy(angles[::-1]),
-    lambda quaternions, near: nearest_angles(rotation_from_quaternion(quaternions), near[::-1])[::-1],
-)
-"""x, y, z, A, B, C with R = Rz(A) Ry(B) Rx(C) (KUKA)."""
-FIXED_XYZ = Convention(
-    rotation_from_rpy, lambda quaternions, near: nearest_angles(rotation_from_quaternion(quaternions), near)
-)
-"""x, y, z, W, P, R with R = Rz(R) Ry(P) Rx(W) (FANUC)."""
-QUATERNION = Convention(rotation_from_quaternion, _nearest_quaternion)
-"""x, y, z, q1 … q4 with q1 the scalar part (ABB)."""
-ROTATION_VECTOR = Convention(exp_so3, _nearest_vector)
-"""x, y, z, rx, ry, rz with the rotation vector (Universal Robots)."""
-
-
 @dataclass(frozen=True, slots=True)
 class ProgramFrame:
     """Tool or base frame that a program names."""
@@ -285,243 +215,6 @@ class Program:
     """Index of the target of each motion in the order of the text; loops and branches are not followed."""
     notes: tuple[ProgramNote, ...] = ()
     """Everything that the program computes at run time or that the reader does not know, by line."""
-
-
-# Grammar that all dialects share: places of arguments and numbers in the text, and the frames in force.
-
-MM = 1e-3
-DEGREE = np.pi / 180
-POSE_UNITS = (MM, MM, MM, DEGREE, DEGREE, DEGREE)
-"""Units of x, y, z and three angles, in the dialects that write mm and degrees."""
-AXIS_UNITS = (DEGREE,) * 6
-RUN_TIME = "the target is computed at run time"
-ELSEWHERE = "the target's numbers are in none of the files read"
-CHANGED = "the program assigns it at run time in line {}"
-
-Place = tuple[int, int]
-"""First character of a part of the text, and the one behind its last."""
-
-_PUNCTUATION = re.compile(r"[\[\](){},\\]")
-_NUMBER = re.compile(NUMBER)
-
-
-def mask(text: str, hidden: re.Pattern[str]) -> str:
-    """Return the text with spaces in place of every match of ``hidden`` (comments and strings), line ends kept."""
-    return hidden.sub(lambda match: re.sub(r"[^\r\n]", " ", match[0]), text)
-
-
-def stripped(text: str, place: Place) -> Place:
-    """Return a place without the blanks at its ends."""
-    part = text[slice(*place)]
-    return place[1] - len(part.lstrip()), place[0] + len(part.rstrip())
-
-
-def arguments(text: str, start: int, end: int | None = None) -> tuple[list[Place], int]:
-    """Return the places between commas outside of brackets, and where they end.
-
-    They end at ``end``, or before at a bracket that closes none of theirs. A switch of RAPID is a part of its own, with
-    its backslash.
-    """
-    end = len(text) if end is None else end
-    places, first, depth = [], start, 0
-    for match in _PUNCTUATION.finditer(text, start, end):
-        if match[0] in "[({":
-            depth += 1
-        elif match[0] in ",\\":
-            if depth == 0:
-                places.append((first, match.start()))
-                first = match.start() + (match[0] == ",")
-        elif depth:
-            depth -= 1
-        else:
-            end = match.start()
-            break
-    return [stripped(text, place) for place in (*places, (first, end))], end
-
-
-def items(text: str, place: Place) -> list[Place]:
-    """Return the places of the parts of an aggregate ``[…]`` or ``{…}``; none for anything else."""
-    start, end = stripped(text, place)
-    parts, closed = arguments(text, start + 1, end)
-    return parts if text[start:end][:1] in ("[", "{") and closed == end - 1 else []
-
-
-def numbers(text: str, places: Sequence[Place], units: Sequence[float]) -> tuple[ProgramNumber, ...] | None:
-    """Return the numbers at places, one for each unit; None where a part is no number, or one lacks or is too many."""
-    if len(places) != len(units) or not all(_NUMBER.fullmatch(text, *place) for place in places):
-        return None
-    return tuple(
-        ProgramNumber(*place, float(text[slice(*place)]), unit) for place, unit in zip(places, units, strict=True)
-    )
-
-
-def unclosed(blocks: Iterable[tuple[str, int, bool]]) -> list[tuple[str, int]]:
-    """Return the word and place of each block that has no end; blocks are word, place and whether it opens one."""
-    opened: list[tuple[str, int]] = []
-    for word, position, opens in blocks:
-        if opens:
-            opened.append((word, position))
-        elif opened:
-            opened.pop()
-    return opened
-
-
-# Tool or base frame in force at each place of a program, where the text alone decides it.
-
-EventKind = Literal["routine", "open", "loop", "next", "close", "set", "may set", "call"]
-
-
-@dataclass(frozen=True, slots=True)
-class FrameEvent:
-    """Statement that matters for the frame in force: start of a routine, a block's ends, a call, or an assignment."""
-
-    position: int
-    kind: EventKind
-    frame: ProgramFrame | None = None
-    """Frame of an assignment; None where the program computes it."""
-    name: str = ""
-    """Name of a routine that starts or is called."""
-
-
-def timeline(events: Sequence[FrameEvent]) -> Callable[[int], ProgramFrame | None]:
-    """Return a function of a place that returns the frame in force there; None where the text leaves it open.
-
-    A frame that is set inside a branch is unknown after the branch. One that is set inside a loop is unknown from the
-    loop's head to the assignment, since the second turn begins with it, and after the loop. A routine that sets one,
-    itself or by a call, leaves it unknown after its call.
-    """
-    setting: set[int | str] = set()
-    before = -1
-    while before < len(setting):
-        before = len(setting)
-        frames = _frames(events, setting)
-
-    def at(position: int) -> ProgramFrame | None:
-        k = bisect_right(events, position, key=lambda event: event.position) - 1
-        return frames[k] if k >= 0 else None
-
-    return at
-
-
-def _frames(events: Sequence[FrameEvent], setting: set[int | str]) -> list[ProgramFrame | None]:
-    """Return the frames after each event, and add the blocks (by place) and routines (by name) that set one."""
-    result: list[ProgramFrame | None] = []
-    current: ProgramFrame | None = None
-    opened: list[tuple[FrameEvent, ProgramFrame | None]] = []
-    for event in events:
-        if event.kind in ("set", "may set") or (event.kind == "call" and event.name in setting):
-            if event.kind != "may set":
-                current = event.frame
-            around = [block for block, _ in opened]
-            routine = max((i for i, block in enumerate(around) if block.kind == "routine"), default=-1)
-            setting |= {around[routine].name if routine >= 0 else "", *(b.position for b in around[routine + 1 :])}
-        elif event.kind == "routine":
-            opened.append((event, current))
-            current = None
-        elif event.kind in ("open", "loop"):
-            current = None if event.kind == "loop" and event.position in setting else current
-            opened.append((event, current))
-        elif opened and event.kind == "next":
-            current = opened[-1][1]
-        elif opened and event.kind == "close":
-            block, outer = opened.pop()
-            if block.kind == "routine":
-                current = outer  # a definition runs nothing
-            elif block.position in setting:
-                current = None
-        result.append(current)
-    return result
-
-
-# Program put together from what a dialect's reader found: values in SI units, and each target's motions.
-
-
-@dataclass(slots=True)
-class Draft:
-    """Findings of a reader, to be assembled into a program."""
-
-    source: ProgramSource
-    dialect: str
-    targets: list[ProgramTarget] = field(default_factory=list)
-    moves: list[tuple[int, ProgramFrame | None, ProgramFrame | None]] = field(default_factory=list)
-    """Index of the target, tool and base of each motion."""
-    notes: list[ProgramNote] = field(default_factory=list)
-    dropped: dict[int, str] = field(default_factory=dict)
-    """Reasons of targets that are left alone, by index."""
-
-    def note(self, place: Place, reason: str) -> None:
-        """Add a part of the text that is left as it is."""
-        self.notes.append(ProgramNote(self.source.line(place[0]), self.source.excerpt(*place), reason))
-
-    def add(
-        self,
-        name: str,
-        target: ProgramTarget | None,
-        place: Place = (0, 0),
-        reason: str = "",
-        *,
-        tool: ProgramFrame | None = None,
-        base: ProgramFrame | None = None,
-    ) -> int | None:
-        """Add the target that stands at a place; return its index, or None for numbers that are no target.
-
-        These give a note with the ``reason``, if there is one.
-        """
-        # Larger numbers, in the program's unit, stand for no value.
-        if target is not None and all(abs(number.value) < 1e6 for number in target.numbers):
-            line = self.source.line(target.place[0])
-            self.targets.append(replace(target, name=name or f"line {line}", line=line, tool=tool, base=base))
-            return len(self.targets) - 1
-        if target is not None:
-            self.note(target.place, "a number of this target is a placeholder")
-        if reason:
-            self.note(place, reason)
-        return None
-
-    def move(
-        self,
-        place: Place,
-        found: Iterable[int | None] | str,
-        tool: ProgramFrame | None = None,
-        base: ProgramFrame | None = None,
-    ) -> None:
-        """Add the motions of the instruction at a place to targets that were found, or a note why there is none."""
-        if isinstance(found, str):
-            self.note(place, found)
-        else:
-            self.moves += [(index, tool, base) for index in found if index is not None]
-
-    def program(self) -> Program:
-        """Return the program, its targets with their values and what all motions to each have in common."""
-        for index, reason in self.dropped.items():
-            target = self.targets[index]
-            self.notes.append(ProgramNote(target.line, f"{target.name}: {self.source.excerpt(*target.place)}", reason))
-        kept = sorted(set(range(len(self.targets))) - set(self.dropped), key=lambda i: self.targets[i].place)
-        places = {index: place for place, index in enumerate(kept)}
-        used: dict[int, list[tuple[object, ...]]] = {}
-        for index, *circumstances in self.moves:
-            used.setdefault(index, []).append(tuple(circumstances))
-        targets = []
-        for index in kept:
-            target = self.targets[index]
-            # What all motions to the target have in common.
-            parts: Iterable[tuple[Any, ...]] = zip(*used.get(index, ((None,) * 2,)), strict=True)
-            tool, base = (part[0] if len(set(part)) == 1 else None for part in parts)
-            targets.append(replace(target, tool=target.tool or tool, base=target.base or base))
-        for convention, rows in by_convention(dict(enumerate(targets))):
-            values = native_of([targets[i] for i in rows])
-            if convention is not None:
-                values = np.concatenate((values[:3], quaternion_from_rotation(convention.rotation(values[3:]))))
-            for i, column in zip(rows, values.T.tolist(), strict=True):
-                targets[i] = replace(targets[i], values=tuple(column))
-        return Program(
-            self.source.file,
-            self.dialect,
-            self.source,
-            tuple(targets),
-            tuple(places[index] for index, *_ in self.moves if index in places),
-            tuple(sorted(self.notes, key=lambda note: note.line)),
-        )
 
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:

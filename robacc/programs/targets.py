@@ -12,17 +12,13 @@ in both readings. The joints behind the letters of ``CONFIG``, and behind the wo
 arm and are not read.
 """
 
-from __future__ import annotations
-
 import re
-from collections.abc import Collection, Iterable, Iterator, Sequence
-from typing import Any
+from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import refuse
-from robacc.geometry import Array, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
+from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import spliced
 from robacc.programs.program import (
     Program,
@@ -106,7 +102,7 @@ def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
 # System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
 # agree with the turn bits of axes 3 and 5 in recorded public programs.
 
-_N_AXES = 6
+N_AXES = 6
 _SPHERICAL = 1e-4
 """m: distance from their common point up to which the wrist axes count as intersecting."""
 
@@ -122,7 +118,7 @@ def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool
         q: Joints, rad.
     """
     status = _bits("S", configuration)
-    if status is None or q.shape[0] != _N_AXES or not all(arm.is_revolute(name) for name in arm.names):
+    if status is None or q.shape[0] != N_AXES or not all(arm.is_revolute(name) for name in arm.names):
         return np.ones(q.shape[1], dtype=bool)
     measures = [(2, -q[4])]
     if (sides := _sides(arm, q)) is not None:
@@ -183,12 +179,12 @@ def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | Non
 
     They are infinite where it says nothing; None where it is not given, or not read.
     """
-    low, high = window = np.repeat([[-np.inf], [np.inf]], _N_AXES, axis=1)
+    low, high = window = np.repeat([[-np.inf], [np.inf]], N_AXES, axis=1)
     numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
-    if n_joints != _N_AXES:
+    if n_joints != N_AXES:
         return None
     if dialect == "krl" and (turn := _bits("T", configuration)) is not None:
-        is_negative = np.array([turn >> i & 1 for i in range(_N_AXES)], dtype=bool)
+        is_negative = np.array([turn >> i & 1 for i in range(N_AXES)], dtype=bool)
         low[~is_negative] = high[is_negative] = 0.0
     elif dialect == "fanuc" and len(numbers) == 3:
         window[:, 5] = _turn_range(numbers[2])
@@ -245,7 +241,7 @@ def leaves_configuration(dialect: str, configuration: str, before: Array, after:
         inside = (before > window[0]) & (before < window[1])
         if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
-    is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == _N_AXES
+    is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == N_AXES
     return bool(is_named and before[4] * after[4] < 0)
 
 
@@ -276,7 +272,7 @@ def _edit(
     new = f"{value:.{decimals}f}"
     if float(new) == number.value or new == f"{number.value:.{decimals}f}":
         return
-    new = _shortened(new, bare_point)
+    new = shortened(new, bare_point)
     if old.startswith("+") and not new.startswith("-"):
         new = f"+{new}"
     before = source.text[max(start - 80, 0) : start]
@@ -288,13 +284,13 @@ def _edit(
     yield start, end, new
 
 
-def _shortened(number: str, bare_point: bool) -> str:
+def shortened(number: str, bare_point: bool) -> str:
     """Return a number without the sign of a zero and, with ``bare_point``, without the zero before its point."""
     unsigned = number.removeprefix("-") if float(number) == 0 else number
     return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
-_FANUC_DECIMALS = 3
+FANUC_DECIMALS = 3
 """Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
 """Change in m, rad or of a quaternion below which a target keeps its text."""
@@ -336,143 +332,8 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             resolution = 2e-7 if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else 1e-7
             decimals = max(0, round(-float(np.log10(resolution / number.unit))))
             if program.dialect == "fanuc":
-                decimals = _FANUC_DECIMALS
+                decimals = FANUC_DECIMALS
             elif program.dialect == "rapid" and number.unit == 1.0:
                 decimals = 8
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)
-
-
-# New programs that go to given joints: one motion to each, slow, with a stop for the measurement.
-
-
-_LAYOUT = {
-    "data": "",
-    "line": "{line}",
-    "number": "{value}",
-    "decimals": 5,
-    "comma": ",",
-    "half": ",",
-    "units": (1e3, 180 / np.pi),
-    "joints": range(1, _N_AXES + 1),
-    "padded": 0,
-    "line_end": "\r\n",
-}
-"""What most dialects share of a new program's layout.
-
-``suffix``
-    of the file
-``program``
-    whole text, with its ``{name}`` and the lines of ``{data}`` and of ``{moves}``
-``data``
-    data of the target number ``k``, with its ``{numbers}`` and its ``{comment}``
-``move``, ``wait``
-    lines of the motion to it, and of the stop
-``line``
-    a line of the motions and waits, of number ``i``
-``number``, ``decimals``, ``units``
-    a number of joint ``key``; of a length in m and an angle in rad
-``comma``, ``half``
-    text between numbers, and between the third and the fourth
-``joints``, ``padded``
-    numbers of joints that a target may have, the text that says so (``has``), and the number to which zeros fill it up
-"""
-_LAYOUTS: dict[str, dict[str, Any]] = {
-    "krl": {
-        **_LAYOUT,
-        "has": f"a krl program's targets have 1 to {_N_AXES}",
-        "suffix": ".src",
-        "program": "&ACCESS RVP\nDEF {name}( )\n"
-        "; written by robacc: check the speed, the tool and every motion before you run it\nBAS (#INITMOV,0)\n"
-        + "".join(f"$VEL_AXIS[{i + 1}]=10\n" for i in range(_N_AXES))
-        + "$VEL.CP=0.100\n{moves}\nEND\n",
-        "move": "; {comment}\nPTP {{{numbers}}}",
-        "wait": "WAIT SEC 2",
-        "number": "A{key} {value}",
-    },
-    "rapid": {
-        **_LAYOUT,
-        "has": f"a rapid program's targets have 1 to {_N_AXES}",
-        "padded": _N_AXES,
-        "suffix": ".mod",
-        "program": "MODULE {name}\n"
-        "  ! written by robacc: check the speed, the tool and every motion before you run it\n"
-        "{data}\n\n  PROC main()\n{moves}\n  ENDPROC\nENDMODULE\n",
-        "data": f"  CONST jointtarget jt{{k}}:=[[{{numbers}}],[{','.join(['9E+09'] * _N_AXES)}]]; ! {{comment}}",
-        "move": "    MoveAbsJ jt{k}\\NoEOffs,v100,fine,tool0;",
-        "wait": "    WaitTime \\InPos,2;",
-    },
-    "fanuc": {
-        **_LAYOUT,
-        "has": f"a fanuc program's targets have 1 to {_N_AXES}",
-        "suffix": ".ls",
-        "program": '/PROG  {NAME}\n/ATTR\nOWNER\t\t= MNEDITOR;\nCOMMENT\t\t= "robacc";\nPROTECT\t\t= READ_WRITE;\n'
-        "DEFAULT_GROUP\t= 1,*,*,*,*;\n/MN\n{moves}\n/POS\n{data}\n/END\n",
-        "data": "P[{k}]{{\n   GP1:\n\tUF : 0, UT : 1,\n\t{numbers}\n}};",
-        "move": "J P[{k}] 10% FINE",
-        "wait": "  WAIT   2.00(sec)",
-        "line": "{i:4d}:{line} ;",
-        "number": "J{key}= {value:>9} deg",
-        "decimals": _FANUC_DECIMALS,
-        "comma": ",\t",
-        "half": ",\n\t",
-    },
-    "urscript": {
-        **_LAYOUT,
-        "joints": [_N_AXES],
-        "has": f"a URScript target has {_N_AXES}",
-        "suffix": ".script",
-        "program": "def {name}():\n  # written by robacc: check the speed, the TCP and every motion before you run it\n"
-        "{moves}\nend\n",
-        "move": "  # {comment}\n  movej([{numbers}], a=0.5, v=0.314)",
-        "wait": "  sleep(2)",
-        "decimals": 7,
-        "units": (1.0, 1.0),
-        "line_end": "\n",
-    },
-}
-SUFFIX = {dialect: layout["suffix"] for dialect, layout in _LAYOUTS.items()}
-"""Suffix of a new program."""
-
-
-def write_program(
-    dialect: str,
-    targets: Sequence[tuple[str, Sequence[float]]],
-    *,
-    name: str = "robacc",
-    linear: Collection[int] = (),
-) -> str:
-    """Return the text of a new program that goes to each target, joint by joint, and waits there for 2 s.
-
-    The speed is a tenth of the largest, and tool and base are those of the controller.
-
-    Args:
-        dialect: Language of the program.
-        targets: Name and joint variables, rad and m, of each target.
-        name: Name of the program.
-        linear: Numbers of the prismatic joints, counted from 0.
-
-    Raises:
-        UsageError: The dialect is not in :data:`SUFFIX`, or a target has more joints, or fewer, than its targets have.
-    """
-    refuse((dialect not in SUFFIX, f"robacc writes no new {dialect} program; choose {', '.join(SUFFIX)}"))
-    layout = _LAYOUTS[dialect]
-    data: list[str] = []
-    moves: list[str] = []
-    for k, (target, q) in enumerate(targets, start=1):
-        refuse((len(q) not in layout["joints"], f"target {target} has {len(q)} joints; {layout['has']}"))
-        values = [value * layout["units"][i not in linear] for i, value in enumerate(q)]
-        values += [0.0] * (layout["padded"] - len(q))
-        texts = [_shortened(f"{value:.{layout['decimals']}f}", dialect == "fanuc") for value in values]
-        entries = [layout["number"].format(key=key, value=text) for key, text in enumerate(texts, start=1)]
-        halves = (layout["comma"].join(half) for half in (entries[:3], entries[3:]) if half)
-        words = {"k": k, "numbers": layout["half"].join(halves), "comment": re.sub(r"[^\x20-\x7e]", "?", target)[:60]}
-        data.append(layout["data"].format(**words))
-        moves += [*layout["move"].format(**words).split("\n"), layout["wait"]]
-    identifier = re.sub(r"\W", "_", name, flags=re.ASCII) or "robacc"
-    identifier = identifier if identifier[0].isalpha() else f"p{identifier}"
-    lines = "\n".join(layout["line"].format(i=i, line=line) for i, line in enumerate(moves, start=1))
-    whole: str = layout["program"].format(
-        name=identifier, NAME=identifier.upper()[:36], data="\n".join(data), moves=lines
-    )
-    return whole.replace("\n", layout["line_end"])

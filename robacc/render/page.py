@@ -1,7 +1,5 @@
 """A result of any command as HTML: a page of one or of several side by side, and a few lines for a notebook."""
 
-from __future__ import annotations
-
 import gzip
 import hashlib
 import json
@@ -9,6 +7,7 @@ import re
 import shlex
 from base64 import b64encode
 from collections.abc import Callable, Iterable, Mapping, Sequence
+from functools import partial
 from html import escape
 from itertools import chain
 from types import MappingProxyType
@@ -210,13 +209,15 @@ def _side_by_side(documents: Sequence[Document], headlines: Sequence[ReportHeadl
         "made by": [f"robacc {document['robacc']}" for document in documents],
         "call": [command_line(document) for document in documents],
     }
+    is_mixed = len({document["robacc"] for document in documents}) > 1
     warnings = [
-        f"the results were not made from the same {kind} file"
-        for kind in ("poses", "robot", "holdout")
-        if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
+        *(
+            f"the results were not made from the same {kind} file"
+            for kind in ("poses", "robot", "holdout")
+            if len({tuple(each["sha256"] for each in made["inputs"] if each["kind"] == kind) for made in documents}) > 1
+        ),
+        "the results were made by different versions of robacc" * is_mixed,
     ]
-    if len({document["robacc"] for document in documents}) > 1:
-        warnings.append("the results were made by different versions of robacc")
     table = Grid(("", *names), [(label, *cells) for label, cells in rows.items()], is_text=True)
     return next(shown([Section("Side by side", [table, Listing(warnings, "warning")])]))
 
@@ -252,7 +253,9 @@ def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity
         trim_blocks=True,
         lstrip_blocks=True,
     )
-    environment.filters |= {"options": as_options, "minus": _with_minus_signs}
+    # Minus signs, which are as wide as a digit, for the hyphens of numbers.
+    hyphens = r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)"
+    environment.filters |= {"options": as_options, "minus": partial(re.sub, hyphens, "−")}
     scripts: list[str] = []
     if any(chart["scene"] for result in results for chart in result["charts"]):
         from plotly.offline import get_plotlyjs
@@ -280,11 +283,6 @@ def page_of(results: Sequence[Mapping[str, Any]], names: Sequence[str], identity
         light=light,
         dark=dark,
     )
-
-
-def _with_minus_signs(text: str) -> str:
-    """Return the text with minus signs, which are as wide as a digit, for the hyphens of numbers."""
-    return re.sub(r"(?<![\w.:/-])-(?=\d)|(?<=\de)-(?=\d)", "−", text)
 
 
 def result_of(document: Document, place: int) -> dict[str, Any]:

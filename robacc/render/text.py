@@ -7,8 +7,6 @@ A view of a result is a list of sections of tables, lists and paragraphs, which 
 words: the page shows them through its template, :func:`lines_of` as text.
 """
 
-from __future__ import annotations
-
 import math
 import os
 import re
@@ -127,9 +125,11 @@ _DIGITS_WITHOUT = 3
 
 def decimals(value: float, lower: float | None, upper: float | None) -> int:
     """Return the decimals of a value with the interval ``lower … upper``; three significant digits without one."""
-    size, digits = abs(value), _DIGITS_WITHOUT
-    if lower is not None and upper is not None and upper > lower:
-        size, digits = 0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY
+    size, digits = (
+        (0.5 * (upper - lower), _DIGITS_OF_UNCERTAINTY)
+        if lower is not None and upper is not None and upper > lower
+        else (abs(value), _DIGITS_WITHOUT)
+    )
     if size <= 0.0 or not math.isfinite(size):
         return _DIGITS_WITHOUT
     # Rounding first makes 0.0996 count as 0.10.
@@ -200,7 +200,6 @@ QUANTITIES = (("position", "m", "mm", IN_MM), ("orientation", "rad", "°", IN_DE
 """Quantity, unit of the result, unit of tables, and the factor between them."""
 STATISTICS = (("rms", "rms"), ("mean", "mean_error"), ("95th percentile", "p95"), ("maximum", "max"))
 """Names and keys of the statistics of an error's length."""
-_OF_SIZE = re.compile("(m|rad)([/ ].*)?")
 
 
 class Unit(NamedTuple):
@@ -224,7 +223,7 @@ def unit_of(unit: str, *sizes: float) -> Unit:
 
     ``rad/(N m)`` becomes ``°/(N m)``: only the unit before the first slash or space is that of an effect's size.
     """
-    match = _OF_SIZE.fullmatch(unit)
+    match = re.fullmatch("(m|rad)([/ ].*)?", unit)
     if match is None:
         return Unit(1.0, "" if unit == "1" else unit)
     if unit == "m" and sizes and max((abs(size) for size in sizes if math.isfinite(size)), default=0.0) < 2e-5:
@@ -316,10 +315,9 @@ class Grid(NamedTuple):
                 f"{cell:{'<' if self.is_text or place in self.left else '>'}{widths[place]}}"
                 for place, cell in enumerate(row)
             )
-            label, texts = "".join(f"{cell}{' ' * (3 if self.is_ruled else 2)}" for cell in cells), [last]
-            if self.is_text:
-                texts = textwrap.wrap(row[-1], max(width - len(label), 30), break_long_words=False) or [""]
-            for text in texts:
+            label = "".join(f"{cell}{' ' * (3 if self.is_ruled else 2)}" for cell in cells)
+            wrapped = textwrap.wrap(row[-1], max(width - len(label), 30), break_long_words=False) or [""]
+            for text in wrapped if self.is_text else [last]:
                 lines.append((f"{label}{text}".rstrip(), "dim" if row is table[0] else ""))
                 label = " " * len(label)
         if self.is_ruled and lines:
@@ -365,8 +363,8 @@ class Text(NamedTuple):
         """Yield the paragraph, all of its lines indented like its first."""
         indent = self.text[: len(self.text) - len(self.text.lstrip())]
         wrapper = textwrap.TextWrapper(width, subsequent_indent=indent, break_long_words=False, break_on_hyphens=False)
-        for line in wrapper.wrap(self.text) if self.wraps else [self.text]:
-            yield line, "dim" if self.is_note else ""
+        lines = wrapper.wrap(self.text) if self.wraps else [self.text]
+        yield from ((line, "dim" if self.is_note else "") for line in lines)
 
 
 Block = Grid | Listing | Text
@@ -540,10 +538,13 @@ def amount(value: float | None, unit: str = "m", bounds: Document = UNBOUNDED) -
 
 def tile(label: str, value: float, unit: str, bounds: Document, note: str = "") -> Tile:
     """Return the tile of a figure in ``m`` or ``rad`` with its interval, then ``note``."""
-    shown, text = unit_of(unit, value), ""
-    if bounds["lower"] is not None and bounds["upper"] is not None:
-        text = f"{shown.after(interval(value, shown.factor, bounds))} ({100 * bounds['confidence']:g} %)"
-    return Tile(label, amount(value, unit, bounds), "; ".join(part for part in (text, note) if part))
+    shown = unit_of(unit, value)
+    ends = (
+        f"{shown.after(interval(value, shown.factor, bounds))} ({100 * bounds['confidence']:g} %)"
+        if bounds["lower"] is not None and bounds["upper"] is not None
+        else ""
+    )
+    return Tile(label, amount(value, unit, bounds), "; ".join(filter(None, (ends, note))))
 
 
 def of_robot(document: Document) -> str:

@@ -17,8 +17,6 @@ A scalar is a float where it is the same for all poses and an ``(N,)`` array whe
 ``(3, 1)`` until the first varying scalar.
 """
 
-from __future__ import annotations
-
 import itertools
 import math
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
@@ -27,10 +25,9 @@ from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import Problem, UsageError, refuse
-from robacc.geometry import Array, Poses, compose, cross, log_so3, rms_length, transpose
+from robacc.geometry import Array, NDArray, Poses, compose, cross, log_so3, rms_length, transpose
 from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Frame, Joint, Robot, Vector
 
 BLOCK = 4096
@@ -360,7 +357,7 @@ class Arm:
     chain: Chain
 
     @classmethod
-    def of(cls, robot: Robot) -> Arm:
+    def of(cls, robot: Robot) -> "Arm":
         """Build the chain of a robot."""
         return cls(robot, build_chain(robot))
 
@@ -553,7 +550,7 @@ def pose_jacobian(arm: Arm, q: Array) -> tuple[Poses, Array]:
     return sweep.poses, jacobian
 
 
-def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> JointSolution:
+def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, oriented: bool = True) -> "JointSolution":
     """Return joint variables for the desired poses, from several starts each.
 
     Args:
@@ -655,7 +652,7 @@ class JointSpace(NamedTuple):
     """``(R,)`` weight of each component of the error: 1 for m, a length for rad."""
 
     @classmethod
-    def of(cls, arm: Arm, length: float, turn: float, oriented: bool) -> JointSpace:
+    def of(cls, arm: Arm, length: float, turn: float, oriented: bool) -> "JointSpace":
         """Return the joints of an arm of some size; 1 rad counts as the length ``turn``."""
         joints = arm.robot.variables
         low, high = np.array([joint.limits or (-np.inf, np.inf) for joint in joints]).T

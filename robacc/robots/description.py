@@ -1,7 +1,5 @@
 """Robot description of a robot file or URDF, and the identity of what was tested: plain, frozen records."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -54,7 +52,7 @@ class Frame:
     rpy: Vector = ZERO
 
     @classmethod
-    def of(cls, pose: Poses) -> Frame:
+    def of(cls, pose: Poses) -> "Frame":
         """Return the frame of a single pose."""
         angles = rpy_from_rotation(pose.rotation)
         x, y, z, roll, pitch, yaw = (float(value) + 0.0 for value in (*pose.translation, *angles))

@@ -1,7 +1,5 @@
 """URDF: read into a robot, one serial chain of its links with the masses of links outside it, and written."""
 
-from __future__ import annotations
-
 import difflib
 import itertools
 import math

@@ -3,8 +3,6 @@
 Problems of a file have line numbers and dotted keys. Its numbers are in its own units, those of a robot in m and rad.
 """
 
-from __future__ import annotations
-
 import math
 import re
 from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence

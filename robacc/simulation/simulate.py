@@ -4,16 +4,13 @@ Poses are the exact nonlinear prediction of the model, including elastic equilib
 seed, with a stream for each purpose, so that adding noise does not change the poses.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
 from typing import Literal
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import RobaccError, given, refuse
-from robacc.geometry import Array, Poses, compose, exp_so3
+from robacc.geometry import Array, NDArray, Poses, compose, exp_so3
 from robacc.measurements import Measurements, motion_between_rows
 from robacc.modelling.model import predict
 from robacc.robots.arm import BLOCK, Arm, joint_ranges, low_discrepancy

@@ -25,9 +25,8 @@ from statistics import NormalDist
 from typing import NamedTuple, Protocol, cast
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 
 # Normal, chi-square, Student, F, noncentral F and beta distributions in the standard library alone.
 #

@@ -9,8 +9,6 @@ between the pole and the first branch point -1/(2 max v) gives minus P(Q > q) in
 parabola converges exponentially. A variance of zero is allowed.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -18,9 +16,8 @@ from functools import cached_property, partial
 from typing import Any
 
 import numpy as np
-from numpy.typing import NDArray
 
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.statistics.intervals import ASSURANCE, Interval, beta_cdf, normal_quantile, root, smallest_sufficient
 
 Complex = NDArray[np.complexfloating[Any, Any]]

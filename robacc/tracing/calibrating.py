@@ -1,7 +1,5 @@
 """Fit of named effects, and what `calibrate` and `trace` report of a fit: errors before and after, causes, warnings."""
 
-from __future__ import annotations
-
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,7 +7,6 @@ from functools import cached_property
 from typing import TypeVar
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.accuracy.error_statistics import Gain, paired_gain
 from robacc.accuracy.estimation import PoseMetrics, pose_metrics
@@ -39,7 +36,7 @@ from robacc.fitting.registration import ALIGNABLE, gravity_warning, with_gravity
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import LackOfFit, fit_warnings, lack_of_fit
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
 from robacc.robots.arm import BLOCK, Arm
@@ -327,7 +324,8 @@ def with_directional_weights(
 
     before = result.after.held_out_residual
     if before is not None and data.position_variance is None:
-        weighted = run(dataclasses.replace(data, noise_covariance=noise.beyond_least))
+        of_rows = np.repeat(noise.beyond_least[..., None], data.n, axis=2)
+        weighted = run(dataclasses.replace(data, noise_covariance=of_rows))
         after, rows = weighted.after.held_out_residual, places(data if holdout is None else holdout)
         if after is not None and not paired_gain(before, after, rows).high < 0.0:
             sizes = ", ".join(f"{1e3 * std:.3g}" for std in noise.std)

@@ -1,7 +1,5 @@
 """Candidates, every effect of the catalogue in every form, and the evidence for each beside a model."""
 
-from __future__ import annotations
-
 import copy
 import dataclasses
 import itertools
@@ -12,7 +10,6 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 from scipy.special import log_ndtr
 
@@ -44,7 +41,7 @@ from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
 from robacc.fitting.levels import ACCEPTED, BEST, NEW, STEPS
 from robacc.fitting.visits import visit_numbers
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.robots.arm import Arm
 from robacc.statistics.intervals import chi2_sf, f_critical, needed_noncentrality, noncentral_f_sf
@@ -309,7 +306,7 @@ def _rounded(place: Array) -> Place:
 class Scores:
     """Candidates beside a model."""
 
-    evidence: Evidence
+    evidence: "Evidence"
     restored: Array
     """``(q, K)`` products that the model of ``evidence`` has beyond this one, which lacks q of its coefficients."""
     products: Array

@@ -6,8 +6,6 @@ one, they are added to the effects that stand out, and a second search adds the 
 the result. No finding is withdrawn afterwards.
 """
 
-from __future__ import annotations
-
 import contextlib
 import dataclasses
 import itertools
@@ -16,7 +14,6 @@ from collections.abc import Callable, Collection, Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.effects.base import Effect, Part, Term
 from robacc.effects.campaign import Step
@@ -52,7 +49,7 @@ from robacc.fitting.levels import (
 )
 from robacc.fitting.solver import broad_precision, broad_stds
 from robacc.fitting.visits import random_rows
-from robacc.geometry import Array, rms_length
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, Model, residuals
 from robacc.robots.arm import Arm

@@ -1,7 +1,5 @@
 """`robacc trace`: search, findings with their rivals, errors before and after, remaining error, and the verdict."""
 
-from __future__ import annotations
-
 import dataclasses
 import functools
 import math

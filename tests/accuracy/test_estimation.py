@@ -115,9 +115,9 @@ def test_alignment_removes_the_frames_and_keeps_the_noise() -> None:
     data = Measurements(position=position, rotation=np.einsum("ij,jkn->ikn", base, rotation), q=q)
     unaligned = estimate(data, ROBOT, align=())
     aligned = estimate(data, ROBOT, align=("base_frame",))
-    assert any("frames that are not registered" in warning for warning in unaligned.warnings)
+    assert any("frames that are not registered" in warning for warning in unaligned.too_large)
     assert aligned.alignment.n_parameters == 6
-    assert aligned.warnings == ()
+    assert aligned.warnings == aligned.too_large == ()
     assert aligned.unaligned.position.rms == pytest.approx(unaligned.position.rms, rel=1e-12)
     assert aligned.unaligned.orientation.max == pytest.approx(unaligned.orientation.max, rel=1e-12)
     # Six parameters of 3 N = 120 coordinates (orientations are exact): noise loses a few percent.
@@ -199,7 +199,8 @@ def test_a_quaternion_in_another_order_is_not_blamed_on_the_joints(tmp_path: Pat
     text = (SAMPLES / "poses.csv").read_text(encoding="utf-8").replace("qw,qx,qy,qz", "qx,qy,qz,qw", 1)
     path = saved(tmp_path / "poses.csv", text)
     result = robacc.estimate(path, robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
-    assert any("the positions agree, but the orientation errors" in warning for warning in result.warnings)
+    (warning,) = result.warnings
+    assert "the quaternions seem to be in the order w, x, y, z, read as x, y, z, w: with base and tool" in warning
 
 
 def test_frames_that_do_not_agree_are_registered_unless_the_call_says_no() -> None:
@@ -216,7 +217,7 @@ def test_frames_that_do_not_agree_are_registered_unless_the_call_says_no() -> No
     exchanged = dataclasses.replace(data, position=data.position[:, rng.permutation(data.n)])
     mixed = estimate(exchanged, robot)
     assert mixed.alignment is not None
-    assert mixed.warnings[0].startswith("the errors are too large for an arm: check the units, the joint signs")
+    assert mixed.too_large[0].startswith("the errors are too large for an arm: check the units, the joint signs")
 
 
 def test_an_estimate_names_the_mistake_that_a_trace_would_refuse() -> None:
@@ -230,6 +231,20 @@ def test_an_estimate_names_the_mistake_that_a_trace_would_refuse() -> None:
     assert not any("seem" in text for text in right.warnings)
     said = next(text for text in wrong.warnings if "seem" in text)
     assert said.startswith("the orientations seem to be angles about the fixed axes x, y, z, read as a rotation vector")
+    assert not any("too large for an arm" in text for text in wrong.warnings)
+
+
+def test_one_wild_row_is_named_and_starts_no_search_for_mistakes(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.delattr("robacc.api.accuracy.check_data")
+    data = robacc.read_poses("sample_data/poses.csv", robot="sample_data/robot.yaml")
+    position, rotation = data.position.copy(), data.rotation
+    position[0, 7] += 20.0
+    if rotation is not None:
+        rotation = rotation.copy()
+        rotation[..., 7] = -rotation[..., 7] @ np.diag([1.0, 1.0, -1.0])
+    wild = Measurements(position, rotation, q=data.q)
+    (warning,) = robacc.estimate(wild, robot="sample_data/robot.yaml", align="base_frame,tool_frame").warnings
+    assert "far beyond the other errors" in warning
 
 
 SHIFT = np.array([[2.4e-3], [3.2e-3], [0.0]])

@@ -33,11 +33,11 @@ from robacc.programs.targets import (
     joint_window,
     leaves_configuration,
     turned_into,
-    write_program,
 )
 from robacc.robots.arm import Arm, inverse_kinematics
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc_plugins import urscript
 
 # Facts of one campaign: part of the prediction of its own poses, not inherited by other poses.
 DRIFT = {
@@ -416,7 +416,7 @@ def test_joint_targets_bring_the_real_arm_to_the_nominal_pose(tmp_path: Path) ->
     path = tmp_path / "joints.script"
     result = corrected(
         path,
-        write_program("urscript", [(f"t{i}", q) for i, q in enumerate(Q.T)]),
+        urscript.write([(f"t{i}", q) for i, q in enumerate(Q.T)]),
         model=real,
         nominal=nominal,
     )

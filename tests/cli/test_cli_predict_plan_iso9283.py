@@ -195,7 +195,7 @@ def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
         (("--poses", "300"), "300 poses are planned, but only 200 candidates are feasible"),
         (("--fit", "magic"), "no effect 'magic'"),
         (("--gate", "none.yaml"), "none.yaml"),
-        (("--program", "plan.xyz"), "--program: expected a file name that ends in .src, .mod, .ls, .script"),
+        (("--program", "plan.xyz"), "--program: expected a file name that ends in .src, .ls, .mod, .script"),
         (("--validation", "5"), "--validation N and --validation-output FILE belong together"),
         (("--grade", "D"), "set the number of acceptance poses"),
     ],

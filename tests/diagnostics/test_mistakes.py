@@ -270,6 +270,7 @@ READINGS: dict[str, tuple[Callable[[Rotation], Rotation], str]] = {
     "rotation vector as euler": (lambda r: Rotation.from_euler("xyz", r.as_rotvec()), "rotation vectors, read as roll"),
     "moving axes": (lambda r: Rotation.from_euler("xyz", r.as_euler("XYZ")), "angles about the moving axes x, y, z"),
     "quaternion": (lambda r: Rotation.from_quat(r.as_quat()[:, [1, 2, 3, 0]]), "in the order x, y, z, w"),
+    "scalar first": (lambda r: Rotation.from_quat(r.as_quat()[:, [3, 0, 1, 2]]), "in the order w, x, y, z, read as x"),
 }
 
 

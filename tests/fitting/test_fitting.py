@@ -234,7 +234,10 @@ class Sample:
         return np.outer(column, column) * (number[:, None] == number)
 
     def whitening(self) -> Whitening:
-        return whitening(self.weight, self.columns, self.scatter, self.visits, self.noise)
+        return whitening(self.weight, self.columns, self.scatter, self.visits, self.noise_of_rows())
+
+    def noise_of_rows(self) -> np.ndarray | None:
+        return None if self.noise is None else np.repeat(self.noise[..., None], N, axis=2)
 
 
 def matrix(white: Whitening) -> np.ndarray:

@@ -65,6 +65,7 @@ def columns_of(c: Campaign) -> dict[str, np.ndarray]:
         **{"zyx": c.turn.as_euler("ZYX"), "rpy_deg": c.turn.as_euler("xyz", degrees=True)},
         "matrix": c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9),
         **{"cmd_m": c.commanded, "cmd_mm": c.commanded * MM, "cmd_xyzw": c.commanded_turn.as_quat()},
+        **{"cmd_rotvec": c.commanded_turn.as_rotvec(), "constant": np.tile((-0.214, 50.02, 27.74), (N, 1))},
         **{"cmd_abc_deg": c.commanded_turn.as_euler("ZYX", degrees=True), "off_mm": (c.position - c.commanded) * MM},
         **{"count": counted, "seconds": 2.5 * counted, "frames": counted / 120, "zero": 0 * counted},
     }
@@ -149,6 +150,23 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
     "robodk": {"robodk.csv": Text(f"Name,{J},X,Y,Z,Error", "deg mm zero", "Target {0}", ",")},
     "bare_degrees_and_mm": {"poses.txt": Text("", "deg mm", sep=" ")},
+    "bare_with_constant_angles": {"poses.csv": Text("", "deg mm constant", sep=",")},
+    "bare_points_and_poses": {
+        "lt.txt": Text("", "mm", "{0}", "   "),
+        "ur.txt": Text("", "cmd_m cmd_rotvec", "{0}", ","),
+    },
+    "bare_points_with_ids": {
+        "lt.txt": Text("", "mm", "{0}7", ",  "),
+        "joints.txt": Text("", "deg", "{0}7", ","),
+    },
+    "leica_with_uncertainty_of_axes": {
+        "points.csv": Text(
+            ",".join(f"{name}  [mm]" for name in ("X", "Y", "Z", "U(95)", "U(95) X", "U(95) Y", "U(95) Z"))
+            + ",Tilt  [deg],Target,Temperature  [°C],Time Stamp,Delete",
+            *("mm", "", ",", "0.02,0.01,0.01,0.014,29.9,TMC 30-B #5320,22.8,'11.10.2022 15:06:{0:02d}.043,"),
+        ),
+        **IN_ORDER,
+    },
     "bare_points_and_joints": {"points.csv": Text("", "mm", "{0}", ","), "joints.csv": Text("", "q", sep=",")},
     "bare_position_first": {"poses.csv": Text("", "m q", sep=",")},
     "radian_tracker": {
@@ -267,6 +285,7 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
     "pendant": {"ur.txt": Text("base shoulder elbow wrist1 wrist2 wrist3 tx ty tz", "q m", sep=" ")},
     "matlab_table": {"run.csv": Text("t,q_1,q_2,q_3,q_4,q_5,q_6,p_1,p_2,p_3", "seconds q m", sep=",")},
+    "letter_behind_the_axis": {"vive.csv": Text("q1,q2,q3,q4,q5,q6,px_r,py_r,pz_r,joint", "q m count", sep=",")},
     "centimetres": {"cm.csv": Text(f"{JOINTS};X;Y;Z", "deg cm")},
     "optotrak": {
         "marker.csv": Text(
@@ -392,6 +411,7 @@ TABLES_OF_POSES: dict[str, dict[str, Text]] = {
         ),
         "joints.csv": Text(J, "deg", sep=","),
     },
+    "auto_id": {"tags.txt": Text("", "mm rpy_deg deg", "Tag{0}", "\t")},
     "open_cv": {
         "aruco.csv": Text(
             ",".join(f"{stem}_{i}" for stem, n in (("joint", 6), ("tvec", 3), ("rvec", 3)) for i in range(n)),
@@ -458,6 +478,13 @@ def spatial_analyzer_and_rapid(c: Campaign) -> dict[str, str]:
     moves = "".join(f"    MoveAbsJ p{i},v100,fine,tool0;\n" for i in range(1, N + 1))
     program = f"MODULE Calib\n{declared}  PROC main()\n{moves}  ENDPROC\nENDMODULE\n"
     return {"points.csv": lines(rows, ",", "Point Name,X (mm),Y (mm),Z (mm)\n"), "cell.mod": program}
+
+
+def lists_in_cells(c: Campaign) -> dict[str, str]:
+    """As pandas writes columns of lists."""
+    rows = zip(c.q.round(9).tolist(), c.position.round(9).tolist(), strict=True)
+    text = "".join(f'{i}.5,"{q}","{p}",\n' for i, (q, p) in enumerate(rows))
+    return {"log.csv": "timestamp,joint_positions,tracker_position,comment\n" + text}
 
 
 def json_lines(c: Campaign) -> dict[str, str]:
@@ -633,7 +660,7 @@ def le_robot(c: Campaign) -> dict[str, str]:
 POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
-    yaskawa_job,
+    *(yaskawa_job, lists_in_cells),
 )
 POSES: tuple[Form, ...] = (
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
@@ -707,6 +734,48 @@ def test_numbers_without_one_reading_stay_a_question(
     path = written({"bare.csv": lines(rows(campaign))}, tmp_path)[0]
     with pytest.raises(InputError, match="found numbers, expected a header row"):
         robacc.read_poses(path, robot=ROBOT)
+
+
+def test_three_targets_without_names_are_found_by_their_motion(campaign: Campaign, tmp_path: Path) -> None:
+    """As savetxt of NumPy writes them, with columns of zeros between."""
+    at = [campaign.position + campaign.turn.apply(place) for place in np.diag([0.1, 0.15, -0.1])]
+    path = str(tmp_path / "three.csv")
+    np.savetxt(path, np.hstack((*(MM * each for each in at), np.zeros((N, 6)), np.degrees(campaign.q))))
+    words = ("estimate", path, "--robot", ROBOT)
+    assert "each row holds the points 1, 2, 3" in refused(*words, status=3)
+    found = figures([*words[1:], "--align", "base_frame,tool_frame"])
+    assert found["n_poses"] == 3 * N
+    assert found["position"]["rms_m"] < 2e-4  # of noise of 0.05 mm along each axis, and of the orientation at 0.15 m
+
+
+def test_ids_with_gaps_are_no_coordinates(campaign: Campaign, tmp_path: Path) -> None:
+    ids = np.delete(np.arange(1, N + 3), (1, 4))
+    for name, values in (("lt.txt", campaign.position * MM), ("joints.txt", np.degrees(campaign.q))):
+        saved(tmp_path / name, lines(([i, *row.tolist()] for i, row in zip(ids, values, strict=True)), ", "))
+    result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
+    assert result["position"]["rms_m"] < 1e-4
+
+
+def test_stated_units_of_commands_are_not_those_of_points_that_they_cannot_be(
+    campaign: Campaign, tmp_path: Path
+) -> None:
+    poses = np.hstack((campaign.commanded, campaign.commanded_turn.as_rotvec()))
+    measured, commanded = saved(tmp_path / "lt.txt", lines(named(campaign.position * MM, "{}"), ", ")), tmp_path / "c"
+    saved(commanded, lines(named(poses, "{}")))
+    units = ["--units", "m,rad", "--angles", "rotvec"]
+    assert figures([str(measured), "--commanded", str(commanded), *units])["position"]["rms_m"] < 1e-4
+
+
+def test_arrays_of_numpy_in_cells_are_the_poses_of_hand_and_instrument(campaign: Campaign, tmp_path: Path) -> None:
+    """Matrices over several lines; no word says that the other transform is the commanded one."""
+    hands, seen = np.zeros((2, N, 4, 4))
+    hands[:], seen[:] = np.eye(4), np.eye(4)
+    hands[:, :3, :3], hands[:, :3, 3] = campaign.commanded_turn.as_matrix(), campaign.commanded
+    seen[:, :3, :3], seen[:, :3, 3] = campaign.turn.as_matrix(), campaign.position
+    with np.printoptions(precision=9, suppress=True):
+        rows = "".join(f'{i},"{hand}","{other}"\n' for i, (hand, other) in enumerate(zip(hands, seen, strict=True)))
+    path = saved(tmp_path / "matched.csv", f"frame_number,SI Transform,NDI Transform\n{rows}")
+    assert figures([str(path), "--units", "m"])["position"]["rms_m"] < 1e-4
 
 
 BARE = (
@@ -804,6 +873,35 @@ def test_documents_without_records_get_one_message(text: str, tmp_path: Path) ->
     with pytest.raises(InputError) as caught:
         robacc.read_poses(path)
     assert len(caught.value.problems) == 1
+
+
+def test_arrays_that_numpy_saved_by_name_are_read(campaign: Campaign, tmp_path: Path) -> None:
+    arrays = {"joints": campaign.q, "position": campaign.position, "orientation": campaign.turn.as_quat()}
+    np.savez(tmp_path / "named.npz", seed=np.array(3), **arrays)
+    fields = np.rec.fromarrays([*campaign.q.T, *campaign.position.T], names="q1,q2,q3,q4,q5,q6,x,y,z")
+    np.save(tmp_path / "fields.npy", fields)
+    for name in ("named.npz", "fields.npy"):
+        data = robacc.read_poses(tmp_path / name, robot=ROBOT)
+        np.testing.assert_allclose(data.q.T, campaign.q)
+        np.testing.assert_allclose(data.position.T, campaign.position)
+    turn = robacc.read_poses(tmp_path / "named.npz", robot=ROBOT).rotation
+    np.testing.assert_allclose(np.moveaxis(turn, -1, 0), campaign.turn.as_matrix(), atol=1e-12)
+
+
+def test_arrays_that_make_no_table_are_refused(tmp_path: Path) -> None:
+    np.save(tmp_path / "unnamed.npy", np.zeros((9, 9)))
+    np.savez(tmp_path / "unequal.npz", joints=np.zeros((9, 6)), position=np.zeros((8, 3)))
+    np.save(tmp_path / "objects.npy", np.array([{}, {}]), allow_pickle=True)
+    saved(tmp_path / "broken.npz", "PK\x03\x04")
+    for name, said in (
+        ("unnamed.npy", r"save arrays by name with a row for each pose, as numpy.savez\(file, joints=…"),
+        ("unequal.npz", "has no list of records"),
+        ("objects.npy", r"cannot be read as arrays \(Object arrays cannot be loaded"),
+        ("broken.npz", "cannot be read as arrays"),
+    ):
+        with pytest.raises(InputError, match=said) as caught:
+            robacc.read_poses(tmp_path / name, robot=ROBOT)
+        assert len(caught.value.problems) == 1
 
 
 def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp_path: Path) -> None:

@@ -1,5 +1,6 @@
 """Samples of hand-eye calibrations, as MoveIt and easy_handeye2 save them: the camera on the hand or beside the arm."""
 
+import json
 from pathlib import Path
 
 import numpy as np
@@ -68,3 +69,60 @@ def test_joint_states_of_moveit_give_the_joints(tmp_path: Path) -> None:
     stated = {"commanded": tmp_path / "joints.yaml", "camera": tmp_path / "camera.yaml"}
     result = robacc.estimate(robacc.PoseFile(tmp_path / "samples.yaml", **stated), robot=robot())
     assert 1e-3 * 0.5 < result.position.rms < 1.6e-3
+
+
+def folders(tmp_path: Path, mount: str) -> None:
+    """A file for each pose, as scripts beside a robot's driver write them: joints, the hand, the board by OpenCV."""
+    for i, (q, hand, board) in enumerate(zip(*samples(mount), strict=True)):
+        folder = tmp_path / f"pose_{i}"
+        folder.mkdir()
+        rvec, tvec = Rotation.from_matrix(board[:3, :3]).as_rotvec(), board[:3, 3]
+        record = {
+            "joint_pose": q.tolist(),
+            "O_T_EE": hand.T.ravel().tolist(),  # by columns
+            "camera_intrinsics": [[634.6, 0.0, 641.9], [0.0, 634.1, 359.0], [0.0, 0.0, 1.0]],
+            "T_cam_target_rvec": rvec[:, None].tolist(),
+            "T_cam_target_tvec": tvec[:, None].tolist(),
+        }
+        saved(folder / "data.json", json.dumps(record))
+
+
+@pytest.mark.parametrize("mount", ["hand", "world"])
+def test_a_folder_with_a_file_for_each_pose_is_a_table(mount: str, tmp_path: Path) -> None:
+    folders(tmp_path, mount)
+    result = robacc.estimate(str(tmp_path), robot=robot())
+    assert result.n_poses == 30
+    assert 1e-3 * 0.5 < result.position.rms < 1.6e-3
+    assert result.data.pose is not None
+    assert result.data.pose[[2, 10]].tolist() == ["pose_2", "pose_10"]  # in the order of the numbers
+    assert any("each file is a pose: 30 files, pose_0 to pose_29" in text for text in result.warnings)
+    assert any("camera on the hand" in warning for warning in result.warnings) == (mount == "hand")
+
+
+def test_records_beside_photos_are_read_where_no_board_is_stated(tmp_path: Path) -> None:
+    folders(tmp_path, "hand")
+    for folder in tmp_path.iterdir():
+        saved(folder / "image.png", b"\x89PNG")
+    assert robacc.estimate(str(tmp_path), robot=robot()).n_poses == 30
+
+
+def test_matrices_in_files_of_text_are_the_commands(tmp_path: Path) -> None:
+    _, hands, seen = samples("hand")
+    (tmp_path / "poses").mkdir()
+    for i, hand in enumerate(hands):
+        np.savetxt(tmp_path / "poses" / f"pose_{i:03d}.txt", hand)
+    boards = [{"rotation": board[:3, :3].tolist(), "translation": board[:3, 3].tolist()} for board in seen]
+    measured = saved(tmp_path / "boards.yaml", yaml.safe_dump({"poses": boards}))
+    stated = robacc.PoseFile(measured, commanded=tmp_path / "poses", units="m")
+    assert 1e-3 * 0.5 < robacc.estimate(stated).position.rms < 1.6e-3
+    hand_poses = [{"rotation": hand[:3, :3].tolist(), "translation": hand[:3, 3].tolist()} for hand in hands]
+    commanded = saved(tmp_path / "hands.yaml", yaml.safe_dump({"poses": hand_poses}))
+    assert 1e-3 * 0.5 < robacc.estimate(robacc.PoseFile(measured, commanded=commanded)).position.rms < 1.6e-3
+
+
+def test_files_that_hold_no_poses_are_none_of_a_folder(tmp_path: Path) -> None:
+    saved(tmp_path / "one.json", '{"joints": [0, 0, 0, 0, 0, 0]}')
+    saved(tmp_path / "a.txt", "1 2 3\n")
+    saved(tmp_path / "b.json", "{")
+    with pytest.raises(robacc.InputError, match="is a folder, expected a file"):
+        robacc.read_poses(str(tmp_path))

@@ -126,7 +126,8 @@ def test_given_candidates_outside_the_margin_are_counted() -> None:
     which = model()
     q = samples(which, 60)
     q[0, 0] = which.arm.robot.variables[0].limits[1]  # type: ignore[index]
-    candidates = given_candidates(which, Constraints(margin=0.05), Measurements(position=np.zeros((3, 60)), q=q))
+    rows = Measurements(position=np.zeros((3, 60)), q=q)
+    candidates = given_candidates(which, Constraints(margin=0.05), rows, 100, 0)
     assert candidates.n < 60
     assert candidates.excluded[0]["reason"] == "joint limits with margin"
     assert candidates.excluded[0]["count"] == 60 - candidates.n

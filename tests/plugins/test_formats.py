@@ -23,7 +23,7 @@ from robacc.exporters import remaining_error
 from robacc.geometry import Array
 from robacc.modelling.model import predict
 from robacc.programs.program import Program, ProgramTarget, read_program
-from robacc.programs.targets import flange_targets, with_targets, write_program
+from robacc.programs.targets import flange_targets, with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Mimic
 from robacc.robots.yaml_robot import parse_robot
@@ -642,11 +642,6 @@ def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
     (tmp_path / "app.pjx").write_text('<Project><Parameters millimeterUnit="false" /></Project>', encoding="utf-8")
     with pytest.raises(InputError, match="belongs to a project in inches"):
         read_program(tmp_path / "inch.dtx")
-
-
-def test_no_new_program_of_the_dialect_is_written() -> None:
-    with pytest.raises(UsageError, match="writes no new val3 program; choose krl, rapid, fanuc, urscript"):
-        write_program("val3", [])
 
 
 TABLES = {

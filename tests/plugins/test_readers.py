@@ -95,7 +95,8 @@ def test_a_reader_that_cannot_be_loaded_is_named(tmp_path: Path, monkeypatch: py
 DIALECT = """
 import re
 
-from robacc.programs.program import AXIS_UNITS, Draft, ProgramTarget, arguments, numbers
+from robacc.programs.program import ProgramTarget
+from robacc_plugins.dialects import AXIS_UNITS, Draft, arguments, numbers
 
 SIGN = re.compile(r"^CELL PROGRAM", re.M)
 

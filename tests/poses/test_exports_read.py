@@ -456,7 +456,11 @@ NO_TABLES: list[Case] = [
     ("a;b;c;d\nred;green;blue;grey\n", {}, "1: the columns are separated by semicolons, expected commas; export the"),
     ("a\tb\tc\td\n", {}, "1: the columns are separated by tabs, expected commas"),
     ("a b c d\n", {}, "1: the columns are separated by spaces, expected commas"),
-    ("0.1,1,2,3\n", {}, "1: found numbers, expected a header row; begin the file with the columns' names"),
+    (
+        "0.1,1,2,3\n",
+        {},
+        "1: found numbers, expected a header row; give `robot`, whose motion shows the columns; or begin",
+    ),
     (b"\xff\xfea", {}, NO_TEXT),
     ("q1,x,y,z\n".encode("utf-16-le"), {}, NO_TEXT),
     ((HOSTILE + BESIDE).encode("utf-16")[:-1], {}, NO_TEXT),
@@ -560,7 +564,7 @@ HEADERS: list[Case] = [
     (
         WIDE_WRONG,
         {},
-        "each row holds the points 1, 2: for several targets at one pose, the robot file names them under targets",
+        "each row holds the points 1, 2: for several targets at one pose, fit tool_frame, which finds their places",
     ),
 ]
 VALUES: list[Case] = [

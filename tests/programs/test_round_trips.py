@@ -9,10 +9,13 @@ from sample_files import saved
 from scipy.spatial.transform import Rotation
 
 from robacc.errors import InputError, UsageError
-from robacc.programs.program import NUMBER, Program, ProgramFrame, ProgramSource, read_program
-from robacc.programs.targets import SUFFIX, flange_targets, joint_targets, values_at, with_targets, write_program
+from robacc.programs.program import Program, ProgramFrame, ProgramSource, read_program
+from robacc.programs.targets import flange_targets, joint_targets, values_at, with_targets
 from robacc.robots.description import Frame
+from robacc_plugins import fanuc, krl, rapid, urscript
+from robacc_plugins.dialects import NUMBER
 
+WRITERS = {"krl": krl, "rapid": rapid, "fanuc": fanuc, "urscript": urscript}
 FOLDER = Path(__file__).parent / "samples"
 SAMPLES = sorted(path for path in (*FOLDER.iterdir(), *FOLDER.glob("val3/*.dtx")) if path.is_file())
 
@@ -38,7 +41,7 @@ def reread(program: Program, data: bytes, tmp_path: Path) -> Program:
 
 
 def test_every_dialect_has_six_samples() -> None:
-    counts = dict.fromkeys((*SUFFIX, "val3"), 0)
+    counts = dict.fromkeys((*WRITERS, "val3"), 0)
     for path in SAMPLES:
         counts[read_program(path).dialect] += 1
     assert min(counts.values()) >= 6, counts
@@ -254,11 +257,11 @@ RESOLUTION = {"fanuc": 1.2e-5}
 """rad; .LS files have three decimals of degrees."""
 
 
-@pytest.mark.parametrize("dialect", SUFFIX)
+@pytest.mark.parametrize("dialect", WRITERS)
 def test_new_programs_are_read_back(dialect: str, tmp_path: Path) -> None:
     targets = [(f"j{i}", q) for i, q in enumerate(JOINTS)]
-    text = write_program(dialect, targets, name="acceptance 1")
-    path = saved(tmp_path / f"new{SUFFIX[dialect]}", text.encode("ascii"))
+    text = WRITERS[dialect].write(targets, name="acceptance 1")
+    path = saved(tmp_path / f"new{WRITERS[dialect].NEW_SUFFIX}", text.encode("ascii"))
     program = read_program(path)
     assert program.dialect is dialect
     assert program.notes == ()
@@ -272,13 +275,13 @@ def test_new_programs_are_read_back(dialect: str, tmp_path: Path) -> None:
 def test_line_ends_are_those_of_the_controller() -> None:
     targets = [("a", JOINTS[0])]
     for dialect in ("krl", "rapid", "fanuc"):
-        text = write_program(dialect, targets)
+        text = WRITERS[dialect].write(targets)
         assert text.count("\n") == text.count("\r\n") > 3
-    assert "\r" not in write_program("urscript", targets)
+    assert "\r" not in urscript.write(targets)
 
 
 def test_a_prismatic_joint_is_in_mm() -> None:
-    text = write_program("krl", [("a", (0.5, 0.25))], linear=[1])
+    text = krl.write([("a", (0.5, 0.25))], linear=[1])
     assert "PTP {A1 28.64789,A2 250.00000}" in text
 
 
@@ -291,4 +294,4 @@ def test_a_prismatic_joint_is_in_mm() -> None:
 )
 def test_what_a_dialect_cannot_hold_is_refused(dialect: str, joints: int, message: str) -> None:
     with pytest.raises(UsageError, match=message):
-        write_program(dialect, [("a", [0.1] * joints)])
+        WRITERS[dialect].write([("a", [0.1] * joints)])

@@ -5,8 +5,6 @@ are needed: plotly writes no file without a browser, matplotlib draws nothing th
 The module changes no global state of matplotlib, and the same document gives the same bytes.
 """
 
-from __future__ import annotations
-
 import io
 import math
 import re
@@ -20,9 +18,9 @@ from importlib.util import find_spec
 from typing import TYPE_CHECKING, Any, Final
 
 import numpy as np
-from numpy.typing import NDArray
 
 from robacc.errors import install_advice, refuse
+from robacc.geometry import Array as Array, NDArray
 from robacc.render.text import Document, Grid
 
 if TYPE_CHECKING:
@@ -87,7 +85,6 @@ DARK: Final = {
 
 # What a chart is.
 
-Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
 
 
@@ -170,7 +167,7 @@ class Chart:
     scene: dict[str, Any] | None = None
     """A view that turns: ``traces`` of plotly, whose colours are as in ``role:before``, titles ``axes``, ``note``."""
 
-    def draw(self, figure: Figure) -> None:
+    def draw(self, figure: "Figure") -> None:
         """Draw the chart with matplotlib."""
         drawn: list[Any] = []
         rows = -(-len(self.panels) // self.columns)
@@ -493,14 +490,14 @@ def as_file(chart: Chart, form: str) -> bytes:
     return buffer.getvalue()
 
 
-def as_figure(chart: Chart) -> Figure:
+def as_figure(chart: Chart) -> "Figure":
     """Return the chart as a figure with a white background."""
     with _drawn(chart, _WHITE) as figure:
         return figure
 
 
 @contextmanager
-def _drawn(chart: Chart, overrides: dict[Any, Any]) -> Iterator[Figure]:
+def _drawn(chart: Chart, overrides: dict[Any, Any]) -> "Iterator[Figure]":
     """Yield the drawn chart, within the style."""
     import matplotlib
     from matplotlib.figure import Figure

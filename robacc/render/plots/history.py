@@ -1,7 +1,5 @@
 """Control charts: a figure or coefficient over the tests of an arm, with its limits and the changes found."""
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
@@ -18,8 +16,8 @@ _MOST = 40
 def control_charts(document: Document) -> Iterator[Chart]:
     """Return a chart of each series in a result of ``history changes`` or ``history trend``."""
     if document["command"] == "history-trend":
-        for trend in document["trends"]:
-            yield _chart(trend["arm"], {**trend, "key": document["key"], "unit": document["unit"]}, [])
+        named = {"key": document["key"], "unit": document["unit"]}
+        yield from (_chart(trend["arm"], {**trend, **named}, []) for trend in document["trends"])
     if document["command"] == "history-changes":
         changes = sorted(document["changes"], key=lambda change: float(change["p_value"]))
         names = [(change["arm"], change["key"]) for change in changes]
@@ -56,12 +54,12 @@ def _chart(arm: str, series: Document, changes: Sequence[Document]) -> Chart:
         breaks = np.searchsorted(at, _days(one["at"] for one in dated if one["kind"] != "ramp"))
         x, *lines = (np.insert(line, breaks, np.nan) for line in (at, expected, low, high))
         is_beyond = (value < low) | (value > high)
+        is_within = not is_beyond.any()
         drawn += [
             Series((x, lines[0]), "ink", "expected", line="-"),
             *(Series((x, end), "limit", "limits", line=(0, (3, 2)), width=0.9) for end in lines[1:]),
+            *([] if is_within else [Series((at[is_beyond], value[is_beyond]), "before", "beyond", marker="x", size=6)]),
         ]
-        if is_beyond.any():
-            drawn.append(Series((at[is_beyond], value[is_beyond]), "before", "beyond", marker="x", size=6))
         said = [_said(change) for change in changes] or ["nothing changed beyond the limits"]
         about = (
             f"Value of each test; {'; '.join(said)}. The line is what is expected with the changes found; a test alone "

@@ -1,7 +1,5 @@
 """Charts of the poses of a result: their errors as distributions, clouds, over time and the workspace, in space."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
@@ -354,9 +352,11 @@ def workspace_3d_charts(document: Document) -> Iterator[Chart]:
     by_stage = stages_of(document, "m")
     if by_stage is None or not by_stage.poses["commanded_m"]:
         return
-    stages = [stage for stage in by_stage.errors if stage[0] != "nominal"]
-    if "position_by_frame" in document:
-        stages = [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+    stages = (
+        [("after", "measured", vectors(document["position_by_frame"]["base"]["errors_m"]))]
+        if "position_by_frame" in document
+        else [stage for stage in by_stage.errors if stage[0] != "nominal"]
+    )
     start = f"Commanded target positions and their errors ({' and '.join(label for _, label, _ in stages)})"
     yield _errors_in_space(document, by_stage.poses, "commanded_m", stages, "poses", "Pose errors in space", start)
 
@@ -451,9 +451,8 @@ def _errors_in_space(
 
 
 def _note_of_largest(count: int, total: int, things: str, quantity: str) -> str:
-    if count == total:
-        return f"Sorted by {quantity}, the largest first."
-    return f"The {count} {things} with the largest {quantity}s of {total}; the JSON result has all of them."
+    some = f"The {count} {things} with the largest {quantity}s of {total}; the JSON result has all of them."
+    return some if count < total else f"Sorted by {quantity}, the largest first."
 
 
 def _magnification(at: Array, sizes: Array) -> float:

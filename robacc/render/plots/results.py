@@ -1,7 +1,5 @@
 """Charts of effects, budgets, comparisons, gates, ISO 9283 and plans; and all charts of a result in reading order."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
@@ -413,9 +411,8 @@ def operating_curve_charts(document: Document) -> Iterator[Chart]:
         series = [
             Series((x, y), "after", "probability to pass", line="-", width=1.6),
             Series((x, wrong), "before", "false acceptance", kind="band", alpha=0.25),
+            *[Series(([value * unit.factor], [0]), "ink", "measured", marker="o", size=6)] * (not by_share),
         ]
-        if not by_share:
-            series.append(Series(([value * unit.factor], [0]), "ink", "measured", marker="o", size=6))
         yield Chart(
             "operating-curve",
             f"Gate {criterion['name']}: operating curve",

@@ -1,7 +1,5 @@
 """Measured accuracy: an estimate in full or in short, an evaluation by ISO 9283 and its test poses."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
@@ -534,9 +532,8 @@ def _symbol(criterion: Document) -> str:
 
 def _places(criterion: Document, heading: str, head: str, key: str, confidence: float, several: bool) -> Section:
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
-    places = criterion["poses"]
-    if key == "abc_rad" and all(place[key] is None for place in places):
-        places = []
+    has_none = key == "abc_rad" and all(place[key] is None for place in criterion["poses"])
+    places = [] if has_none else criterion["poses"]
     if len(places) > _MAX_ROWS:
         heading += f" (the {_MAX_ROWS} largest of {len(places)})"
         places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
@@ -571,7 +568,7 @@ def _beside(place: Document, key: str) -> list[Cell]:
 # The cube of ISO 9283 and its five poses, as comments of their CSV and as a table.
 
 
-def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
+def proposal_comments(proposal: "Proposal", robot: str) -> list[str]:
     """Return the comment lines above the columns: cube, plane and tool orientation."""
     return [
         f"Test poses of ISO 9283:1998, 6.8, for {robot}: planned poses, not measured.",
@@ -580,7 +577,7 @@ def proposal_comments(proposal: Proposal, robot: str) -> list[str]:
     ]
 
 
-def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
+def proposal_view(proposal: "Proposal", robot: Robot) -> list[Section]:
     """Return the cube, the commanded poses in the measuring frame and the joints, in mm and degrees."""
     units = [unit_of("rad" if joint.type == "revolute" else "m") for joint in robot.variables]
     names = [f"{name}, {unit.name}" for name, unit in zip(robot.variable_names, units, strict=True)]
@@ -599,7 +596,7 @@ def proposal_view(proposal: Proposal, robot: Robot) -> list[Section]:
     ]
 
 
-def _cube_facts(proposal: Proposal) -> list[str]:
+def _cube_facts(proposal: "Proposal") -> list[str]:
 
     x, y, z = (float(value) * IN_MM for value in proposal.centre)
     return [

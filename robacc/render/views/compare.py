@@ -3,8 +3,6 @@
 Many estimates in one table stand here too, since each has the outcome of its gate.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from typing import Any, NamedTuple

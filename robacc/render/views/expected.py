@@ -1,7 +1,5 @@
 """What to expect: a prediction, a plan of a measurement with the comments of its CSV, a correction, and an export."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
@@ -348,15 +346,17 @@ _VISITS = 200
 """Visits that the page lists."""
 
 
-def plan_comments(plan: CampaignPlan) -> list[str]:
+def plan_comments(plan: "CampaignPlan") -> list[str]:
     """Return the comment lines above the columns of the visits."""
     blocks = plan.payload_blocks
     return [
         f"Planned by robacc plan for {_PURPOSES[plan.purpose]} of {plan.robot.name}: "
         f"{plan.chosen.size} poses, {len(plan.route.roles)} visits in this order; nothing was measured.",
         *([f"Payloads, each mounted once: {_payloads(blocks, plan.payloads)}."] if blocks else []),
-        "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those of "
-        "the moves from row to row.",
+        "Drive from row to row, and replace the joints by those read in the sockets."
+        if plan.candidates.in_sockets
+        else "Drive straight from row to row, and add x, y, z (and orientation) as measured; dir_ and speed_ are those "
+        "of the moves from row to row.",
         "Check every pose for collisions before you send it.",
     ]
 
@@ -516,7 +516,9 @@ def _next_step(document: Document, robot: str, output: str | None) -> str:
     planned_for = document.get("options", {}).get("gate") if purpose == "acceptance" else document["fit"]
     planned_for = "FILE" if purpose == "health" else planned_for
     start = "measure the poses" if output else "write the poses (`output=PLAN`), measure them"
-    start += f" in the order of {file}, add the columns x, y, z as measured"
+    to_add = "replace the joints by those read in the sockets"
+    start += f" in the order of {file}, "
+    start += to_add if document["candidates"]["in_sockets"] else "add the columns x, y, z as measured"
     if document["sufficiency"] is not None:
         file, start = "ALL", f"{start}, put the rows of all batches into one file ALL"
     return f"{start}, then: robacc {name} {file} --robot {robot}" + f" {option} {planned_for}" * bool(planned_for)
@@ -594,6 +596,9 @@ def _accuracy(document: Document, is_curve: bool) -> list[Block]:
         for mark in [", ".join(name for name, place in marks.items() if place == n)]
         if is_curve or mark
     ]
+    if (free := accuracy["of_tracker"]) is not None:
+        keys = ("total_rms_m", "rms_m", "worst_m", "random_rms_m")
+        rows.append((str(free["n_poses"]), *(number(free[key], IN_MM) for key in keys), "anywhere, with a tracker"))
     advice = "the planned poses do not identify all coefficients; plan more poses or fit less"
     if planned is not None and enough is None:
         advice = "more poses are worth it: ten more still reduce the error to expect by more than 10 %"

@@ -1,7 +1,5 @@
 """A calibration and a trace: causes, before and after, coefficients, findings, remaining error, detection limits."""
 
-from __future__ import annotations
-
 import re
 import statistics
 from collections import Counter
@@ -291,13 +289,12 @@ def _label(effect: Document) -> str:
 
 # Coefficients of uncertain masses: many, and only their sum is determined.
 
-_OF_MASS = re.compile(r"(?P<effect>.+)\.(?:h[xyz]|m)\d+")
-"""Coefficient of an elastic effect times a mass, or times a first moment of mass, of one link."""
-
 
 def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], list[str]]:
     """Return the parameters that are not of uncertain masses, and a text for those of each effect and joint."""
-    matches = [(each, " kg" in each["unit"] and _OF_MASS.fullmatch(each["name"])) for each in parameters]
+    # Of an elastic effect times a mass, or times a first moment of mass, of one link.
+    of_mass = r"(?P<effect>.+)\.(?:h[xyz]|m)\d+"
+    matches = [(each, " kg" in each["unit"] and re.fullmatch(of_mass, each["name"])) for each in parameters]
     return [each for each, match in matches if not match], [
         f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
         "(the JSON result has each)"
@@ -446,29 +443,32 @@ def _information(kinds: Document) -> list[str]:
 
 def _not_identifiable(dropped: Sequence[Document]) -> list[str]:
     """Return what the poses do not determine: a few coefficients each with its reason, many by reason."""
-    if len(dropped) <= 3:
-        return [f"not identifiable: {each['why']}" for each in dropped]
-    return [
-        f"not identifiable: {reason}: {grouped(names)}{end}"
-        for has_partners, reason, end in (
-            (False, "without effect on these poses", ""),
-            (
-                True,
-                "not distinguishable from fitted coefficients on these poses",
-                " (the JSON result names the partners of each)",
-            ),
-        )
-        if (names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners])
-    ]
+    listed = [f"not identifiable: {each['why']}" for each in dropped]
+    return (
+        listed
+        if len(dropped) <= 3
+        else [
+            f"not identifiable: {reason}: {grouped(names)}{end}"
+            for has_partners, reason, end in (
+                (False, "without effect on these poses", ""),
+                (
+                    True,
+                    "not distinguishable from fitted coefficients on these poses",
+                    " (the JSON result names the partners of each)",
+                ),
+            )
+            if (names := [each["name"] for each in dropped if bool(each["partners"]) == has_partners])
+        ]
+    )
 
 
 def _shrinkage(kind: Document) -> str:
     count, quantity = len(kind["constants"]), {"m": "lengths", "rad": "angles"}[kind["unit"]]
     differing = [constant["name"] for constant in kind["constants"] if constant["probability"] > 0.5]
-    if not differing:
-        return f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
     return (
-        f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: "
+        f"none of the {count} {quantity} differs significantly from nominal; all are shrunk to nominal"
+        if not differing
+        else f"{len(differing)} of {count} {quantity} differ{'s' * (len(differing) == 1)} from nominal: "
         f"{', '.join(differing[:6])}{' …' * (len(differing) > 6)}; the others are shrunk to nominal as far as the "
         "poses allow"
     )
@@ -533,14 +533,13 @@ def _findings(document: Document) -> list[Block]:
 
 def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
     """Return what a finding does at the tool, its details, its harmonics and its warnings."""
-    settings, joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
-    if "part" in settings:
-        joints = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
+    settings, on_joints = finding["settings"], f" on {', '.join(finding['joints'])}" * bool(finding["joints"])
+    of_part = f" of the {' '.join(settings[key] for key in ('part', 'target') if key in settings)}"
     errors, turns = ([finding[f"held_out_{stage}_{unit}"] for stage in ("before", "after")] for unit in ("m", "rad"))
     turn = "" if None in turns else "; orientation {} and {}".format(*(with_unit(turn, "rad") for turn in turns))
     parameters, masses = _without_masses(finding["parameters"])
     return [
-        Text(f"{place}) {finding['effect']}{joints} {_at_tool(finding, rms)}"),
+        Text(f"{place}) {finding['effect']}{of_part if 'part' in settings else on_joints} {_at_tool(finding, rms)}"),
         Listing(
             [
                 # A result may name an effect of another package, which is not loaded here.

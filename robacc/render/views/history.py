@@ -1,7 +1,5 @@
 """Results over time: a list of tests, the trend of one key, and what changed."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from itertools import groupby
 

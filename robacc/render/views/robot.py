@@ -1,7 +1,5 @@
 """A robot as tables in mm and degrees, the arms of the package, and the catalogue of effects."""
 
-from __future__ import annotations
-
 from collections import Counter
 from collections.abc import Sequence
 
@@ -89,10 +87,13 @@ def _geometry(robot: Robot) -> list[Section]:
     names = {"joint": [joint.name for joint in robot.joints]}
     lengths = {head: cells for head, cells in columns.items() if head.removesuffix(" mm") in LENGTH_PARAMETERS}
     angles = {head: cells for head, cells in columns.items() if head not in lengths}
-    tables = {"Geometry: lengths": names | lengths, "Geometry: angles": names | angles}
-    if sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) <= PLAIN_WIDTH:
-        tables = {"Geometry": names | columns}
-    return [_table(title, [*own], [*zip(*own.values(), strict=True)]) for title, own in tables.items()]
+    is_wide = sum(3 + max(map(len, [head, *cells])) for head, cells in (names | columns).items()) > PLAIN_WIDTH
+    parts = {": lengths": lengths, ": angles": angles} if is_wide else {"": columns}
+    return [
+        _table(f"Geometry{part}", [*own], [*zip(*own.values(), strict=True)])
+        for part, cells in parts.items()
+        for own in [names | cells]
+    ]
 
 
 def _axis(axis: Sequence[float]) -> str:
@@ -151,9 +152,11 @@ def _facts(robot: Robot, document: Document) -> list[tuple[str, str]]:
 
 def _reach(reach: Document) -> str:
     sampled, bound = reach["sampled_m"], reach["bound_m"]
-    if sampled is None or bound is None:
-        return "unknown: a prismatic joint has no limits"
-    return f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
+    return (
+        "unknown: a prismatic joint has no limits"
+        if sampled is None or bound is None
+        else f"{sampled * IN_MM:.0f} mm from the base origin within the limits; sum of lengths {bound * IN_MM:.0f} mm"
+    )
 
 
 def _parameter(joint: Joint, name: str) -> str:

@@ -598,7 +598,9 @@ def fleet_of(arms: Sequence[ArmFit]) -> tuple[list[Entry], list[Entry], Entry]:
             )
             own = [arm for arm in own if arm is not own[far]]
         coefficients.append(found)
-    refuse((not coefficients, "the results have no coefficient that two arms share"))
+    refuse(
+        (not coefficients, "the fits of two arms identify no coefficient alike; fit the same effects to the same poses")
+    )
     names = [one["key"] for one in coefficients]
     apart = {stranger["arm"] for stranger in strangers}
     whole = [arm for arm in arms if arm.arm not in apart and set(names) <= set(arm.values)]

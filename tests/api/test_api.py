@@ -195,8 +195,8 @@ def _files(tmp_path_factory: pytest.TempPathFactory) -> None:
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT).save(folder / "a.json")
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT, align="base_frame").save(folder / "b.json")
     (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
-    for name, effects in (("c", "base_frame,tool_frame,joint_offset"), ("d", "base_frame,joint_offset")):
-        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, fit=effects, folds=2)
+    for name, folds in (("c", 2), ("d", 3)):
+        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, fit=(*FRAMES, "joint_offset"), folds=folds)
         fitted.save(folder / f"{name}.json")
         fitted.write_model(folder / "model.yaml")
     robacc.history_add(*(folder / f"{name}.json" for name in "abcd"), db=folder / "arm.db", at="2026-05-31")

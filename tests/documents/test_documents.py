@@ -122,6 +122,16 @@ def stored(folder: Path, *, alone: bool = False) -> tuple[str, ...]:
     return tuple(paths)
 
 
+def arms(folder: Path) -> tuple[str, str]:
+    """Two arms of one fit, whose coefficients differ."""
+    found = json.loads(results.text("calibrate"))
+    (folder / "first.json").write_text(json.dumps(found), encoding="utf-8")
+    for parameter in found["parameters"]:
+        parameter["value"] += 1e-3
+    (folder / "second.json").write_text(json.dumps(found), encoding="utf-8")
+    return str(folder / "first.json"), str(folder / "second.json")
+
+
 def gated(folder: Path) -> tuple[str, str]:
     (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
     return "--gate", str(folder / "gate.yaml")
@@ -182,7 +192,7 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "history-trend": lambda folder: history(folder, "history", "trend", "joint_offset.j3"),
     "history-changes": lambda folder: history(folder, "history", "changes"),
     "health": lambda folder: history(folder, "health", POSES, "--robot", str(recorded(folder.parent) / "model.yaml")),
-    "fleet": lambda folder: run("fleet", *stored(folder)),
+    "fleet": lambda folder: run("fleet", *arms(folder)),
     **{name: lambda _, name=name: results.document(name) for name in results.CALLS},
     "estimate, gate": lambda folder: run("estimate", *results.CALLS["estimate"], *gated(folder)),
     "estimate, base frame": lambda _: run("estimate", POSES, "--robot", ROBOT, "--frame", "base"),

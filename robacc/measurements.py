@@ -247,6 +247,11 @@ class Measurements:
         """
         return self._grouping().numbers
 
+    def points(self, poses: NDArray[np.int64]) -> NDArray[np.int64]:
+        """Return the number ``(N,)`` of each row's point at its pose, by ``poses`` ``(N,)``: repetitions share one."""
+        columns = (self.target, self.fixture, *(() if self.seen is None else self.seen[:3]))
+        return numbered(poses, *(column for column in columns if column is not None))
+
     def repetitions(self) -> NDArray[np.int64] | None:
         """Return :meth:`groups`, or None where no pose was measured more than once."""
         groups = self.groups()

@@ -775,9 +775,11 @@ def _figures(
     if metrics is None:
         return None
     missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
-    found: tuple[Mapping[Any, Interval], ...] = (missing,)
-    if errors.shape[1]:
-        found = length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
+    found = (
+        length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
+        if errors.shape[1]
+        else (missing,)
+    )
     return {
         **FIGURES[unit].write(metrics),
         "n_poses": int(groups.size),

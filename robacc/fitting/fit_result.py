@@ -282,14 +282,14 @@ class HoldOut:
     def share(self, fit: Fit) -> float:
         """Return how many poses of their own tell the error of ``fit`` elsewhere as well, as a share of its places.
 
-        1 with validation poses. Of N numbers measured, each place counted once, K are used by the coefficients. The
-        mean of held-out squares is that of N - K independent ones; and it is independent of the coefficients' own
+        1 with validation poses. Of N numbers measured, each point of a place once, K are used by the coefficients.
+        The mean of held-out squares is that of N - K independent ones; and it is independent of the coefficients' own
         error, which this fit has elsewhere and which adds K / N^2 to its relative variance of 1 / (N - K), in halves.
         """
         if self.validation is not None:
             return 1.0
         once = np.zeros(self.data.n, dtype=bool)
-        once[np.unique(places(self.data), return_index=True)[1]] = True
+        once[np.unique(self.data.points(places(self.data)), return_index=True)[1]] = True
         used = (self.data.count(fit.inliers) - fit.degrees_of_freedom) / self.data.count(once)
         return 1.0 / (1.0 / (1.0 - used) + used) if used < 1.0 else 0.0
 

@@ -22,7 +22,7 @@ from robacc.fitting.solver import fit
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, NDArray, Poses, rotation_from_rpy, rpy_from_rotation
 from robacc.gravity import LEVEL
-from robacc.measurements import Measurements, different, numbered
+from robacc.measurements import Measurements, different
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Robot, Vector
@@ -204,10 +204,9 @@ def _measured_components(data: Measurements, frames: Sequence[str]) -> int:
         InputError: They are too few for the frames and for errors.
     """
     poses = data.groups()
-    points = poses if data.target is None else numbered(poses, data.target)
     n_poses, n_targets = different(poses), 1 if data.target is None else np.unique(data.target).size
     size, kind = (3, "position") if data.rotation is None else (6, "pose")
-    measured = size * different(points)
+    measured = size * different(data.points(poses))
     count = 6 * ("base_frame" in frames) + size * n_targets * ("tool_frame" in frames)
     if measured < count + 3:
         needed = math.ceil((count + 3) * n_poses / max(measured, 1))

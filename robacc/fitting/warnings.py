@@ -17,7 +17,7 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
-from robacc.measurements import Measurements, different, numbered
+from robacc.measurements import Measurements, different
 from robacc.modelling.model import Noise, residuals
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.intervals import chi2_sf, f_sf
@@ -86,8 +86,7 @@ def _pure_error(fit: Fit, data: Measurements) -> tuple[float, float]:
     The variance is 0 if there are too few repeats.
     """
     rows = data.first_measured(fit.inliers)
-    named = [column[rows] for column in (data.target, data.fixture) if column is not None]
-    groups = numbered(data.groups()[rows], *named)
+    groups = data.points(data.groups())[rows]
     counts, shown = np.bincount(groups), np.full(groups.size, 3.0) if data.shown is None else data.shown[:, rows].sum(0)
     dof = float(np.sum(shown * (1.0 - 1.0 / counts[groups])))
     if dof < ENOUGH or data.seen is not None:  # Images of a pose show several points of the board.

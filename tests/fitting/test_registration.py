@@ -2,6 +2,7 @@
 
 import dataclasses
 import functools
+import re
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from robot_files import example_robots
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
 
+import robacc
 from robacc import InputError, Measurements, Robot, UsageError, read_robot
 from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.specification import entry_of, parse_requests
@@ -375,3 +377,20 @@ def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw() -> None:
     for label in ("roll", "yaw"):
         assert fitted[f"base_frame.{label}"].std is None
         assert "same axis" in (fitted[f"base_frame.{label}"].why)
+
+
+def test_held_out_intervals_count_every_target_of_a_pose(tmp_path: Path) -> None:
+    """Of N numbers and K coefficients they count as many poses as 1 / (1 / (1 - K / N) + K / N) of all."""
+    text = Path("sample_data/robot.yaml").read_text(encoding="utf-8")
+    lines = [line for line in text.splitlines() if not line.startswith("tool:")]
+    places = {"a": [0, 0, 120], "b": [90, 0, 60], "c": [0, 80, 40]}
+    targets = [f"  {name}: {{xyz: {xyz}}}" for name, xyz in places.items()]
+    path = tmp_path / "robot.yaml"
+    path.write_text("\n".join([*lines, "targets:", *targets]) + "\n", encoding="utf-8")
+    made = robacc.simulate(path, poses=20, seed=3, noise="0.1mm", position_only=True)
+    result = robacc.calibrate(made.data, robot=path, fit="base_frame,tool_frame,joint_offset", shrink=False)
+    used = sum(parameter.std is not None for parameter in result.parameters) / (20 * 3 * 3)
+    method = result.document()["after"]["held_out"]["position"]["intervals"]["rms_m"]["method"]
+    found = re.search(r"20 poses, of which the fit leaves ([\d.]+)", method)
+    assert found is not None, method
+    assert float(found[1]) == pytest.approx(20 / (1 / (1 - used) + used), rel=0.01)

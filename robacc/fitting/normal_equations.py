@@ -57,15 +57,16 @@ def solved(matrix: Array, rhs: Array, damping: float = 0.0) -> Array:
 
 def posterior(gram: Array, prior: Array) -> Array:
     """Return ``(K, K)`` the inverse of the normal matrix with the priors' precision ``(K,)``."""
-    from scipy.linalg.lapack import dpotrf, dpotri
+    from scipy.linalg.lapack import dpotrf, dtrtri
 
+    if not len(gram):
+        return gram
     matrix, scale = unit_diagonal(gram + np.diag(prior))
-    factor, is_singular = dpotrf(matrix.T) if len(gram) else (matrix, 0)
+    factor, is_singular = dpotrf(matrix.T, lower=1, overwrite_a=1)
     if is_singular:
         return solved(gram + np.diag(prior), np.eye(len(gram)))
-    inverse = np.triu(dpotri(factor)[0]) if len(gram) else matrix
-    inverse += np.triu(inverse, 1).T
-    return np.asarray(inverse * scale[:, None] * scale)
+    root = dtrtri(factor, lower=1, overwrite_c=1)[0] * scale
+    return np.asarray(root.T @ root)
 
 
 # Whitening.
@@ -310,5 +311,6 @@ def _grams(jacobian: JacobianByMotion, residual: Array, white: Whitening) -> Arr
             products = np.einsum("mn,mwn->wn", kind[:, slot[start]], kind)
             block = factor[group] @ (factor[start:] * products[slot[start:]]).T
             of_parts[group, start:], of_parts[start:, group] = block, block.T
-        np.add.at(gram, (place[:, None], place), of_parts)
+        at = (place[:, None] * len(gram) + place).ravel()
+        gram += np.bincount(at, of_parts.ravel(), gram.size).reshape(gram.shape)
     return grams

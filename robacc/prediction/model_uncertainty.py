@@ -234,7 +234,7 @@ def error_columns(
     if not measured:
         model = replace(model, known=tuple(k for k in model.known if not k.effect.traits.is_of_measurement))
     poses, jacobian, covariance = fitted_jacobian(model, fit, data)
-    coefficients = np.einsum("ipn,pk->ikn", jacobian, _root(covariance), optimize=True)
+    coefficients = _root(covariance).T @ jacobian
     stds = np.array([fit.repeatability.get(name, 0.0) for name in model.arm.names])
     scatter = joint_columns(model, data) * stds[:, None] if stds.any() else np.zeros((6, 0, data.n))
     root = np.zeros((6, len(fit.unexplained)))

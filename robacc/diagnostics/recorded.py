@@ -315,9 +315,9 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     n, flat = residual.shape[1], residual.ravel()
     columns = _flat(common)
     columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
-    squares, vectors = np.linalg.eigh(columns.T @ columns)
-    seen = squares > DEPENDENT**2 * squares.max()
-    basis = columns @ (vectors[:, seen] / np.sqrt(squares[seen]))
+    lengths, vectors = np.linalg.eigh(columns.T @ columns)
+    seen = lengths > DEPENDENT**2 * lengths.max()
+    basis = columns @ (vectors[:, seen] / np.sqrt(lengths[seen]))
     squares = float(np.sum(np.square(flat - basis @ (basis.T @ flat))))
     amounts, free = _amounts(residual, basis, moved)
     # Groups of loads may explain no more than a load of its own for each row.

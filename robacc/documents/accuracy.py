@@ -518,7 +518,9 @@ ISO9283 = part(
                         "",
                     ),
                     "exchangeability": Key(
-                        CHARACTERISTIC, "Exchangeability: pose accuracy over several robots.", _symbol("E")
+                        CHARACTERISTIC,
+                        "Exchangeability: largest distance between the barycentres of two robots at a commanded pose.",
+                        _symbol("E"),
                     ),
                 }
             ),

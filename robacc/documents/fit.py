@@ -431,7 +431,8 @@ FINDING = part(
         ),
         "p_value": Key(
             share | None,
-            "Posterior probability that the effect is not there, prior odds of all candidates included.",
+            "Posterior probability of the model without the effect, against that with it, prior odds of all candidates "
+            "included; alternatives are not counted.",
             lambda finding: finite(finding.p_value),
         ),
         "evidence": Key(

@@ -75,7 +75,7 @@ class BaseFrame(Effect):
         usual_range=(0.001, 1),
         needs="nothing",
         confused_with="joint_offset of the first joint (yaw), its d (z)",
-        source="Wu and Lee 1984, eq. (3), with the base as one more link",
+        source="Wu and Lee 1985, eq. (3), with the base as one more link",
         example="{effect: base_frame, values: {x: 1e-3, yaw: 2e-4}}",
     )
 
@@ -108,7 +108,7 @@ class ToolFrame(Effect):
         usual_range=(0.001, 0.01),
         needs="nothing; the rotations only where orientation was measured",
         confused_with="the last joint's theta, d, a, alpha",
-        source="Wu and Lee 1984, eq. (3), with the tool as one more link",
+        source="Wu and Lee 1985, eq. (3), with the tool as one more link",
         example="{effect: tool_frame, values: {z: 5e-4, pitch: 1e-3}}",
     )
 
@@ -153,7 +153,7 @@ class JointOffset(Effect):
         usual_range=(0.0001, 0.002),
         needs="nothing",
         confused_with="base_frame.yaw (first joint), tool_frame (last joint), link_geometry across parallel axes",
-        source="Wu and Lee 1984, eq. (6), M1 and M2",
+        source="Wu and Lee 1985, eq. (6), M1 and M2",
         example="{effect: joint_offset, joints: [j2, j3], values: {j2: 5e-4, j3: -2e-4}}",
     )
 
@@ -181,7 +181,7 @@ class LinkGeometry(Effect):
         usual_range=(0.0001, 0.001),
         needs="nothing",
         confused_with="joint_offset, base_frame and tool_frame at the ends of the chain",
-        source="Wu and Lee 1984, eq. (6), M2, M3, M4; Hayati 1983 for beta",
+        source="Wu and Lee 1985, eq. (6), M2, M3, M4; Hayati 1983 for beta",
         example="{effect: link_geometry, joints: [j2], labels: [a, alpha], values: {j2.a: 2e-4, j2.alpha: 3e-4}}",
     )
 

@@ -684,7 +684,10 @@ def _notes(
             (True, note)
             for alignment in alignments
             for note in (
-                f"AP and dAP are after registration with {alignment.n_parameters} parameters, fitted to the same poses",
+                f"{'AP, dAP and E' if len(files) > 1 else 'AP and dAP'} are after registration with "
+                f"{alignment.n_parameters} parameters, fitted to the same poses"
+                + " of each robot: E lacks what differs between their base frames"
+                * (len(files) > 1),
                 *alignment.notes,
             )
         ),

@@ -177,6 +177,13 @@ def p_value(probability: float | None) -> str:
     return "p < 1e-6" if probability < 1e-6 else f"p = {probability:.2g}"
 
 
+def counted_poses(rows: int, poses: int) -> str:
+    """Return how many poses were measured, and in how many rows if these are more."""
+    if rows == poses:
+        return f"{rows} measured pose{'s' * (rows != 1)}"
+    return f"{rows} rows of {poses} pose{'s' * (poses != 1)}"
+
+
 def chance(probability: float) -> str:
     """Return a probability in whole percent, at most ``> 99 %`` and at least ``< 1 %``."""
     if probability > 0.995:

@@ -5,7 +5,7 @@ A chain is a product of elementary motions, each a rotation or a translation alo
     T = E_1(s_1) E_2(s_2) … E_K(s_K).
 
 A DH row is Rz(theta) Tz(d) Tx(a) Rx(alpha), a modified one Rx(alpha) Tx(a) Rz(theta) Tz(d), a URDF joint
-Tx Ty Tz Rz Ry Rx and its axis; base and tool are motions too. Equation (6) of Wu and Lee (1984) then needs no case
+Tx Ty Tz Rz Ry Rx and its axis; base and tool are motions too. Equation (6) of Wu and Lee (1985) then needs no case
 distinction: the column of scalar k is the twist of motion k transformed to the tool,
 
     rotation:     dp = z_k x (p - o_k),  dphi = z_k

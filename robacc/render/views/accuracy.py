@@ -22,6 +22,7 @@ from robacc.render.text import (
     Text,
     amount,
     chance,
+    counted_poses,
     decimals,
     fixed,
     grid,
@@ -108,7 +109,7 @@ def estimate_view(
     alignment, frame = document["alignment"], [_FRAMES[document["frame"]]] if form == "full" else []
     quantities = [(document[name], name, *units) for name, *units in QUANTITIES if document[name] is not None]
     opening = Section(
-        f"Error of {document['n_poses']} measured pose{'s' * (document['n_poses'] != 1)}",
+        f"Error of {counted_poses(document['n_poses'], document['position']['n_commanded_poses'])}",
         [Text(text, wraps=False) for text in (*_opening(document, poses, robot), *frame)],
     )
     if form == "short":
@@ -367,7 +368,7 @@ _MAX_ROWS = 12
 _NAMES = {
     "AP": "pose accuracy",
     "vAP": "multi-directional variation",
-    "AD": "distance accuracy",
+    "AD": "distance accuracy, ±",
     "E": "exchangeability of robots",
     "RP": "pose repeatability",
     "RD": "distance repeatability, ±",

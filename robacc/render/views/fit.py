@@ -22,6 +22,7 @@ from robacc.render.text import (
     Text,
     amount,
     coefficients,
+    counted_poses,
     effect_families,
     effect_label,
     first_of,
@@ -205,7 +206,8 @@ def fit_view(
     ``poses`` and ``robot`` are file names, and ``model`` that of the model if it was written. A page has every cause
     and coefficient.
     """
-    is_trace, declared, start = "findings" in document, document["declared"], f"{document['n_poses']} measured poses"
+    is_trace, declared = "findings" in document, document["declared"]
+    start = counted_poses(document["n_poses"], document["after"]["fitted"]["position"]["n_commanded_poses"])
     if is_trace:
         option, verb, said = "declared", "declared", _VERDICTS[document["verdict"]][2]
         if document["verdict"] == "clean" and _is_worth_it(document):
@@ -415,9 +417,10 @@ def _quality(document: Document) -> list[str]:
             []
             if p_fit is None
             else [
-                f"residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test {p_value(p_fit)}",
-                f"weighted chi-square {document['chi_square']:.4g} on {document['degrees_of_freedom']:.1f} degrees of "
-                "freedom",
+                f"position residual {noise['residual_over_noise']:.3g} times this noise; lack-of-fit test of positions "
+                f"{p_value(p_fit)}",
+                f"weighted chi-square of all components {document['chi_square']:.4g} on "
+                f"{document['degrees_of_freedom']:.1f} degrees of freedom",
             ]
         ),
         f"condition number {identifiability['condition_number']:.3g}; observability indices {indices}",
@@ -545,7 +548,8 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
                 # A result may name an effect of another package, which is not loaded here.
                 REGISTRY[finding["effect"]].about.summary if finding["effect"] in REGISTRY else "",
                 finding.get("statement") or "",
-                p_value(finding["p_value"]),
+                p_value(finding["p_value"])
+                + " against no effect: see the odds of the alternatives" * bool(finding["alternatives"]),
                 ""
                 if None in errors
                 else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),

@@ -133,7 +133,7 @@ def _limits(part: Document) -> Section:
     note = Text(
         f"a false alarm in a test has a probability of at most {100.0 * part['level']:.2g} %{more}", is_note=True
     )
-    return Section("Detection limits", [Grid(("", "least change found with 95 %"), rows), note] if rows else [])
+    return Section("Least changes found", [Grid(("", "found with a probability of 95 %"), rows), note] if rows else [])
 
 
 def health_view(document: Document) -> list[Section]:

@@ -15,6 +15,7 @@ approached from both directions. A check pose is visited at the start, after eve
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, Literal
 
 import numpy as np
@@ -29,7 +30,7 @@ EXCHANGED = 1000
 """Candidates other than the chosen poses that exchange looks at."""
 
 
-@dataclass(frozen=True, slots=True)
+@dataclass(frozen=True, eq=False)
 class FitCriterion:
     """Error that the coefficients' covariance C leaves after a fit.
 
@@ -42,27 +43,35 @@ class FitCriterion:
     region: Array
     """``(3, T, P)`` displacement of the target at T task poses, m; for A ``(1, T, P)`` coefficients of interest."""
 
+    @cached_property
+    def mean_weight(self) -> Array:
+        """Matrix W ``(P, P)`` with tr(W C) the mean variance over the region."""
+        return information_of(self.region) / self.region.shape[1]
+
     def cost(self, information: Array) -> float:
         """Return the variance, or log det C."""
         if self.name == "D":
             return -float(np.linalg.slogdet(information)[1])
-        variance = region_variance(self.region, np.linalg.inv(information))
-        return float(variance.max() if self.name == "G" else variance.mean())
+        covariance = np.linalg.inv(information)
+        if self.name == "G":
+            return float(region_variance(self.region, covariance).max())
+        return float(np.sum(self.mean_weight * covariance))
 
     def costs(self, information: Array, rows: Array) -> Array:
         """Return minus the gain of each pose; for G that of the mean with weights that follow the worst error."""
-        covariance = np.linalg.inv(information)
-        turned = rows @ covariance
-        spread = np.eye(rows.shape[1]) + turned @ np.swapaxes(rows, 1, 2)
-        if self.name == "D":
-            return np.asarray(-np.linalg.slogdet(spread)[1])
-        share = np.ones(self.region.shape[1])
+        covariance, weight = np.linalg.inv(information), self.mean_weight
         if self.name == "G":
             variance = region_variance(self.region, covariance)
             # Power of a task pose's error in its weight: the mean with such weights follows the worst error.
             share = np.power(variance / variance.max(), 8.0)
-        weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
-        return np.asarray(-np.sum(np.linalg.inv(spread) * (turned @ weight @ np.swapaxes(turned, 1, 2)), axis=(1, 2)))
+            weight = information_of(self.region * np.sqrt(share / share.sum())[:, None])
+        # One product of all rows takes half the time of one product for each pose.
+        flat, turned = rows.reshape(-1, rows.shape[2]), np.swapaxes(rows, 1, 2)
+        spread = np.eye(rows.shape[1]) + (flat @ covariance).reshape(rows.shape) @ turned
+        if self.name == "D":
+            return np.asarray(-np.linalg.slogdet(spread)[1])
+        gain = (flat @ (covariance @ weight @ covariance)).reshape(rows.shape) @ turned
+        return np.asarray(-np.sum(np.linalg.inv(spread) * gain, axis=(1, 2)))
 
 
 # Choice of poses on which a trace finds every effect at its usual size, and distinguishes it from its rivals.

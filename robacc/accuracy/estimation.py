@@ -13,12 +13,12 @@ commanded target, "base" in those of the measuring frame.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from functools import cache, partial, reduce
 from operator import add
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -285,31 +285,6 @@ _BANDS = 4
 """Bands of distance, each of as many pairs."""
 
 
-class DistanceBand(NamedTuple):
-    """Errors of distances up to one length, above that of the band before."""
-
-    up_to: float
-    """m"""
-    n_pairs: int
-    rms: float
-    max: float
-
-
-class DistanceErrors(NamedTuple):
-    """Errors of the distances between pairs of poses, measured minus commanded, m."""
-
-    n_pairs: int
-    metrics: ErrorMetrics
-    """Of the size of the errors."""
-    scale: float
-    """Share of the distance by which measured ones are longer on average, by least squares."""
-    between: tuple[str, ...]
-    """Places of the two poses of the largest error."""
-    distance: float
-    """Their commanded distance, m."""
-    bands: tuple[DistanceBand, ...]
-
-
 @dataclass(frozen=True, slots=True)
 class EstimateResult:
     """Errors, statistics and grade of measured poses."""
@@ -328,8 +303,8 @@ class EstimateResult:
     worst_orientation: tuple[WorstPose, ...]
     targets: tuple[TargetErrors, ...]
     """Errors of each target, where several targets were measured."""
-    distances: DistanceErrors | None
-    """Errors of the distances between poses; None where positions are not measured."""
+    distances: Mapping[str, Any] | None
+    """Errors of the distances between poses, with the keys of the result; None where positions are not measured."""
     too_large: tuple[str, ...]
     """Advice on errors that, but for those far beyond the others, are too large for an arm; empty for others."""
     notes: tuple[str, ...]
@@ -481,10 +456,11 @@ def totals_of_parts(
     return reduce(add, workers.in_order(work, reads, partial(progress, "reading")))
 
 
-def distance_errors(data: Measurements, predicted: PredictedBy) -> DistanceErrors | None:
-    """Return the errors of distances between poses; None where positions are not measured, or all poses are one.
+def distance_errors(data: Measurements, predicted: PredictedBy) -> Mapping[str, Any] | None:
+    """Return the errors of distances between poses, measured minus commanded, with the keys of the result.
 
-    Frames in ``predicted`` are fitted to all poses: those of held-out poses differ from pose to pose.
+    None where positions are not measured, or all poses are one. Frames in ``predicted`` are fitted to all poses: those
+    of held-out poses differ from pose to pose.
     """
     if data.kind is not None:
         return None
@@ -496,22 +472,28 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> DistanceError
     if not moved.any():
         return None
     wanted, error = wanted[moved], (measured - wanted)[moved]
-    size, order = np.abs(error), np.argsort(wanted, kind="stable")
-    largest = int(np.argmax(size))
-    return DistanceErrors(
-        size.size,
-        length_metrics(size),
-        float(error @ wanted / (wanted @ wanted)),
-        tuple(data.place(int(end)) for end in ends[:, moved][:, largest]),
-        float(wanted[largest]),
-        tuple(
-            DistanceBand(
-                float(wanted[part[-1]]), part.size, float(rms_length(error[None, part])), float(size[part].max())
-            )
+    sizes, order = np.abs(error), np.argsort(wanted, kind="stable")
+    largest, metrics = int(np.argmax(sizes)), length_metrics(sizes)
+    return {
+        "n_pairs": sizes.size,
+        "rms_m": metrics.rms,
+        "p95_m": metrics.p95,
+        "max_m": metrics.max,
+        # By least squares.
+        "scale": float(error @ wanted / (wanted @ wanted)),
+        "between": tuple(data.place(int(end)) for end in ends[:, moved][:, largest]),
+        "distance_m": float(wanted[largest]),
+        "bands": [
+            {
+                "up_to_m": float(wanted[part[-1]]),
+                "n_pairs": part.size,
+                "rms_m": float(rms_length(error[None, part])),
+                "max_m": float(sizes[part].max()),
+            }
             for part in np.array_split(order, _BANDS)
             if part.size
-        ),
-    )
+        ],
+    }
 
 
 def estimate(

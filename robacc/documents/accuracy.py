@@ -213,25 +213,20 @@ ESTIMATE_ITSELF = part(
             part(
                 {
                     "n_pairs": Key(count, "Pairs of poses; of many poses, those of 300."),
-                    **within(
-                        "metrics",
-                        {
-                            "rms_m": Key(size, "Rms error, m."),
-                            "p95_m": Key(size, "95th percentile of the error's size, m."),
-                            "max_m": Key(size, "Largest error, m."),
-                        },
-                    ),
+                    "rms_m": Key(size, "Rms error, m."),
+                    "p95_m": Key(size, "95th percentile of the error's size, m."),
+                    "max_m": Key(size, "Largest error, m."),
                     "scale": Key(number, "Share of the distance by which measured ones are longer, by least squares."),
                     "between": Key(array(text), "Places of the two poses of the largest error."),
-                    "distance_m": Key(size, "Their commanded distance, m.", "distance"),
+                    "distance_m": Key(size, "Their commanded distance, m."),
                     "bands": Key(
                         array(
                             part(
                                 {
-                                    "up_to_m": Key(size, "Longest distance of the band, m.", "up_to"),
+                                    "up_to_m": Key(size, "Longest distance of the band, m."),
                                     "n_pairs": Key(count, "Pairs of poses."),
-                                    "rms_m": Key(size, "Rms error, m.", "rms"),
-                                    "max_m": Key(size, "Largest error, m.", "max"),
+                                    "rms_m": Key(size, "Rms error, m."),
+                                    "max_m": Key(size, "Largest error, m."),
                                 }
                             )
                         ),

@@ -332,6 +332,43 @@ def known_information(
     return result
 
 
+def expectation_of(
+    model: Model,
+    poses: Measurements,
+    task: Measurements,
+    noise: ExpectedNoise,
+    already: Measurements | None,
+    record: ModelFit | None,
+) -> Expectation:
+    """Return the predicted errors at ``task`` of fits of the free effects of ``model`` to some of the ``poses``."""
+    rows = candidate_rows(model, poses, noise)
+    planned = coefficients(model, rows)
+    scatter = repeatability_at_target(model, task, noise.joints)
+    return Expectation(
+        rows[:, :, planned.columns],
+        region_rows(model, task)[:, :, planned.columns],
+        planned,
+        known_information(model, planned, noise, already, record),
+        math.sqrt(3.0) * math.hypot(scatter, noise.unexplained),
+    )
+
+
+def fit_design(expectation: Expectation, criterion: Criterion, *, is_of_zeros: bool = False) -> DesignProblem:
+    """Return the choice of poses by a criterion of the fit's errors, or by the errors of the joints' zeros alone."""
+    planned, interest = expectation.planned, expectation.region
+    if is_of_zeros:
+        criterion, interest = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
+    elif criterion == "A":
+        interest = np.diag(1.0 / planned.prior_std)[None]
+    # Each coefficient is in units of its prior's standard deviation.
+    scale = planned.prior_std
+    return DesignProblem(
+        expectation.rows * scale,
+        expectation.already * scale[:, None] * scale + np.eye(scale.size),
+        FitCriterion(criterion, interest * scale),
+    )
+
+
 def planned_visits(
     plan: CampaignPlan, conditions: Conditions, already: Measurements | None = None
 ) -> tuple[Measurements, Measurements]:
@@ -459,16 +496,8 @@ def plan_campaign(
         n_known = record.n_poses
     count = _count(poses or (BATCH if n_known else None), default_count, demands, pool)
 
-    rows = candidate_rows(model, rows_of_pool, errors)
-    planned = coefficients(model, rows)
-    rows = rows[:, :, planned.columns]
-    expectation = Expectation(
-        rows,
-        region_rows(model, task_poses)[:, :, planned.columns],
-        planned,
-        known_information(model, planned, errors, measured, record),
-        float(np.sqrt(3.0) * np.hypot(scatter, errors.unexplained)),
-    )
+    expectation = expectation_of(model, rows_of_pool, task_poses, errors, measured, record)
+    planned, rows = expectation.planned, expectation.rows
     accuracy = worth = power = None
     if purpose == "acceptance":
         n = pool.n_poses
@@ -490,17 +519,7 @@ def plan_campaign(
         chosen = choose_for_power(problem, count, seed)
         power = expected_power(problem, power_criterion, chosen, seed)
     else:
-        judged, interest, scale = criterion, expectation.region, planned.prior_std
-        if purpose == "health":
-            judged, interest = "A", np.diag([float(name.startswith("joint_offset")) for name in planned.names])[None]
-        elif criterion == "A":
-            interest = np.diag(1.0 / scale)[None]
-        # Each coefficient is in units of its prior's standard deviation.
-        design = DesignProblem(
-            rows * scale,
-            expectation.already * scale[:, None] * scale + np.eye(scale.size),
-            FitCriterion(judged, interest * scale),
-        )
+        design = fit_design(expectation, criterion, is_of_zeros=purpose == "health")
         # The beginnings of a greedy design are those of fewer poses.
         order = design.best(count if purpose == "health" else 2 * count + BATCH)
         chosen = choose(design, order[:count], seed)
@@ -515,22 +534,14 @@ def plan_campaign(
             expectation, (rows[exchanged(design, order[: 2 * count], CURVE_EXCHANGED)], repeated, readings)
         )
         if pool.in_sockets:
-            free = plan_campaign(
-                replace(robot, fixtures={}),
-                purpose,
-                count,
-                criterion,
-                fit,
-                constraints=constraints,
-                region=region,
-                repeatability=repeatability,
-                unexplained=unexplained,
-                n_candidates=n_candidates,
-                payloads=payloads,
-                seed=seed,
-                task=task,
-            )
-            accuracy = {**accuracy, "of_tracker": free.accuracy and free.accuracy["planned"]}
+            free = Model.of(replace(robot, fixtures={}), model.free)
+            anywhere = conditions.with_payloads(sampled_candidates(free, constraints, n_candidates, seed))
+            by_tracker = expected_noise(free, task_poses, record, None, None, repeatability, unexplained)
+            poses_anywhere = conditions.at(anywhere.q, anywhere.payload)
+            tracked = expectation_of(free, poses_anywhere, task_poses, by_tracker, None, record)
+            problem = fit_design(tracked, criterion)
+            best = choose(problem, problem.best(count), seed)
+            accuracy = {**accuracy, "of_tracker": tracked.point_of(best, seed)}
 
     # Names of given candidates, else numbers that go on from those measured already.
     first = 1 if already is None else int(already.groups().max(initial=-1)) + 2

@@ -246,6 +246,10 @@ class Expectation:
             "random_rms_m": random_rms,
         }
 
+    def point_of(self, chosen: NDArray[np.int64], seed: int) -> dict[str, Any] | None:
+        """Return the predicted errors after a fit to the candidates ``chosen``, beside those of random poses."""
+        return self.point(self.rows[chosen], chosen.size, self.random_rms(chosen.size, seed))
+
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
         points = [self.point(self.rows[at], n) for at in random_designs(self.rows.shape[0], n, n, seed)]
@@ -267,7 +271,7 @@ def expected_accuracy(
     points = {}
     for n in {*np.round(np.geomspace(min(first, order.size), order.size, 8)).astype(int).tolist(), chosen.size}:
         design = chosen if n == chosen.size else exchanged(problem, order[:n], CURVE_EXCHANGED)
-        points[n] = expectation.point(expectation.rows[design], n, expectation.random_rms(n, seed))
+        points[n] = expectation.point_of(design, seed)
     curve, knee = [point for _, point in sorted(points.items()) if point is not None], None
     if len(curve) > 1:
         # Between the points, the logarithm of the error is linear in that of the number.

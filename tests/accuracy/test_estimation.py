@@ -598,15 +598,15 @@ def test_distances_are_those_of_all_pairs_wherever_the_base_is() -> None:
         pair: np.linalg.norm(measured[:, pair[0]] - measured[:, pair[1]]) - size for pair, (size, *_) in true.items()
     }
     largest = max(errors, key=lambda pair: abs(errors[pair]))
-    assert found.n_pairs == len(errors) == sum(band.n_pairs for band in found.bands)
-    assert found.metrics.rms == pytest.approx(np.sqrt(np.mean(np.square([*errors.values()]))), rel=1e-9)
-    assert found.metrics.max == pytest.approx(abs(errors[largest]), rel=1e-9)
-    assert found.between == tuple(data.place(end) for end in sorted(largest))
-    assert found.distance == pytest.approx(true[largest][0], rel=1e-12)
-    assert found.scale == pytest.approx(2e-4, abs=3e-5)
-    assert [band.up_to for band in found.bands] == sorted(band.up_to for band in found.bands)
-    assert found.bands[-1].rms > 2.0 * found.bands[0].rms
-    assert elsewhere.metrics.rms == pytest.approx(found.metrics.rms, rel=1e-6)
+    assert found["n_pairs"] == len(errors) == sum(band["n_pairs"] for band in found["bands"])
+    assert found["rms_m"] == pytest.approx(np.sqrt(np.mean(np.square([*errors.values()]))), rel=1e-9)
+    assert found["max_m"] == pytest.approx(abs(errors[largest]), rel=1e-9)
+    assert found["between"] == tuple(data.place(end) for end in sorted(largest))
+    assert found["distance_m"] == pytest.approx(true[largest][0], rel=1e-12)
+    assert found["scale"] == pytest.approx(2e-4, abs=3e-5)
+    assert [band["up_to_m"] for band in found["bands"]] == sorted(band["up_to_m"] for band in found["bands"])
+    assert found["bands"][-1]["rms_m"] > 2.0 * found["bands"][0]["rms_m"]
+    assert elsewhere["rms_m"] == pytest.approx(found["rms_m"], rel=1e-6)
 
 
 def test_one_pose_has_no_distances() -> None:

@@ -176,9 +176,6 @@ SHARED = (
 class PoseStructure(NamedTuple):
     """Components of the errors' variance (sum over x, y, z) between and within commanded poses."""
 
-    n: int
-    n_poses: int
-    """Commanded poses."""
     between: float | None
     """Variance over poses of a commanded pose's mean error, m^2 or rad^2."""
     within: float | None
@@ -186,7 +183,7 @@ class PoseStructure(NamedTuple):
     intraclass_correlation: float | None
     """between / (between + within)"""
     effective_poses: float | None
-    """Independent poses with the same uncertainty of the mean: n / (1 + (k - 1) ICC), k repetitions a pose."""
+    """Independent poses with the same uncertainty of the mean: n / (1 + (k - 1) ICC), n errors, k of a pose."""
     text: str
     why: str | None = None
 
@@ -424,7 +421,7 @@ class _ErrorSample(PoseSampling):
         )
         if obstacles:
             why, consequence = obstacles[0]
-            return PoseStructure(n, number, None, None, None, None, why + consequence, why)
+            return PoseStructure(None, None, None, None, why + consequence, why)
         of_pose = self.of_groups - self.sizes[:, None] * self.means
         explained = float(np.sum(np.square(of_pose[:, 1:4]) / self.sizes[:, None]))
         within = max(n * float(np.trace(self.covariance(False))) - explained, 0.0) / (n - number)
@@ -433,14 +430,14 @@ class _ErrorSample(PoseSampling):
         between = max(0.0, (explained / (number - 1) - within) * (number - 1) / (n - mean_size))
         if between + within <= 0.0:
             why = "the errors do not scatter"
-            return PoseStructure(n, number, between, within, None, None, f"{why}; {SHARED}", why)
+            return PoseStructure(between, within, None, None, f"{why}; {SHARED}", why)
         correlation = between / (between + within)
         effective = n / (1.0 + (mean_size - 1.0) * correlation)
         text = (
             f"{n} rows of {number} commanded poses: {100 * correlation:.1f} % of the variance is between poses and "
             f"{100 * (1 - correlation):.1f} % within, equivalent to {effective:.3g} independent poses; {SHARED}"
         )
-        return PoseStructure(n, number, between, within, correlation, effective, text)
+        return PoseStructure(between, within, correlation, effective, text)
 
     @property
     def assumption(self) -> str:

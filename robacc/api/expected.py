@@ -42,7 +42,7 @@ from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text, read_gate
 from robacc.documents.expected import PREDICT
-from robacc.documents.keys import rounded
+from robacc.documents.keys import rounded, texts
 from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -312,7 +312,7 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
     def csv_pieces(self) -> Iterator[str]:
         """Yield the file of the visits that the command writes: pose, cycle, joints, direction and speed."""
         yield from (f"# {line}\n" for line in plan_comments(self))
-        yield from pose_pieces(self.visits(), attained=self.candidates.in_sockets and self.candidates.socket is None)
+        yield from pose_pieces(self.visits, attained=self.candidates.in_sockets and self.candidates.socket is None)
 
     def validation_csv(self) -> str:
         """Return the file of the validation poses.
@@ -341,12 +341,13 @@ class Planned(CsvResult, CampaignPlan, command="plan"):
         ends = f"`program`: expected a file name that ends in {', '.join(writers)}, found {path!r}"
         write = given(writers.get(file.suffix.lower()), ends)
         linear = [i for i, joint in enumerate(self.robot.variables) if joint.type == "prismatic"]
-        targets = [(self.ids[i], q.tolist()) for i, q in zip(self.route.visits, self.q.T, strict=True)]
+        q = self.candidates.q[:, self.chosen[self.route.visits]]
+        targets = list(zip(texts(self.visits.pose) or (), q.T.tolist(), strict=True))
         groups = {os.fspath(path): targets}
-        if self.payload_kg is not None and len(self.payload_blocks) > 1:
+        if (payloads := self.visits.payload) is not None and len(self.payload_blocks) > 1:
             groups = {
                 str(file.with_name(f"{file.stem}_{payload:g}kg{file.suffix}")): [
-                    target for target, mass in zip(targets, self.payload_kg, strict=True) if mass == payload
+                    target for target, mass in zip(targets, payloads, strict=True) if mass == payload
                 ]
                 for payload in (block["payload_kg"] for block in self.payload_blocks)
             }

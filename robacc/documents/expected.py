@@ -448,14 +448,14 @@ _POINT = part(
 
 
 def _visits(plan: "CampaignPlan") -> Document:
-    visits = plan.visits()
+    visits = plan.visits
     return {
         "pose": texts(visits.pose),
         "role": list(plan.route.roles),
-        "q": rounded(plan.q),
+        "q": rounded(visits.q),
         "direction": None if visits.direction is None else visits.direction.T.astype(int),
         "speed": rounded(visits.speed),
-        "payload_kg": plan.payload_kg,
+        "payload_kg": visits.payload,
         "target_in_base_m": rounded(plan.candidates.position[:, plan.chosen[plan.route.visits]]),
     }
 
@@ -633,7 +633,7 @@ PLAN = part(
         "robot": Key(
             ROBOT,
             "Robot, with its outline in the base frame.",
-            lambda plan: robot_document(dataclasses.replace(plan.robot, base=Frame()), plan.q),
+            lambda plan: robot_document(dataclasses.replace(plan.robot, base=Frame()), plan.visits.q),
         ),
         "coefficients": Key(
             array(

@@ -8,7 +8,7 @@ import abc
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import PurePath
 from typing import Any, Literal
 
@@ -454,8 +454,6 @@ class Step(Effect):
     """Name of the only target that moved; None for all."""
     turning: bool = setting(False)
     """True if the base, or the target, turns too."""
-    span: float = field(default=0.0, compare=False)
-    """Length of the run, s or lines; 0 if unknown."""
 
     traits = Traits(
         joints_optional=True,
@@ -507,7 +505,6 @@ class Step(Effect):
             None if timed or data.source is None else PurePath(data.source).name,
             self.target,
             self.turning,
-            float(np.ptp(sequence_of(data))),
         )
 
     @property

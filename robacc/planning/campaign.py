@@ -177,64 +177,50 @@ class CampaignPlan:
     chosen: NDArray[np.int64]
     """Numbers of the chosen candidates; pose k of the route is ``chosen[k]``."""
     route: Route
-    ids: tuple[str, ...]
-    """Name of each pose of the route."""
+    visits: Measurements
+    """All visits in order as poses to measure, with direction and speed of approach."""
     validation: Measurements | None
     """Validation poses in the order of their visits."""
     noise: ExpectedNoise
     repeatability: float
     """At the target along each axis, m rms over the task."""
-    coefficients: Sequence[Mapping[str, Any]] = ()
-    correlations: tuple[Correlation, ...] = ()
-    accuracy: Mapping[str, Any] | None = None
+    coefficients: Sequence[Mapping[str, Any]]
+    correlations: tuple[Correlation, ...]
+    accuracy: Mapping[str, Any] | None
     """Predicted accuracy of the planned poses and over the number of poses, with the keys of the result."""
-    worth: Mapping[str, Any] | None = None
-    detectability: Mapping[str, Any] | None = None
+    worth: Mapping[str, Any] | None
+    detectability: Mapping[str, Any] | None
     """What a trace can find: :func:`robacc.planning.expected.detectability`."""
-    needed: Sequence[Mapping[str, Any]] = ()
-    sufficiency: Mapping[str, Any] | None = None
-    power: Mapping[str, float] | None = None
+    needed: Sequence[Mapping[str, Any]]
+    sufficiency: Mapping[str, Any] | None
+    power: Mapping[str, float] | None
     """Mean over the catalogue at the usual sizes, before repeats and checks, of the chosen and of as many random
     candidates; None unless the purpose is a trace."""
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def q(self) -> Array:
-        """``(J, V)`` joint variables of all visits, in order."""
-        return self.candidates.q[:, self.chosen[self.route.visits]]
-
-    @property
-    def payload_kg(self) -> Array | None:
-        """``(V,)`` payload of all visits; None where no payload was given."""
-        payload = self.candidates.payload
-        return None if payload is None else payload[self.chosen[self.route.visits]]
+    warnings: tuple[str, ...]
 
     @property
     def payload_blocks(self) -> Sequence[Mapping[str, Any]]:
         """Visits in a row with one payload, in order, with the keys of the result; empty where no payload was given."""
-        if self.payload_kg is None:
+        if (payload := self.visits.payload) is None:
             return ()
         return [
             {
-                "payload_kg": float(self.payload_kg[start]),
+                "payload_kg": float(payload[start]),
                 "first_visit": int(start) + 1,
                 "n_visits": int(end - start),
                 "n_poses": np.unique(self.route.visits[start:end]).size,
             }
-            for start, end in itertools.pairwise(
-                [*np.flatnonzero(np.diff(self.payload_kg, prepend=np.nan) != 0), self.payload_kg.size]
-            )
+            for start, end in itertools.pairwise([*np.flatnonzero(np.diff(payload, prepend=np.nan) != 0), payload.size])
         ]
 
-    def visits(self) -> Measurements:
-        """Return the visits as poses to measure, with direction and speed of approach."""
-        numbers = self.route.visits
-        cycle = [str(int(np.count_nonzero(numbers[: i + 1] == number))) for i, number in enumerate(numbers)]
-        data = _to_measure(self.robot, self.q, np.array(self.ids)[numbers], self.payload_kg)
-        base, places = self.robot.base.pose, self.candidates.position[:, self.chosen[numbers]]
-        position = np.round(rotate(base.rotation, places) + base.translation[:, None], 6)
-        socket = None if self.candidates.socket is None else self.candidates.socket[self.chosen[numbers]]
-        return measured_in(replace(data, position=position, cycle=np.array(cycle)), socket)
+
+def planned_visits(robot: Robot, pool: CandidatePoses, at: NDArray[np.int64], ids: NDArray[np.str_]) -> Measurements:
+    """Return the visits of the candidates ``at`` ``(V,)`` by their ``ids`` as poses to measure."""
+    cycle = [str(int(np.count_nonzero(at[: i + 1] == number))) for i, number in enumerate(at)]
+    data = _to_measure(robot, pool.q[:, at], ids, None if pool.payload is None else pool.payload[at])
+    base, socket = robot.base.pose, None if pool.socket is None else pool.socket[at]
+    position = np.round(rotate(base.rotation, pool.position[:, at]) + base.translation[:, None], 6)
+    return measured_in(replace(data, position=position, cycle=np.array(cycle)), socket)
 
 
 def _to_measure(robot: Robot, q: Array, ids: NDArray[np.str_], payload: Array | None) -> Measurements:
@@ -369,20 +355,15 @@ def fit_design(expectation: Expectation, criterion: Criterion, *, is_of_zeros: b
     )
 
 
-def planned_visits(
-    plan: CampaignPlan, conditions: Conditions, already: Measurements | None = None
+def timed_visits(
+    robot: Robot, visits: Measurements, conditions: Conditions, already: Measurements | None = None
 ) -> tuple[Measurements, Measurements]:
-    """Return the planned visits with every target and the time of each, alone and after the poses measured already.
+    """Return the visits with every target and the time of each, alone and after the poses measured already.
 
     ``already`` has the commanded part alone.
     """
-    visits = replace(plan.visits(), pose=None, cycle=None)
-    data = with_targets(
-        plan.robot,
-        replace(
-            visits, time=_TIME_STEP * np.arange(0.0, visits.n), temperature=conditions.constant_temperature(visits.n)
-        ),
-    )
+    time, temperature = _TIME_STEP * np.arange(0.0, visits.n), conditions.constant_temperature(visits.n)
+    data = with_targets(robot, replace(visits, pose=None, cycle=None, time=time, temperature=temperature))
     if already is None:
         return data, data
     before = replace(already, time=_TIME_STEP * np.arange(-already.n, 0.0), temperature=None)
@@ -548,35 +529,12 @@ def plan_campaign(
     digits = len(str(first + count))
     if repeats is None:
         repeats = 0 if already is not None else count if purpose == "health" else count // 10
-    plan = CampaignPlan(
-        robot,
-        purpose,
-        criterion,
-        fit,
-        constraints,
-        payloads,
-        pool,
-        chosen,
-        route(
-            pool.q[:, chosen],
-            None if pool.payload is None else pool.payload[chosen],
-            repeats,
-            check_every if already is None else 0,
-            seed,
-        ),
-        tuple(f"P{first + i:0{digits}d}" for i in range(count))
-        if pool.ids is None
-        else tuple(pool.ids[chosen].tolist()),
-        _validation(model, conditions, replace(constraints, inside=region or constraints.inside), validation, seed),
-        errors,
-        scatter,
-        accuracy=accuracy,
-        worth=worth,
-        needed=demands,
-        power=power,
-    )
+    ids = np.array([f"P{first + i:0{digits}d}" for i in range(count)]) if pool.ids is None else pool.ids[chosen]
+    payload = None if pool.payload is None else pool.payload[chosen]
+    sequence = route(pool.q[:, chosen], payload, repeats, check_every if already is None else 0, seed)
+    visits = planned_visits(robot, pool, chosen[sequence.visits], ids[sequence.visits])
     # Repeats and checks are measurements too, and the order gives the approaches.
-    new, data = planned_visits(plan, conditions, measured)
+    new, data = timed_visits(robot, visits, conditions, measured)
     covariance = expectation.covariance(whitened_rows(model, new, errors)[:, :, planned.columns])
     # Coordinates: 3 of a position, 6 with the orientation.
     n, components, n_coefficients = count + n_known, rows.shape[1], planned.columns.size
@@ -590,12 +548,28 @@ def plan_campaign(
         ),
         (not rows_of_pool.has_length, NO_LENGTH),
     )
-    return replace(
-        plan,
+    return CampaignPlan(
+        robot,
+        purpose,
+        criterion,
+        fit,
+        constraints,
+        payloads,
+        pool,
+        chosen,
+        sequence,
+        visits,
+        _validation(model, conditions, replace(constraints, inside=region or constraints.inside), validation, seed),
+        errors,
+        scatter,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
-        sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
+        accuracy=accuracy,
+        worth=worth,
         detectability=detectability(model, data, errors) if purpose != "acceptance" else None,
+        needed=demands,
+        sufficiency=sufficiency_of(expectation, chosen, n_known, target, already is None) if n_known else None,
+        power=power,
         warnings=warnings,
     )
 

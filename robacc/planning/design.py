@@ -46,7 +46,7 @@ class FitCriterion:
     @cached_property
     def mean_weight(self) -> Array:
         """Matrix W ``(P, P)`` with tr(W C) the mean variance over the region."""
-        return information_of(self.region) / self.region.shape[1]
+        return np.asarray(information_of(self.region) / self.region.shape[1])
 
     def cost(self, information: Array) -> float:
         """Return the variance, or log det C."""

@@ -87,15 +87,15 @@ def simulate(robot: Robot, plan: Plan, planned: Measurements | None = None) -> S
     outliers = np.sort(rng.choice(data.n, size=plan.outliers, replace=False)).astype(np.int64)
     direction = rng.normal(size=(3, plan.outliers))
     position[:, outliers] += plan.outlier_size * direction / np.sqrt(np.sum(np.square(direction), axis=0))
-    nominal = _predicted(replace(robot, effects=()), data) if plan.commanded else _planned_poses(planned, plan, data.n)
-    turned = plan.commanded or (planned is not None and planned.commanded_rotation is not None)
+    if plan.commanded:
+        nominal = _predicted(replace(robot, effects=()), data)
+        data = replace(data, commanded_position=nominal.translation, commanded_rotation=nominal.rotation)
     return Simulation(
         replace(
             data,
             position=position,
             rotation=rotation if plan.orientation else None,
-            commanded_position=None if nominal is None else nominal.translation,
-            commanded_rotation=nominal.rotation if nominal is not None and plan.orientation and turned else None,
+            commanded_rotation=data.commanded_rotation if plan.orientation else None,
             sigma_position=np.full(position.shape, plan.noise_position) if plan.sigma else None,
             sigma_rotation=np.full(data.n, plan.noise_orientation) if plan.sigma and plan.orientation else None,
             direction=data.direction if plan.motion else None,
@@ -113,15 +113,6 @@ def _predicted(robot: Robot, data: Measurements) -> Poses:
         np.concatenate([part.rotation for part in parts], axis=2),
         np.concatenate([part.translation for part in parts], axis=1),
     )
-
-
-def _planned_poses(planned: Measurements | None, plan: Plan, n: int) -> Poses | None:
-    """Return the wanted poses of a plan, visit by visit; None where it has none, or several targets at a pose."""
-    if planned is None or planned.commanded_position is None or planned.n * plan.cycles != n:
-        return None
-    rotation = planned.commanded_rotation
-    turned = Poses.identity(planned.n).rotation if rotation is None else rotation
-    return Poses(np.tile(turned, plan.cycles), np.tile(planned.commanded_position, plan.cycles))
 
 
 def even_joints(
@@ -196,9 +187,14 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
         start, end = plan.temperature
         temperature = end + (start - end) * np.exp(-3.0 * visit / max(visits - 1, 1))
     pose = pose_of_visit[visit]
+    # Wanted poses are those of one target.
+    wanted = (planned.commanded_position, planned.commanded_rotation) if targets == (None,) else (None, None)
+    position, rotation = (None if column is None else column[..., pose] for column in wanted)
     return Measurements(
         position=np.zeros((3, visit.size)),
         q=q[:, pose],
+        commanded_position=position,
+        commanded_rotation=rotation,
         pose=ids[pose],
         cycle=None if cycle is None else cycle[visit],
         target=None if targets == (None,) else np.tile(np.array(targets), visits),

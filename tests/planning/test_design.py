@@ -118,7 +118,7 @@ def test_predicted_standard_errors_are_realised(name: str) -> None:
     robot = arm(name).robot
     predicted = {entry["name"]: entry["std"] for entry in plan.coefficients if entry["std"] is not None}
     names = list(predicted)
-    q, joints = plan.q, plan.noise.joints
+    q, joints = plan.visits.q, plan.noise.joints
     design = jacobian(robot, q, names)
     factors = whitener(robot, q, joints)
     white = np.einsum("nij,jpn->inp", factors, design).reshape(-1, len(names))
@@ -155,7 +155,7 @@ def test_planned_poses_beat_random_poses_on_held_out_poses(name: str) -> None:
     rng = np.random.default_rng(2)
     low, high = np.array([joint.limits for joint in plan.robot.variables]).T[..., None]
     test = rng.uniform(low, high, (len(low), 200))
-    ours = held_out(plan, plan.q, names, test)
+    ours = held_out(plan, plan.visits.q, names, test)
     draws = [held_out(plan, rng.uniform(low, high, (len(low), 30)), names, test) for _ in range(10)]
     # Random poses in the whole workspace are good already: for five arms no 30 poses are better than 0.75 to 0.8 of
     # them, by the lower bound of the continuous design.
@@ -185,7 +185,7 @@ def test_poses_measured_already_are_counted_and_suffice_at_last() -> None:
 
     few, many = answer(12), answer(150)
     assert (few.sufficiency["enough"], many.sufficiency["enough"]) == (False, True)
-    assert (few.chosen.size, few.ids[0]) == (10, "P13")
+    assert (few.chosen.size, min(few.visits.pose)) == (10, "P13")
     now, later = few.sufficiency["now_m"], many.sufficiency["now_m"]
     assert later is not None
     assert now is None or now > later
@@ -205,7 +205,7 @@ def plan() -> CampaignPlan:
 
 def found(plan: CampaignPlan, columns: np.ndarray, size: float, level: float) -> float:
     """Share of campaigns in which an F test at ``level`` finds an effect with columns (3, N) of that size."""
-    robot, q = plan.robot, plan.q
+    robot, q = plan.robot, plan.visits.q
     names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     factors = whitener(robot, q, plan.noise.joints)
     base = np.einsum("nij,jpn->inp", factors, jacobian(robot, q, names)).reshape(-1, len(names))
@@ -228,8 +228,8 @@ def test_backlash_at_three_limits_is_found(plan: CampaignPlan, joint: str) -> No
     limits = plan.detectability["limits"]
     (limit,) = [entry for entry in limits if (entry["effect"], entry["joints"]) == ("backlash", (joint,))]
     names = [entry.name for entry in plan.robot.variables]
-    direction = plan.visits().direction
-    moved = jacobian(plan.robot, plan.q, [f"joint_offset.{joint}"])[:, 0] * direction[names.index(joint)]
+    direction = plan.visits.direction
+    moved = jacobian(plan.robot, plan.visits.q, [f"joint_offset.{joint}"])[:, 0] * direction[names.index(joint)]
     level = 0.01 / len({(entry["effect"], entry["joints"]) for entry in limits})
     assert found(plan, moved, 3 * limit["limit"], level) >= 0.95
     # A finding must recur in folds of 80 % of the poses: all poses find the limit in more than half of the campaigns.

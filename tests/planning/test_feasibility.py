@@ -195,7 +195,7 @@ def plan() -> Planned:
 
 
 def test_each_payload_is_mounted_once(plan: Planned) -> None:
-    payload = plan.visits().payload
+    payload = plan.visits.payload
     assert (np.count_nonzero(np.diff(payload)), set(payload.tolist())) == (1, {0.0, 5.0})
     blocks = plan.payload_blocks
     assert [block["payload_kg"] for block in blocks] == [0.0, 5.0]
@@ -214,7 +214,10 @@ def test_the_poses_are_better_than_random_ones_with_random_payloads(plan: Planne
 
 def test_acceptance_gives_every_payload_its_share() -> None:
     plan = planned("acceptance", poses=11, repeats=0, check_every=0)
-    assert ([block["n_poses"] for block in plan.payload_blocks], np.unique(plan.q, axis=1).shape[1]) == ([6, 5], 11)
+    assert ([block["n_poses"] for block in plan.payload_blocks], np.unique(plan.visits.q, axis=1).shape[1]) == (
+        [6, 5],
+        11,
+    )
     assert plan.validation is None
 
 
@@ -247,7 +250,7 @@ def test_the_simulation_carries_the_planned_payload(plan: Planned, tmp_path: Pat
     path = tmp_path / "plan.csv"
     plan.write(path)
     simulated = robacc.simulate(ROBOT, at=path, position_only=True).data
-    np.testing.assert_array_equal(simulated.payload, plan.visits().payload)
+    np.testing.assert_array_equal(simulated.payload, plan.visits.payload)
     # A payload that is given replaces the planned one.
     assert set(robacc.simulate(ROBOT, at=path, payload=[3.0]).data.payload.tolist()) == {3.0}  # type: ignore[union-attr]
 
@@ -312,7 +315,7 @@ def test_planned_rows_state_where_the_joints_beside_the_chain_stand(tmp_path: Pa
 
 
 def test_candidates_may_state_the_position_and_nothing_else(tmp_path: Path) -> None:
-    assert planned_of_branches_at_rest(tmp_path, CANDIDATES).visits().n == 8
+    assert planned_of_branches_at_rest(tmp_path, CANDIDATES).visits.n == 8
     moved = CANDIDATES.splitlines()
     moved[5] = moved[5].removesuffix("30") + "31"
     with pytest.raises(InputError, match=r"candidates.csv:6, other: found 31°, expected 30°") as caught:

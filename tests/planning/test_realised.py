@@ -21,7 +21,7 @@ SCATTER = 3e-5
 
 def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200) -> tuple[np.ndarray, float]:
     """RMS error of each estimate of a constant, and of the position at fresh poses, over arms of usual deviations."""
-    robot, q = plan.robot, plan.q
+    robot, q = plan.robot, plan.visits.q
     names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
     constants = [name for name in names if "frame" not in name]
     model = Model.of(robot, free_effects(robot, plan.fit or "base_frame,tool_frame,joint_offset,link_geometry"))
@@ -84,7 +84,7 @@ def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:
 def test_the_prior_is_that_of_the_fit() -> None:
     noise = 1e-3
     plan = plan_campaign(arm("irb1600").robot, "calibrate", 20, noise=noise, repeatability=SCATTER, n_candidates=300)
-    robot, q = plan.robot, plan.q
+    robot, q = plan.robot, plan.visits.q
     rng = np.random.default_rng(1)
     measured = positions(robot, q, {}) + noise * rng.normal(size=(3, q.shape[1]))
     effects = free_effects(robot, "base_frame,tool_frame,joint_offset,link_geometry")

@@ -25,7 +25,7 @@ import numpy as np
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.errors import InputError, Note, Problem, RobaccError, UsageError, applying, refuse
+from robacc.errors import InputError, Note, Problem, RobaccError, applying, given, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, NDArray, log_between, rms_length, rotate_back, transpose, vector_lengths
 from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
@@ -101,10 +101,9 @@ def commanded_poses(
         poses = alignment.commanded
         return poses.translation, None if robot is None and rotation is None else poses.rotation
     if robot is not None:
-        if q is None:
-            without = ", or omit `robot` to use the cmd_ columns of the file"
-            fix = "add the commanded joints q1, q2, …" + without * (position is not None)
-            raise InputError(Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
+        without = ", or omit `robot` to use the cmd_ columns of the file"
+        fix = "add the commanded joints q1, q2, …" + without * (position is not None)
+        q = given(q, Problem("has no columns of commanded joints for the robot", data.source, fix=fix))
         if robot.effects or robot.targets or len(q) != len(robot.variables):
             from robacc.modelling.model import predict
 
@@ -115,10 +114,9 @@ def commanded_poses(
 
             poses = build_chain(robot).forward(q)
         return poses.translation, poses.rotation
-    if position is None:
-        ways = "`robot`" if q is not None else "`commanded`, a robot program or a table of joints or poses"
-        raise UsageError(f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z")
-    return position, rotation
+    ways = "`robot`" if q is not None else "`commanded`, a robot program or a table of joints or poses"
+    missing = f"the poses have no commanded positions: give {ways}, or columns cmd_x, cmd_y, cmd_z"
+    return given(position, missing), rotation
 
 
 def pose_errors(data: Measurements, commanded: Array, turns: Array | None, frame: ErrorFrame) -> PoseErrors:
@@ -192,11 +190,11 @@ def frames_to_register(data: Measurements, robot: Robot | None, error: float) ->
     """
     if not too_far(error, data.position):
         return ()
-    if data.n < 3 and data.rotation is None:
-        raise InputError(
-            f"{data.n} positions whose errors, {1e3 * error:.3g} mm rms, are too large for an arm: the frames do not "
-            'agree, and registration needs more positions; measure at least 4, or keep the errors with `align="none"`'
-        )
+    few = (
+        f"{data.n} positions whose errors, {1e3 * error:.3g} mm rms, are too large for an arm: the frames do not "
+        'agree, and registration needs more positions; measure at least 4, or keep the errors with `align="none"`'
+    )
+    refuse((data.n < 3 and data.rotation is None, few), error=InputError)
     possible: list[tuple[str, ...]] = []
     for frames in (("base_frame", "tool_frame"), ("base_frame",)):
         with suppress(RobaccError):

@@ -99,7 +99,7 @@ def test_the_plan_counts_self_collisions(urdf: Path) -> None:
     plan = robacc.plan(urdf, collisions=True, **more)  # type: ignore[arg-type]
     reasons = {entry["reason"]: entry["count"] for entry in plan.candidates.excluded}
     assert reasons["self-collision"] > 10
-    assert not collisions_of(urdf).self_collision(plan.q).any()
+    assert not collisions_of(urdf).self_collision(plan.visits.q).any()
     assert ["mast", "lower"] in plan.document()["collisions"]["pairs"]
     free = robacc.plan(urdf, **more)  # type: ignore[arg-type]
     assert free.document()["collisions"] is None

@@ -454,19 +454,19 @@ def blocks_with_frames(
         (coefficients, *scatter, beyond), _ = error_columns(robot, fit, part, True, sample)
         correlated = np.concatenate((factor * coefficients, beyond), axis=1)
         independent = outer_sums(factor * np.concatenate(scatter, axis=1))
-        for rows, variance in zip((slice(0, 3), slice(3, 6)), _noise_variances(fit, part), strict=True):
-            independent[rows, rows] += np.eye(3)[:, :, None] * variance
-        if part.correlated_noise is not None and fit.noise_is_separate:
-            independent[:3, :3] += part.correlated_noise
+        for rows, covariance in zip((slice(0, 3), slice(3, 6)), _noise_covariances(fit, part), strict=True):
+            independent[rows, rows] += covariance
         yield block, bound.linearise(np.zeros(len(bound.names)))[1], correlated, independent
 
 
-def _noise_variances(fit: ModelFit, data: Measurements) -> list[Array | float]:
-    """Return the variances of the measurement noise of position and orientation that bounds of the model lack."""
-    return [
-        0.0 if sigma is None or not fit.noise_is_separate else np.square(sigma)
+def _noise_covariances(fit: ModelFit, data: Measurements) -> tuple[Array | float, Array | float]:
+    """Return covariances ``(3, 3, N)`` of the noise of position and orientation that bounds of the model lack."""
+    position, orientation = (
+        0.0 if sigma is None or not fit.noise_is_separate else np.eye(3)[:, :, None] * np.square(sigma)
         for sigma in (data.sigma_position, data.sigma_rotation)
-    ]
+    )
+    correlated = data.correlated_noise if fit.noise_is_separate else None
+    return position if correlated is None else position + correlated, orientation
 
 
 def scaled_inverse(normal: Array) -> Array:
@@ -599,8 +599,8 @@ def coverage(
             covariances[..., rows] = registered_uncertainty(robot, fit, judged, registration, used)
         else:
             covariances = model_uncertainty(robot, fit, judged, measured=True)[0]
-            for covariance, variance in zip(covariances, _noise_variances(fit, judged), strict=True):
-                covariance += np.eye(3)[:, :, None] * variance
+            for covariance, noise_of_rows in zip(covariances, _noise_covariances(fit, judged), strict=True):
+                covariance += noise_of_rows
         error[:, rows] = residuals(judged, predict(absorb_constants(arm), judged))
     result: dict[str, Any] = {"probability": RADIUS_PROBABILITY, "registered": aligned, "orientation": None}
     for i in range(min(error.shape[0], fit.unexplained.shape[0]) // 3):

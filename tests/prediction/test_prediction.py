@@ -544,6 +544,23 @@ def test_repeats_of_a_pose_stay_in_its_half() -> None:
     assert (shares, covered["registered"]) == ([1.0, 1.0], FRAMES)
 
 
+def test_bounds_have_the_correlation_of_the_noise() -> None:
+    robot, fit = model()
+    fit, n = dataclasses.replace(fit, noise_is_separate=True), 2000
+    data = measured_at(robot, np.random.default_rng(6).uniform(LOW, HIGH, (6, n)))
+    # 1 mm along one direction, to which the model's own error adds little: without the correlation, 92 % are inside.
+    line = np.array([[1.0], [1.0], [0.0]]) / np.sqrt(2.0)
+    noise = 1e-6 * line @ line.T + 1e-12 * np.eye(3)
+    data = dataclasses.replace(
+        data,
+        position=data.position + 1e-3 * line * np.random.default_rng(7).standard_normal(n),
+        sigma_position=np.repeat(np.sqrt(np.diag(noise))[:, None], n, axis=1),
+        noise_covariance=np.repeat(noise[:, :, None], n, axis=2),
+    )
+    # Three standard errors of a share.
+    assert coverage(robot, fit, data, 0)["position"]["share"] == pytest.approx(0.95, abs=0.015)
+
+
 COS, SIN = 2e-4, -1e-4
 LOW_OF_EXTRAPOLATION, HIGH_OF_EXTRAPOLATION = -1.0, 0.6
 

@@ -11,6 +11,7 @@ Matrices are (N, 4, 4), joints (N, J), SI units. `python arm.py` compares the de
 
 from __future__ import annotations
 
+import csv
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
@@ -509,17 +510,25 @@ def _urdf(arm: RealArm) -> str:
     return "\n".join(parts) + "\n"
 
 
+def write_csv(path: Path, columns: Mapping[str, Sequence[object] | np.ndarray]) -> None:
+    """Write columns by their names."""
+    rows = zip(*(np.asarray(values).tolist() for values in columns.values()), strict=True)
+    path.write_text("\n".join([",".join(columns), *(",".join(map(str, row)) for row in rows)]) + "\n")
+
+
+def read_csv(path: Path) -> dict[str, list[str]]:
+    """Read columns of text; lines that begin with # are skipped."""
+    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
+    header, *rows = csv.reader(lines)
+    return dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
+
+
 def write_poses(
-    path: Path, q: np.ndarray, xyz: np.ndarray, columns: Mapping[str, Sequence[object]] | None = None
+    path: Path, q: np.ndarray, xyz: np.ndarray, columns: Mapping[str, Sequence[object] | np.ndarray] | None = None
 ) -> None:
     """Write a file of measured poses; further columns by name."""
-    more = columns or {}
-    header = [*(f"q{i + 1}" for i in range(q.shape[1])), "x", "y", "z", *more]
-    lines = [",".join(header)]
-    for k in range(len(q)):
-        numbers = [f"{x:.15g}" for x in (*q[k], *xyz[k])]
-        lines.append(",".join([*numbers, *(str(values[k]) for values in more.values())]))
-    path.write_text("\n".join(lines) + "\n")
+    joints = {f"q{i + 1}": row for i, row in enumerate(q.T)}
+    write_csv(path, joints | dict(zip("xyz", xyz.T, strict=True)) | dict(columns or {}))
 
 
 # -- arms of which tables are published, and what a fit changes in them

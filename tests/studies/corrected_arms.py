@@ -14,10 +14,8 @@ A set's name is its number, arm and form; everything else is drawn by the name.
 """
 
 import argparse
-import csv
 import sys
 from collections.abc import Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -34,7 +32,9 @@ from arm import (
     positions,
     random_arm,
     random_truth,
+    read_csv,
     request,
+    write_csv,
     write_robot,
 )
 from scipy.spatial.transform import Rotation
@@ -95,20 +95,6 @@ def columns_of(pose: Pose, effects: Sequence[str], measured_poses: bool) -> dict
             rows = pose.direction if kind == "direction" else pose.speed
             columns |= {f"{label}_q{i + 1}": row for i, row in enumerate(rows.T)}
     return columns
-
-
-def write_csv(path: Path, columns: dict[str, np.ndarray]) -> None:
-    """Write columns of numbers."""
-    rows = np.array(list(columns.values())).T
-    lines = [",".join(columns), *(",".join(repr(float(x)) for x in row) for row in rows)]
-    path.write_text("\n".join(lines) + "\n")
-
-
-def read_csv(path: Path) -> dict[str, list[str]]:
-    """Read columns of text; lines that begin with # are skipped."""
-    lines = [line for line in path.read_text().splitlines() if not line.startswith("#")]
-    header, *rows = csv.reader(lines)
-    return dict(zip(header, map(list, zip(*rows, strict=True)), strict=True))
 
 
 def numbers(columns: dict[str, list[str]], names: Sequence[str]) -> np.ndarray:

@@ -60,10 +60,6 @@ class Campaign:
     columns: dict[str, Any] = field(default_factory=dict)
     fresh: np.ndarray | None = None
 
-    def places(self, values: np.ndarray, q: np.ndarray) -> np.ndarray:
-        """Return positions of the target without errors of the instrument."""
-        return self.setup.positions(values, q)
-
 
 def plain(setup: Setup, um: str, rng: np.random.Generator, q: np.ndarray | None = None) -> Campaign:
     """Return poses with independent normal noise, directions and times."""
@@ -138,7 +134,7 @@ def heavy(out: Campaign, rng: np.random.Generator) -> None:
 
 
 def ranged(out: Campaign, rng: np.random.Generator) -> None:
-    sight = out.places(out.truth, out.arrived) - [2.5, 1.0, 0.5]
+    sight = out.setup.positions(out.truth, out.arrived) - [2.5, 1.0, 0.5]
     distance = np.linalg.norm(sight, axis=1)[:, None]
     along = np.sum(out.error * sight, axis=1)[:, None] * sight / distance**2
     out.error = 3 * (distance / 2) ** 2 * (out.error - along) + 0.5 * along
@@ -185,12 +181,12 @@ def run_set(name: str, options: argparse.Namespace) -> dict[str, Any]:
     study = STUDIES[options.study]
     out = study.draw(name, tool.generator(name))
     setup, mask = out.setup, out.setup.declared(EFFECTS)
-    true, errors = out.places(out.truth, out.arrived), {}
+    true, errors = setup.positions(out.truth, out.arrived), {}
     with tool.folder_of(name, options) as folder:
         write_robot(setup.arm, folder / "robot.yaml")
         write_poses(folder / "poses.csv", out.q, true + out.error, out.columns)
         if out.fresh is not None:
-            there = out.places(out.truth, out.fresh)
+            there = setup.positions(out.truth, out.fresh)
             middle = {key: np.full(FRESH, 15 * len(out.q) if key == "time_s" else 1) for key in out.columns}
             write_poses(folder / "test.csv", out.fresh, there, middle)
         answer, test = tool.fit_and_test((*study.asked, ",".join(EFFECTS)), folder, options)
@@ -295,7 +291,6 @@ def awkward_names(seed: int) -> list[tuple[object, ...]]:
     return [(kind, SIX_JOINTS[seed % 3], (10, 20, 50)[(seed + seed // 3) % 3]) for kind in KINDS]
 
 
-CALIBRATE = ("calibrate", "--fit")
 STUDIES = {
     "waves": Study(9, wave_names, waves, ("calibrate", "--folds", "2", "--fit"), (slice(2),), wave_claims),
     "awkward": Study(6, awkward_names, awkward, ("trace", "--declared"), (slice(1),), false_claims),

@@ -3,9 +3,9 @@
 
 For each arm, `robacc plan` chooses poses from random candidates. The predicted error over the candidates' region is
 computed here, from derivatives of this folder, and compared with random candidates in the same number; below 1 is
-better. `refined` starts from the planned poses and moves them continuously within the joint ranges, `exchanged` starts
-from random candidates. `bound` is the least ratio that any choice of that many of these candidates can reach: the
-optimum over weights (V. V. Fedorov, "Theory of Optimal Experiments", 1972), less its duality gap.
+better. `refined` starts from the planned poses and moves them continuously within the joint ranges. `bound` is the
+least ratio that any choice of that many of these candidates can reach: the optimum over weights (V. V. Fedorov,
+"Theory of Optimal Experiments", 1972), less its duality gap.
 """
 
 import argparse
@@ -16,7 +16,7 @@ from typing import Any
 
 import numpy as np
 import tool
-from arm import ARMS, Setup, write_poses, write_robot
+from arm import ARMS, Setup, read_csv, write_poses, write_robot
 
 EFFECTS = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
 RANDOM_DRAWS = 20
@@ -65,25 +65,6 @@ def bound(rows: np.ndarray, count: int, steps: int) -> float:
     return float(np.sqrt(best / count))
 
 
-def exchanged(rows: np.ndarray, chosen: np.ndarray, passes: int) -> np.ndarray:
-    """Exchange each chosen pose for the best of all candidates, as long as the error falls."""
-    chosen = chosen.copy()
-    eye = np.eye(3)
-    for _ in range(passes):
-        before = chosen.copy()
-        for place in range(len(chosen)):
-            others = rows[np.delete(chosen, place)].reshape(-1, rows.shape[2])
-            inverse = np.linalg.inv(others.T @ others)
-            span = rows @ inverse
-            gain = np.linalg.solve(eye + np.einsum("nip,njp->nij", span, rows), np.einsum("nip,njp->nij", span, span))
-            score = np.trace(gain, axis1=1, axis2=2)
-            score[np.delete(chosen, place)] = -np.inf
-            chosen[place] = int(np.argmax(score))
-        if np.array_equal(before, chosen):
-            break
-    return chosen
-
-
 def refined(task: Task, q: np.ndarray, trials: int, rng: np.random.Generator) -> float:
     """Return the error after random moves of single poses within the joint ranges; a move stays where it is better."""
     low, high = task.setup.span.T
@@ -110,9 +91,7 @@ def planned(setup: Setup, q: np.ndarray, options: argparse.Namespace, folder: Pa
     words += ["--candidates", str(candidates), "--task", str(candidates), "--noise", "0.05mm", "--margin", "0"]
     words += ["--repeatability", "0mm", "--repeats", "0", "--check-every", "0", "--output", str(plan)]
     subprocess.run(words, check=True, capture_output=True, text=True, timeout=options.limit)
-    lines = [line for line in plan.read_text().splitlines() if not line.startswith("#")]
-    place = lines[0].split(",").index("pose")
-    return np.array([int(line.split(",")[place]) for line in lines[1:]])
+    return np.array([int(number) for number in read_csv(plan)["pose"]])
 
 
 def run_arm(name: str, options: argparse.Namespace) -> dict[str, Any]:
@@ -124,10 +103,8 @@ def run_arm(name: str, options: argparse.Namespace) -> dict[str, Any]:
     mean = float(np.mean([task.error(task.rows[at]) for at in random]))
     with tool.folder_of(name, options) as folder:
         chosen = planned(setup, q, options, folder)
-    best = min(random, key=lambda at: task.error(task.rows[at]))
     errors = {
         "planned": task.error(task.rows[chosen]),
-        "exchanged": task.error(task.rows[exchanged(task.rows, best, 8)]),
         "refined": refined(task, q[chosen], options.trials, rng),
         "bound": bound(task.rows, options.poses, options.steps),
     }
@@ -147,7 +124,7 @@ def main() -> int:
 
 def summary(rows: list[dict[str, Any]], poses: int) -> dict[str, Any]:
     """Print the table."""
-    keys = ("planned", "exchanged", "refined", "bound")
+    keys = ("planned", "refined", "bound")
     print(f"error over that of {poses} random poses (mean of {RANDOM_DRAWS} draws)")
     print(tool.table(("arm", *keys), [(row["name"], *(f"{row[key]:.3f}" for key in keys)) for row in rows]))
     return {}

@@ -11,7 +11,6 @@ import subprocess
 import tempfile
 import time
 import zlib
-from collections import Counter
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -63,7 +62,6 @@ def arguments(description: str | None, seeds: int | None) -> argparse.ArgumentPa
     )
     parser.add_argument("--first-seed", type=int, default=0, metavar="S")
     parser.add_argument("--only", default="", help="regular expression on the names of sets; several with a space")
-    parser.add_argument("--sets", type=int, metavar="N", help="at most N sets, a balanced draw of those selected")
     parser.add_argument("--json", type=Path, metavar="OUT", help="write summary and rows there")
     parser.add_argument("--limit", type=float, default=600, metavar="S", help="seconds for one command")
     parser.add_argument("--keep", type=Path, metavar="DIR", help="keep the files of each set there")
@@ -75,31 +73,9 @@ def arguments(description: str | None, seeds: int | None) -> argparse.ArgumentPa
 
 
 def chosen(names: Sequence[str], options: argparse.Namespace) -> list[str]:
-    """The sets to run, in an order that does not depend on how many are asked for."""
+    """The sets to run."""
     patterns = [re.compile(part) for part in options.only.split()]
-    kept = [name for name in names if all(pattern.search(name) for pattern in patterns)]
-    if options.sets is not None and options.sets < len(kept):
-        kept = balanced(kept, options.sets)
-    return kept
-
-
-def balanced(names: Sequence[str], count: int) -> list[str]:
-    """The first ``count`` names of an order in which each level of each factor comes about equally often.
-
-    Factors are the parts of a name between hyphens. The order does not depend on ``count``: more sets are added to
-    those that were run before.
-    """
-    left = sorted(names, key=lambda name: zlib.crc32(f"draw {name}".encode()))
-    levels = {name: list(enumerate(re.split(r"-(?!\d)", name))) for name in left}
-    totals: Counter[tuple[int, str]] = Counter(level for name in left for level in levels[name])
-    used: Counter[tuple[int, str]] = Counter()
-    picked = []
-    for _ in range(count):
-        name = min(left, key=lambda candidate: sum(used[level] / totals[level] for level in levels[candidate]))
-        left.remove(name)
-        used.update(levels[name])
-        picked.append(name)
-    return picked
+    return [name for name in names if all(pattern.search(name) for pattern in patterns)]
 
 
 def earlier(path: Path | None) -> dict[str, dict[str, Any]]:

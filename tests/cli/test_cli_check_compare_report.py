@@ -233,34 +233,6 @@ def poor(three: tuple[str, str, str]) -> str:
     return three[2]
 
 
-def test_json_has_every_shared_figure_with_its_difference(good: str, poor: str) -> None:
-    found = compared(good, poor)
-    assert (found["schema"], found["warnings"]) == ("robacc.compare/1", [])
-    assert [one["name"] for one in found["inputs"]] == ["good.json", "poor.json"]
-    results = [(one["name"], one["command"], one["n_poses"]) for one in found["results"]]
-    assert results == [("good", "estimate", 60), ("poor", "estimate", 60)]
-    assert found["pairing"] == [
-        {"first": "good", "second": "poor", "paired": True, "n_shared": 60, "n_first": 60, "n_second": 60}
-    ]
-    one, other = (json.loads(Path(path).read_text(encoding="utf-8"))["position"] for path in (good, poor))
-    rms = found["statistics"][0]
-    assert (rms["key"], rms["unit"]) == ("position.rms", "m")
-    assert [value["value"] for value in rms["values"]] == [one["rms_m"], other["rms_m"]]
-    assert rms["values"][0]["lower"] == one["intervals"]["rms_m"]["lower"]
-    difference = rms["differences"][0]
-    assert difference["value"] == pytest.approx(other["rms_m"] - one["rms_m"], rel=1e-12)
-    assert (difference["paired"], difference["n_poses"]) == (True, 60)
-    assert 0.0 < difference["lower"] < difference["value"] < difference["upper"]
-    assert difference["p_value"] < 1e-6
-    largest = next(row for row in found["statistics"] if row["key"] == "position.max")["differences"][0]
-    assert (largest["p_value"], largest["why"]) == (None, "no test exists for the largest of all errors")
-    keys = [row["key"].removeprefix("position.") for row in found["statistics"]]
-    assert missing(keys, "p95", "max", "mean_x", "sd_z", "longest_sd") == []
-    ranking = found["ranking"]
-    assert (ranking["by"], ranking["text"]) == ("position.rms", ["good is better than poor"])
-    assert [one["name"] for one in ranking["order"]] == ["good", "poor"]
-
-
 def test_equal_files_do_not_differ_and_warn_of_nothing(good: str, tmp_path: Path) -> None:
     copy = shutil.copy(good, tmp_path / "copy.json")
     result, found = run_compare(good, copy), compared(good, copy)

@@ -15,7 +15,7 @@ from xml.etree import ElementTree
 import commands
 import numpy as np
 import pytest
-from commands import in_order, missing, one_line, output
+from commands import missing, output
 from sample_files import POSES, ROBOT, ROOT, saved
 from scipy.spatial.transform import Rotation
 from slow_parameters import some_fast
@@ -78,14 +78,6 @@ def test_json_has_the_contract_keys_and_the_right_numbers(tmp_path: Path) -> Non
     assert found["worst_poses"]["by_position"][0]["line"] == 5
 
 
-def test_position_only_has_no_orientation() -> None:
-    text = "x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3.001\n1,2,4,1,2,4.002\n"
-    found = document("-", text=text)
-    assert (found["orientation"], found["frame"], found["inputs"][0]["name"]) == (None, "base", "-")
-    np.testing.assert_allclose(found["position"]["errors_m"], [[0, 0, -1e-3], [0, 0, -2e-3]], atol=1e-15)
-    assert "frame tool needs the commanded orientation" in refused("-", "--frame", "tool", text=text)
-
-
 def test_same_bytes_every_time_and_seed_matters() -> None:
     first, again = (run(*SAMPLE, "--format", "json").stdout for _ in range(2))
     assert (first, str(ROOT) in first) == (again, False)
@@ -108,25 +100,6 @@ def test_table_fits_a_page_and_has_no_loose_ends(arguments: tuple[str, ...]) -> 
     for line in run(*arguments).stdout.splitlines():
         assert len(line) <= 80 or " against the model " in line or " robacc trace " in line
         assert line == line.rstrip()
-
-
-def test_output_is_written_whole_or_not_at_all(tmp_path: Path) -> None:
-    target = tmp_path / "result.json"
-    assert run(*SAMPLE, "--format", "json", "--output", str(target)).stdout == ""
-    whole = target.read_text(encoding="utf-8")
-    assert whole == run(*SAMPLE, "--format", "json").stdout
-    bad = saved(tmp_path / "bad.csv", "x,y,z\n1,2,oops\n")
-    refused(bad, "--format", "json", "--output", target, status=3)
-    assert target.read_text(encoding="utf-8") == whole
-    refused(*SAMPLE, "--output", tmp_path / "no" / "where.txt", status=3)
-    assert sorted(path.name for path in tmp_path.iterdir()) == ["bad.csv", "result.json"]
-
-
-def test_bad_rows_are_all_named_with_line_and_column(tmp_path: Path) -> None:
-    path = saved(tmp_path / "poses.csv", "x,y,z,cmd_x,cmd_y,cmd_z\n1,2,3,1,2,3\n1,,3,1,2,3\n1,2,3,1,2,up\n")
-    told = refused(path, "--format", "json", status=3)
-    assert in_order(told, (f"error: {path}:3, y", f"error: {path}:4, cmd_z"))
-    assert told.count("error: ") == 2
 
 
 def test_warnings_go_to_standard_error_and_into_the_result() -> None:
@@ -168,31 +141,6 @@ def test_grade_scale_of_the_users_own(tmp_path: Path) -> None:
     # The scale demonstrates at its own confidence; the figures keep the one asked for.
     assert (found["grade"]["confidence"], found["position"]["confidence"]) == (0.9, 0.95)
     assert document(*SAMPLE, "--confidence", "0.99")["position"]["confidence"] == 0.99
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((str(POSES),), "the poses have no commanded positions"),
-        ((*SAMPLE, "--align", "backlash"), "cannot align backlash"),
-        ((*SAMPLE, "--confidence", "2"), "at least 0.5 and less than 1"),
-        ((str(POSES), "--tip-link", "flange"), "choose a chain of a URDF, so they need --robot"),
-    ],
-)
-def test_calls_that_do_not_fit_together_are_status_2(arguments: tuple[str, ...], message: str) -> None:
-    assert message in refused(*arguments)
-
-
-def test_poses_that_are_too_few_for_a_registration_are_status_3(tmp_path: Path) -> None:
-    few, align = tmp_path / "poses.csv", ("--align", "base_frame,tool_frame")
-    few.write_text("".join(POSES.read_text(encoding="utf-8").splitlines(keepends=True)[:4]), encoding="utf-8")
-    for files in ((few,), (few, POSES)):
-        result = run(*files, *SAMPLE[1:], *align)
-        assert result.exit_code == 3
-        assert "2 commanded poses, 12 numbers measured" in one_line(result.stdout + result.stderr)
-    told = refused("-", *align, status=3, text="\n".join(COMMANDED.splitlines()[:3]) + "\n")
-    assert "2 commanded poses, 12 numbers measured: the 12 parameters of base_frame and tool_frame" in told
-    assert told.endswith("state the frames in the robot file and omit --align")
 
 
 def test_a_mean_without_an_interval_has_the_digits_of_the_errors() -> None:

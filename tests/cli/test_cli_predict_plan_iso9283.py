@@ -1,12 +1,9 @@
 """`robacc predict`, `plan` and `iso9283` from files to tables, JSON, CSV and exit statuses."""
 
 import csv
-import hashlib
 import io
 import json
-import re
 from pathlib import Path
-from typing import Any
 
 import commands
 import numpy as np
@@ -20,9 +17,7 @@ from robacc.poses.csv_file import read_poses
 
 PUMA = "configs/robots/puma560.yaml"
 
-AGAINST = ("sample_data/robot.yaml", "--against", "sample_data/poses.csv")
-
-run_predict, _, predicted, refused_predict = commands.calls_of("predict")
+_, _, predicted, refused_predict = commands.calls_of("predict")
 
 TOLERANCES = "units: {length: mm, angle: deg}\nall: {theta: 0.02, d: 0.2, a: 0.2, alpha: 0.01}\n"
 
@@ -36,48 +31,6 @@ def test_a_robot_without_tolerances_is_bad_input() -> None:
     told = "no parameter of sample arm has a tolerance, so no error can be predicted"
     shown = refused_predict("sample_data/robot.yaml", status=3)
     assert missing(shown, told, "tip: give a tolerance file with --tolerances") == []
-
-
-def test_table_is_plain_and_at_most_80_columns_wide(tolerances: Path) -> None:
-    result = run_predict(
-        *AGAINST, "--align", "base_frame,tool_frame", "--tolerances", str(tolerances), "--allocate", "C"
-    )
-    assert (result.exit_code, result.stderr) == (0, "")
-    text = result.stdout
-    assert "\x1b" not in text
-    assert max(map(len, text.splitlines())) <= 80
-    parts = (
-        "Expected accuracy of sample arm, from 24 tolerances\nat the 60 poses of sample_data/poses.csv\n",
-        "normal: a tolerance t is one standard deviation, variance t²",
-        "Grade E predicted (scale: CAD/CAM 0.1 mm, 0.1 degree)",
-        "█",
-        "Tolerances for grade C",
-        "Compared with 60 measured poses of sample_data/poses.csv",
-        "measured, registered: base_frame and tool_frame fitted\n",
-        "Likelihood ratio of the predicted covariance",
-        "Variance components (one standard deviation)",
-        "Limits of data from one robot",
-    )
-    assert missing(text, *parts) == []
-    # Each line of the budget has its share and its bar, the largest filling its columns.
-    line = next(line for line in text.splitlines() if line.startswith("j2.theta"))
-    assert line.split()[1] == "0.0200°"
-    assert not re.search(r"\d °", text)
-    enough = run_predict(PUMA, "--samples", "10", "--allocate", "E").stdout
-    assert "the given tolerances already reach this grade" in enough
-
-
-def test_against_in_json(tolerances: Path) -> None:
-    found = predicted(*AGAINST, "--tolerances", str(tolerances), "--align", "base_frame", "--noise", "0.05mm,0.1mrad")
-    against = found["against"]
-    assert (against["noise"]["position_m"], against["noise"]["source_orientation"]) == (pytest.approx(5e-5), "given")
-    tests = against["normalised_squared_error"]
-    assert tests["total"]["dof"] == 6 * 60 - 6
-    assert tests["total"]["dof"] == tests["parameters"]["dof"] + tests["noise"]["dof"]
-    assert tests["total"]["statistic"] == pytest.approx(tests["parameters"]["statistic"] + tests["noise"]["statistic"])
-    names = [component["name"] for component in against["variance_components"]["components"]]
-    assert names == ["theta", "d", "a", "alpha"]
-    assert [file["kind"] for file in found["inputs"]] == ["robot", "tolerances", "against"]
 
 
 def test_per_pose_file(tmp_path: Path) -> None:
@@ -218,42 +171,9 @@ POSES, ROBOT = SAMPLE / "poses.csv", SAMPLE / "robot.yaml"
 judged = commands.calls_of("iso9283")[2]
 
 
-@pytest.fixture(scope="module")
-def sample() -> dict[str, Any]:
-    return judged(str(POSES), "--rated-load", "6")
-
-
 def rows(path: Path) -> list[dict[str, str]]:
     lines = path.read_text(encoding="utf-8").splitlines()
     return list(csv.DictReader(line for line in lines if not line.startswith("#")))
-
-
-def test_json_has_its_keys_and_the_right_numbers(sample: dict[str, Any]) -> None:
-    assert (sample["schema"], sample["n_poses"], sample["n_commanded_poses"]) == ("robacc.iso9283/1", 150, 5)
-    digest = hashlib.sha256(POSES.read_bytes()).hexdigest()
-    assert sample["inputs"] == [{"name": "poses.csv", "sha256": digest, "kind": "poses"}]
-    found = sample["iso9283"]
-    for key in ("AP", "RP"):
-        figures = {one["pose"]: one["position_m"] for one in found[key]["poses"]}
-        assert (found[key]["max_m"], len(figures)) == (figures[found[key]["max_at"]], 5)
-        assert found[key]["max_m"] == max(figures.values())
-        interval = found[key]["intervals"]["max_m"]
-        assert interval["lower"] < found[key]["max_m"] < interval["upper_bound"] < interval["upper"]
-    own = [row for row in rows(POSES) if row["pose"] == "P1"]
-    attained = np.array([[float(row[axis]) for axis in "xyz"] for row in own])
-    apart = attained.mean(axis=0) - [float(own[0][f"cmd_{axis}"]) for axis in "xyz"]
-    assert found["AP"]["poses"][0]["position_m"] == pytest.approx(np.linalg.norm(apart), rel=1e-9)
-    assert found["AP"]["orientation"]["max_rad"] == pytest.approx(4.0e-4, rel=0.05)
-    for absent in (found["vAP"], found["exchangeability"]):
-        assert (absent["max_m"], bool(absent["why"])) == (None, True)
-    assert (len(found["AD"]["poses"]), found["AD"]["poses"][0]["poses"]) == (10, ["P1", "P2"])
-    met = ("five poses", "diagonal plane", "10 % from the corners", "30 cycles", "rated load", "temperature")
-    unknown = ("stabilisation", "warm-up", "rated velocity")
-    status = {one["condition"]: one["status"] for one in sample["protocol"]}
-    assert dict.fromkeys(met, "met") | dict.fromkeys(unknown, "unknown") | status == status
-    first = sample["visits"][0]
-    assert (first["pose"], first["n"], len(first["attained_m"])) == ("P1", 30, 30)
-    assert first["barycentre_m"] == pytest.approx(np.mean(first["attained_m"], axis=0).tolist())
 
 
 def test_robot_and_alignment() -> None:
@@ -335,16 +255,6 @@ def test_planned_poses_are_met_by_the_robot(tmp_path: Path) -> None:
         assert (wanted["pose"], wanted["cycle"]) == (attained["pose"], attained["cycle"])
         apart = [float(attained[axis]) - float(wanted[f"cmd_{axis}"]) for axis in "xyz"]
         assert np.max(np.abs(apart)) < 1e-9
-
-
-def test_plan_on_standard_output_and_as_json(tmp_path: Path) -> None:
-    printed = output("plan", "--for", "iso9283", "-o", "-", ROBOT, "--cycles", "1", "--plane", "y+", "--edge", "400mm")
-    lines = [line for line in printed.splitlines() if not line.startswith("#")]
-    assert (len(lines), "cycle" in lines[0], "x" in lines[0].split(",")) == (6, False, False)
-    assert "towards y+" in printed
-    found = commands.document("plan", "--for", "iso9283", ROBOT, "--edge", "400mm", "-o", tmp_path / "plan.csv")
-    assert (found["schema"], found["cube"]["edge_m"]) == ("robacc.iso9283-poses/1", 0.4)
-    assert [one["pose"] for one in found["poses"]] == ["P1", "P2", "P3", "P4", "P5"]
 
 
 def test_planned_poses_without_measurements_are_refused() -> None:

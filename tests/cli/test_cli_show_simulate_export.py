@@ -2,7 +2,6 @@
 
 import dataclasses
 import hashlib
-import json
 import re
 import shlex
 from dataclasses import replace
@@ -28,7 +27,6 @@ from sample_files import (
 )
 
 from robacc.documents.descriptions import SHOW
-from robacc.effects import REGISTRY
 from robacc.modelling.model import predict
 from robacc.modelling.robot_file import read_robot
 from robacc.poses.csv_file import read_poses
@@ -38,7 +36,6 @@ from robacc.render.views.robot import robot_view
 from robacc.robots.arm import build_chain, find_reach, summarise
 from robacc.robots.description import Frame, Joint, Mimic, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
-from robacc.simulation.simulate import Plan, simulate
 
 # ``robacc show``: its figures, its table, its JSON, its exit statuses.
 
@@ -124,15 +121,6 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
     ):
         assert row(text, heading, cells[0]) == cells
     assert "effects  backlash, gear_ratio" in text
-
-
-def test_names_are_not_cut_in_a_narrow_terminal() -> None:
-    assert "shoulder_lift_joint" in drawn(read_robot(CONFIGS / "ur10.yaml"), width=60)
-
-
-def test_output_file_holds_what_standard_output_would(tmp_path: Path) -> None:
-    words = ("configs/robots/ur10.yaml", "--format", "json")
-    assert (show(*words, "--output", tmp_path / "out.json"), (tmp_path / "out.json").read_text()) == ("", show(*words))
 
 
 BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
@@ -332,21 +320,6 @@ def test_every_file_of_the_sample_data_has_a_line_in_their_readme() -> None:
     assert len(documented_commands()) == 3
 
 
-def test_the_catalogue_lists_every_effect() -> None:
-    table = run("show", "effects").stdout
-    found = document("show", "effects")
-    assert (found["schema"], [effect["name"] for effect in found["effects"]]) == ("robacc.effects/1", list(REGISTRY))
-    for effect in found["effects"]:
-        assert f"\n{effect['name']} " in f"\n{table}"
-        assert "offered" not in effect
-    assert max(map(len, table.splitlines())) <= 80
-    assert len(table.splitlines()) < 3 * len(REGISTRY)
-    for name in ("step", "read_back"):
-        detail = run("show", "effects", name).stdout
-        for label in ("equation", "unit", "usual size", "needs", "confused with"):
-            assert detail.count(f"\n  {label:<16}") == 1
-
-
 def test_one_effect_in_detail_and_one_that_is_none() -> None:
     text = run("show", "effects", "backlash", "--robot", PUMA).stdout
     told = ("{effect: backlash, joints: [j2], values: {j2: -1e-4}}", "applicable to j1, j2, j3, j4, j5, j6")
@@ -373,24 +346,6 @@ def test_what_is_offered_for_a_robot_and_its_poses() -> None:
     assert "not applicable: no masses in the robot file" in one_line(text)
 
 
-def test_export_writes_the_arm_and_says_what_it_leaves_out(tmp_path: Path) -> None:
-    urdf = tmp_path / "arm.urdf"
-    result = run("export", TRUTH, "--urdf", urdf, "--format", "json")
-    found = json.loads(result.stdout)
-    assert (result.exit_code, found["schema"]) == (0, "robacc.export/1")
-    assert found["urdf_sha256"] == hashlib.sha256(urdf.read_bytes()).hexdigest()
-    carried_not = [loss for loss in found["not_carried"] if loss.startswith("effect")]
-    assert carried_not == ["effect joint_compliance", "effect backlash"]
-    assert missing(result.stderr, *(f"a URDF cannot represent {loss}" for loss in found["not_carried"])) == []
-    # Frames, zeros and lengths among the effects are geometry, which a URDF carries: what is left out is the rest.
-    truth = read_robot(TRUTH)
-    data = simulate(dataclasses.replace(truth, effects=truth.effects[:4]), Plan(9)).data
-    assert [entry["effect"] for entry in truth.effects[4:]] == ["joint_compliance", "backlash"]
-    read = predict(read_robot(urdf), data)
-    np.testing.assert_allclose(read.translation, data.position, rtol=0, atol=1e-12)
-    np.testing.assert_allclose(read.rotation, data.rotation, rtol=0, atol=1e-12)
-
-
 def test_export_to_standard_output_is_the_urdf_and_nothing_else() -> None:
     result = run("export", PUMA, "--urdf", "-")
     assert re.fullmatch(r"<\?xml.*</robot>\s*", result.stdout, re.DOTALL)
@@ -398,20 +353,6 @@ def test_export_to_standard_output_is_the_urdf_and_nothing_else() -> None:
 
 
 CONF = ROOT / "tests" / "plugins" / "samples" / "calibration.conf"
-
-
-def test_a_calibration_goes_in_and_out(tmp_path: Path) -> None:
-    arm, conf, document = tmp_path / "arm.yaml", tmp_path / "new.conf", tmp_path / "export.json"
-    output("init", "--from", CONF, "--arm", "ur10e", "--output", arm)
-    options = ("--format", "ur-calibration", "--template", CONF, "--output", conf, "--document", document)
-    shown = output("export", arm, *options)
-    assert shown.startswith("Export as ur-calibration of ur10e\n")
-    assert "position < 0.0001 mm rms" in shown
-    result = json.loads(document.read_text(encoding="utf-8"))
-    assert result["file_sha256"] == hashlib.sha256(conf.read_bytes()).hexdigest()
-    assert result["remaining_error"]["position"]["max_m"] < 1e-6
-    assert [file["kind"] for file in result["inputs"]] == ["robot", "template"]
-    assert conf.read_text(encoding="ascii").splitlines()[5:] == CONF.read_text(encoding="ascii").splitlines()[5:]
 
 
 def test_an_arm_of_universal_robots_goes_to_its_controller(tmp_path: Path) -> None:

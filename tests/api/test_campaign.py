@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 import yaml
 from arms import arm
-from commands import document, missing, output
+from commands import document, output
 from independent_arm import TOOL, robot, run, target
 from refusals import problems_of
 from sample_files import POSES as CLEAN, PUMA, ROBOT as NOMINAL, ROOT, TRACED_ROBOT, TRUTH, saved
@@ -245,17 +245,6 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     compared = document("compare", str(tmp_path / "own.json"), str(tmp_path / "other.json"))
     told = "made differently, robot file: own: fitted to the same poses; other: not fitted to these poses"
     assert any(text.startswith(told) for text in compared["warnings"])
-
-
-@pytest.mark.slow
-def test_the_headline_is_of_the_model(model: Path, tmp_path: Path) -> None:
-    pages = []
-    for name, file in (("model", str(model)), ("arm", ROBOT)):
-        page = tmp_path / f"{name}.html"
-        output("estimate", POSES, "--robot", file, "--report", str(page))
-        pages.append(page.read_text(encoding="utf-8"))
-    assert missing(pages[0], "The measured positions differ from the model&#39;s predictions by", WARNING) == []
-    assert "The measured positions differ from the commanded positions by" in pages[1]
 
 
 def test_a_digest_that_is_none_is_named() -> None:
@@ -586,29 +575,6 @@ def frames(tmp_path: Path) -> Path:
     """A file with a tool that is the flange."""
     path = saved(tmp_path / "frames.yaml", "units: {length: mm, angle: deg}\ntools: {1: {xyz: [0, 0, 0]}}\n")
     return path
-
-
-def test_tp_targets_have_the_turns_that_their_configuration_names(tmp_path: Path, frames: Path) -> None:
-    nominal, real = arms(Frame())
-    path = tmp_path / "two.ls"
-    poses = flange(nominal, Q[:, [0, 0]])
-    # Three decimals of a degree in the program's joint target.
-    result = corrected(
-        path,
-        tp_program(poses, ["N U T, 0, 0, 0", "N U T, 0, 0, 1"], Q[:, 0]),
-        model=real,
-        nominal=nominal,
-        frames=[frames],
-    )
-    wanted = result.corrections[1].wanted.q
-    turned = Q[:, 0] + 2 * np.pi * np.eye(6)[5]
-    if not all(j.limits is None or j.limits[1] >= turned[5] for j in nominal.variables[5:]):
-        assert "no solution in its configuration N U T, 0, 0, 1" in result.unchanged[0][2]
-        np.testing.assert_allclose(wanted.T, [Q[:, 0]], atol=1e-6)
-    else:
-        np.testing.assert_allclose(wanted.T, [Q[:, 0], turned], atol=1e-6)
-    assert any("not read completely" in warning for warning in result.warnings)
-    assert b"'N U T, 0, 0, 1'" in result.data
 
 
 def test_a_target_whose_correction_flips_the_wrist_stays(tmp_path: Path, frames: Path) -> None:

@@ -477,9 +477,11 @@ def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> Non
 def test_without_a_name_the_page_is_beside_the_result(
     iso_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = results.run("report", str(iso_result))
+    done = results.run("report", str(iso_result), "--identity", "serial_number=A-17")
     assert (done.exit_code, done.stdout, done.stderr) == (0, f"wrote {iso_result.with_suffix('.html')}\n", "")
-    assert iso_result.with_suffix(".html").read_text(encoding="utf-8").startswith("<!doctype html>")
+    text = iso_result.with_suffix(".html").read_text(encoding="utf-8")
+    assert text.startswith("<!doctype html>")
+    assert "A-17" in text
     monkeypatch.chdir(tmp_path)
     assert CliRunner().invoke(app, ["report", str(iso_result), str(iso_result)]).stdout == "wrote report.html\n"
     assert Path("report.html").exists()
@@ -532,6 +534,7 @@ def test_a_picture_becomes_a_file(form: str, iso_result: Path, tmp_path: Path) -
         (("{result}", "--chart", "budget", "-o", "{x}.png"), "it has iso9283, iso9283-cloud"),
         (("{result}", "-o", "{result}"), "would be overwritten"),
         (("-", "-", "-o", "{x}.html"), "standard input can be read only once"),
+        (("{result}", "--identity", "serial=A-17", "-o", "{x}.html"), "serial_number"),
     ],
 )
 def test_pages_and_charts_that_cannot_be_made(

@@ -257,5 +257,10 @@ def test_planned_poses_are_met_by_the_robot(tmp_path: Path) -> None:
         assert np.max(np.abs(apart)) < 1e-9
 
 
+def test_the_plane_of_a_plan_is_that_asked_for() -> None:
+    planned = output("plan", "--for", "iso9283", "-o", "-", ROBOT, "--cycles", "1", "--plane", "y+", "--edge", "400mm")
+    assert "towards y+" in planned
+
+
 def test_planned_poses_without_measurements_are_refused() -> None:
     assert "columns x, y, z are missing" in refused("iso9283", SAMPLE / "plan.csv", status=3)

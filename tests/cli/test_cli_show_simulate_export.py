@@ -123,6 +123,10 @@ def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
     assert "effects  backlash, gear_ratio" in text
 
 
+def test_names_are_not_cut_in_a_narrow_terminal() -> None:
+    assert "shoulder_lift_joint" in drawn(read_robot(CONFIGS / "ur10.yaml"), width=60)
+
+
 BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
   - {effect: backlash, joints: [j7], values: {j7: 1}}
   - {effect: backlash, joints: [j1], values: }

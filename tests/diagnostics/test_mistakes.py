@@ -11,7 +11,6 @@ import independent_arm
 import numpy as np
 import pytest
 from arms import CONFIGURED, arm
-from commands import refused
 from results import run
 from scipy.spatial.transform import Rotation
 
@@ -25,7 +24,6 @@ from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames
 from robacc.geometry import exp_so3, quaternion_from_rotation, rotate, rotation_about, rotation_from_quaternion
 from robacc.modelling.model import Model, predict
 from robacc.robots.description import Frame
-from robacc.robots.yaml_robot import robot_to_yaml
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import calibrate
 from robacc.tracing.trace import trace
@@ -137,20 +135,6 @@ def test_few_poses_or_no_joints_are_not_judged() -> None:
     robot, data = arm("puma560").robot, MISTAKES["mm"][0](good())
     assert check_data(robot, data.subset(np.arange(7))) == ()
     assert check_data(robot, dataclasses.replace(data, q=None)) == ()
-
-
-@pytest.mark.parametrize("command", [("trace",), ("calibrate", "--fit", "base_frame,tool_frame,joint_offset")])
-def test_the_command_line_exits_with_3(tmp_path: Path, command: tuple[str, ...]) -> None:
-    robot: Robot = arm("puma560").robot
-    (tmp_path / "arm.yaml").write_text(robot_to_yaml(robot), encoding="utf-8")
-    data = MISTAKES["sign of j6"][0](good(False))
-    lines = ["q1,q2,q3,q4,q5,q6,x,y,z"]
-    lines += [",".join(f"{value:.9f}" for value in (*data.q[:, i], *data.position[:, i])) for i in range(data.n)]
-    (tmp_path / "poses.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    name, *rest = command
-    told = refused(name, tmp_path / "poses.csv", "--robot", tmp_path / "arm.yaml", *rest, "--format", "json", status=3)
-    assert "poses.csv: the sign of joint j6 seems to be reversed" in told
-    assert "set sign: -1 for the joint in the robot file, or reverse the sign of its column" in told
 
 
 Matrix = np.ndarray
@@ -476,15 +460,6 @@ def test_other_joints_of_the_same_arm_are_no_permutation(seed: int) -> None:
     assert "another order" not in text
 
 
-def test_a_wrong_sign_is_no_permutation() -> None:
-    q = data_of_row_mistakes().q
-    for joint in range(6):
-        flipped = dataclasses.replace(data_of_row_mistakes(), q=np.where(np.arange(6)[:, None] == joint, -q, q))
-        with pytest.raises(InputError) as caught:
-            check_data(independent_arm.robot(), flipped)
-        assert "another order" not in str(caught.value)
-
-
 N_OF_SUSPECTED_MISTAKES = 30
 EFFECTS = "base_frame,tool_frame,link_geometry[j4]"
 
@@ -683,7 +658,7 @@ def test_the_arm_that_was_measured_is_named(stated: str) -> None:
     assert "check that `robot` is the arm that was measured" in warning
 
 
-def test_a_trace_names_it_too() -> None:
+def test_a_calibration_names_it_too() -> None:
     warnings = robacc.calibrate(measured("ur10e"), robot="ur10", fit="base_frame,tool_frame").warnings
     assert any("the package's ur10e" in text for text in warnings)
 

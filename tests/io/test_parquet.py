@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from commands import document, output, run
+from commands import document
 from sample_files import POSES, ROBOT, saved
 
 import robacc
@@ -61,18 +61,6 @@ def test_the_same_measurements_as_from_csv(tmp_path: Path) -> None:
             np.testing.assert_array_equal(actual, expected, err_msg=name)
     assert ours.sha256 == hashlib.sha256(Path(path).read_bytes()).hexdigest()
     assert (ours.place(0), theirs.place(0)) == ("row 1", "line 3")
-
-
-def test_the_command_gives_the_same_figures(tmp_path: Path) -> None:
-    path = sample(tmp_path / "poses.parquet")
-    found, expected = (document("estimate", poses, "--robot", ROBOT) for poses in (path, POSES))
-    assert found["position"] == expected["position"]
-    assert found["grade"] == expected["grade"]
-    assert found["inputs"][0]["name"] == "poses.parquet"
-    for more in ([], ["--full"]):
-        table = output("estimate", path, "--robot", ROBOT, *more)
-        assert "row 3 " in table
-    assert "line" not in table
 
 
 def test_units_stand_in_the_names_and_row_groups_join(tmp_path: Path) -> None:
@@ -144,12 +132,6 @@ def test_duplicate_columns_are_named(tmp_path: Path) -> None:
 def test_pandas_index_is_no_column(tmp_path: Path) -> None:
     data = read_poses(written(tmp_path / "p.parquet", {**PLAIN, "__index_level_0__": [0, 1, 2]}))
     assert data.warnings == ()
-
-
-def test_no_row_is_no_pose_as_in_csv(tmp_path: Path) -> None:
-    path = written(tmp_path / "p.parquet", {name: pa.array([], pa.float64()) for name in PLAIN})
-    text = saved(tmp_path / "p.csv", ",".join(PLAIN) + "\n")
-    assert [run("estimate", file, "--robot", ROBOT).exit_code for file in (path, text)] == [3, 3]
 
 
 def test_what_is_no_parquet_is_said(tmp_path: Path) -> None:

@@ -1,13 +1,11 @@
 """Recordings of ROS: topics, clocks, stands of the robot, and the association of joints with measured poses."""
 
-import json
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
-from commands import document
 from sample_files import SAMPLES
 
 import robacc
@@ -174,13 +172,3 @@ def test_damaged_recordings_are_one_message(tmp_path: Path) -> None:
 def test_another_folder_is_refused(tmp_path: Path) -> None:
     with pytest.raises(InputError, match=r"is a folder, expected a file(?s:.*)metadata.yaml"):
         robacc.read_poses(tmp_path)
-
-
-def test_one_command_grades_a_bag(tmp_path: Path) -> None:
-    path = Bag(tmp_path / "bag", in_motion=True).write()
-    found = document("estimate", path, "--robot", SAMPLES / "robot.yaml", "--bag", "at=rest")
-    expected = json.loads(robacc.estimate(DATA, robot=ROBOT).to_json())
-    # Positions agree to 1 nm, so do their errors.
-    assert found["position"]["rms_m"] == pytest.approx(expected["position"]["rms_m"], abs=2e-9)
-    assert found["inputs"][0]["reading"] == {"bag": "at=rest"}
-    assert len(found["inputs"][0]["sha256"]) == 64

@@ -44,16 +44,6 @@ def test_photos_show_the_joint_zeros(kind: str, tmp_path: Path) -> None:
         assert found.value == pytest.approx(ZEROS[number - 1], abs=max(4.0 * (found.std or 0.0), 1e-3))
 
 
-def test_the_command_takes_a_folder_of_photos(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.chdir(tmp_path)
-    taken(tmp_path, "charuco", 6)
-    robacc.write_robot(tmp_path / "arm.yaml", robot())
-    arguments = ["estimate", "photos", "--joints", "joints.csv", "--board", "board.yaml", "--camera", "camera.yaml"]
-    done = run(*arguments, "--robot", "arm.yaml")
-    assert done.exit_code == 0, done.stderr
-    assert "Error of 6 measured poses" in done.stdout
-
-
 @pytest.mark.parametrize("form", ["image,photos/{}.png", "filename,{}.PNG", "id,{number}", ""])
 def test_joints_are_joined_however_the_photos_are_named(form: str, tmp_path: Path) -> None:
     path = taken(tmp_path, "charuco", 6)

@@ -267,13 +267,6 @@ def test_joints_turn_by_their_own_and_the_coupled_variables() -> None:
     np.testing.assert_allclose(build_chain(robot).forward(q[:, None]).matrices()[0], expected, atol=1e-14)
 
 
-def test_rods_keep_the_wrist_level() -> None:
-    robot = parse_robot(PALLETISER, "p.yaml")
-    q = np.random.default_rng(0).uniform(-1, 1, (4, 50))
-    z = build_chain(replace(robot, tool=type(robot.tool)())).forward(q).rotation[:, 2]
-    np.testing.assert_allclose(z, np.tile([[0.0], [0.0], [1.0]], 50), atol=1e-12)
-
-
 @pytest.mark.parametrize("text", [PALLETISER, SPINDLE])
 def test_the_jacobian_is_the_derivative(text: str) -> None:
     arm = Arm.of(parse_robot(text, "p.yaml"))

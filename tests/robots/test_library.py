@@ -16,7 +16,7 @@ from robacc.geometry import rotation_from_rpy
 from robacc.modelling.robot_file import find_arm, library, read_robot, robot_path, similar_arms
 from robacc.robots.arm import build_chain
 from robacc.robots.description import Frame
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.urdf import parse_urdf
 
 KEYS = [arm["name"] for arm in library()]
 
@@ -47,15 +47,6 @@ def test_arms_are_those_of_their_urdf(key: str) -> None:
     poses, expected = build_chain(robot).forward(q).matrices(), flange_poses(facts, q)
     np.testing.assert_allclose(poses[:, :3, 3] * 1e3, expected[:, :3, 3], atol=1e-9)
     np.testing.assert_allclose(poses[:, :3, :3], expected[:, :3, :3], atol=1e-12)
-
-
-def test_the_published_table_of_the_gen3_rounds_to_ours() -> None:
-    # Kinova Gen3 user guide, Denavit-Hartenberg parameters, in mm to 0.1; the last row includes the interface module.
-    # The maker's URDF has 0.35 mm at joint 6, where the guide has zero.
-    ours = [-1e3 * joint.parameters["d"] for joint in read_robot("gen3_7dof").joints]
-    ours[-1] += 61.525
-    assert ours.pop(5) == pytest.approx(0.35, abs=0.01)
-    assert ours == pytest.approx([284.8, 11.8, 420.8, 12.8, 314.3, 167.4], abs=0.1)
 
 
 def reach_of(facts: Facts, robot: robacc.Robot) -> float:
@@ -194,30 +185,6 @@ def test_universal_robots_tables_agree_with_a_second_source(key: str) -> None:
     assert [row["alpha"] for row in p] == pytest.approx([math.pi / 2, 0, 0, math.pi / 2, -math.pi / 2, 0])
 
 
-# The maker's screw axes of the arms at zero, m, and the gripper's position (docs.trossenrobotics.com).
-SCREWS = {
-    "wx250s": (0.11065, 0.36065, 0.04975, 0.29975, 0.458325),
-    "vx300s": (0.12705, 0.42705, 0.05955, 0.35955, 0.536494),
-}
-
-
-@pytest.mark.parametrize("key", SCREWS)
-def test_interbotix_arms_agree_with_the_makers_screws(key: str) -> None:
-    shoulder, height, elbow, wrist, tip = SCREWS[key]
-    points = ((0, 0, 0), (0, 0, shoulder), (elbow, 0, height), (0, 0, height), (wrist, 0, height), (0, 0, height))
-    q = np.random.default_rng(1).uniform(-2, 2, (6, 10))
-    expected = np.eye(4)
-    for point, axis, angle in zip(points, "zyyxyx", q, strict=True):
-        expected = expected @ shift(*point) @ about(axis, angle) @ shift(*(-value for value in point))
-    poses = build_chain(read_robot(key)).forward(q).matrices()
-    np.testing.assert_allclose(poses, expected @ shift(tip, 0, height), atol=1e-12)
-
-
-def test_the_mycobot_reaches_its_working_radius_with_axis_6() -> None:
-    joints = [joint.parameters for joint in read_robot("mycobot_280").joints]
-    assert joints[1]["a"] + joints[2]["a"] + joints[4]["d"] == pytest.approx(0.28, abs=5e-4)
-
-
 @pytest.mark.parametrize("key", [arm["name"] for arm in library() if "computed" in arm["source"]])
 def test_computed_reach_is_the_greatest_distance_from_axis_1(key: str) -> None:
     facts, robot = URDF_FACTS[key], read_robot(key)
@@ -242,17 +209,6 @@ def test_the_scara_stretched_is_the_books() -> None:
     # Schilling, p_z = d1 - q3 - d4: 877 - 100 - 200 mm, at a reach of 425 + 375 mm.
     pose = build_chain(read_robot("adept_one")).forward(np.array([[0.0], [0.0], [0.1], [0.0]]))
     np.testing.assert_allclose(pose.translation[:, 0], [0.8, 0, 0.577], atol=1e-12)
-
-
-def test_a_fanuc_forearm_stays_level_while_joint_2_turns() -> None:
-    # The convention of FANUC controllers: J3 is the forearm's angle to the horizontal.
-    robot = read_robot("lrmate_200id")
-    q = np.zeros((6, 5))
-    q[1] = np.linspace(-1, 1, 5)
-    rotation = build_chain(robot).forward(q).rotation
-    np.testing.assert_allclose(rotation, np.repeat(rotation[..., :1], 5, axis=-1), atol=1e-12)
-    reread = parse_urdf(robot_to_urdf(robot)[0], "again.urdf")
-    np.testing.assert_allclose(build_chain(reread).forward(q).rotation, rotation, atol=1e-12)
 
 
 def test_every_file_is_in_the_list_with_its_source() -> None:

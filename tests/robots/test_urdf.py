@@ -16,7 +16,7 @@ from sample_files import ROOT
 from slow_parameters import some_fast
 
 import robacc
-from robacc import InputError, RobaccError, Robot, UsageError, read_robot
+from robacc import InputError, Robot, UsageError, read_robot
 from robacc.geometry import Array
 from robacc.robots.arm import build_chain
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic
@@ -221,20 +221,6 @@ assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
         [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stderr
-
-
-def test_every_error_is_one_of_ours_for_any_mutilation() -> None:
-    # Cut anywhere, or without any one tag, the file is a robot or one of our errors and never a crash.
-    tags = list(re.finditer(r"<[^<>]*>", TREE))
-    cases = [TREE[:k] for k in range(0, len(TREE), 37)] + [TREE[: m.start()] + TREE[m.end() :] for m in tags]
-    outcomes = set()
-    for text in cases:
-        try:
-            parse_urdf(text, "cut.urdf")
-            outcomes.add("read")
-        except RobaccError:
-            outcomes.add("refused")
-    assert outcomes == {"read", "refused"}
 
 
 BRANCHED = """<robot name="torso">

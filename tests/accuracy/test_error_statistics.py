@@ -248,11 +248,6 @@ def test_no_poses_have_no_statistics() -> None:
         error_statistics(np.zeros((3, 0)), "m")
 
 
-def test_confidence_widens_intervals() -> None:
-    wide, narrow = (error_statistics(gaussian(40), "m", confidence=c).intervals.rms for c in (0.99, 0.8))
-    assert wide.lower < narrow.lower < narrow.upper < wide.upper
-
-
 def test_fitted_parameters_count_as_poses() -> None:
     """Frames that leave 3 of 4 components leave the degrees of freedom of 30 of 40 poses."""
     errors = gaussian(40)

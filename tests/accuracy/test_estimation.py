@@ -76,13 +76,6 @@ def test_errors_in_either_frame_are_those_put_in(size: float, n: int, atol: floa
     np.testing.assert_allclose(base.rotation, (attained * commanded.inv()).as_rotvec().T, atol=atol, rtol=0)
 
 
-def test_large_orientation_error_is_the_exact_logarithm() -> None:
-    vector = np.array([[0.0], [3.0], [0.0]])
-    data = Measurements(np.zeros((3, 1)), rotation=Rotation.from_rotvec(vector.T).as_matrix().transpose(1, 2, 0))
-    errors = pose_errors(data, np.zeros((3, 1)), np.eye(3)[..., None], "tool")
-    np.testing.assert_allclose(errors.rotation, vector, atol=1e-14)
-
-
 def test_the_robot_commands_the_pose_and_wins_over_the_file() -> None:
     rng = np.random.default_rng(5)
     q, d = rng.uniform(LOW, HIGH, (6, N)), rng.normal(scale=1e-3, size=(3, N))
@@ -348,15 +341,6 @@ def test_held_out_errors_are_those_of_refits(turned: bool) -> None:
     assert found.share == pytest.approx(1.0 - (12 / 54 if turned else 9 / 27))
 
 
-def test_many_poses_are_registered_almost_as_well_without_one() -> None:
-    rng = np.random.default_rng(6)
-    data = measured(Arm.drawn(rng), rng.uniform(LOW, HIGH, (6, 1000)), rng, True)
-    found = estimate(data, ROBOT, align=FRAMES)
-    fitted = np.linalg.norm(residuals(data, predict(found.alignment.robot, data))[:3], axis=0)
-    assert found.position.rms == pytest.approx(np.sqrt(np.mean(fitted**2)), rel=0.01)
-    assert found.position.n_independent == pytest.approx(998.0)
-
-
 def test_the_rms_of_few_registered_poses_is_that_of_fresh_poses() -> None:
     """With residuals and without counting parameters, 89 % of the upper limits were too low at 5 poses, 53 % at 12."""
     for n, tolerance in ((5, 0.4), (12, 0.1)):
@@ -486,13 +470,6 @@ def test_files_with_a_byte_order_mark_are_read_in_parts(
     parts = robacc.estimate(str(path), **call)
     check_same(whole, parts, fitted="align" in call)
     assert ("read in parts" in parts.position.structure.text) == ("cycles" in made)
-
-
-def test_processes_change_no_byte(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = simulated(tmp_path / "poses.csv", n=800)
-    in_parts(monkeypatch)
-    one, two = (robacc.estimate(path, robot=ROBOT_OF_IN_PARTS, jobs=jobs) for jobs in (1, 2))
-    assert json_text(one.document()) == json_text(two.document())
 
 
 def test_a_wrong_number_is_named_with_its_line_in_the_file(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

@@ -34,9 +34,15 @@ DOCS = ROOT / "docs"
 PAGES = sorted(path for path in DOCS.rglob("*.md") if "pictures" not in path.parts)
 NAMES = [str(path.relative_to(DOCS)) for path in PAGES]
 CACHE: dict[str, Ran] = {}
+LONG = ("fleet", "history", "photos", "plan", "report", "sockets")
+"""How-to guides whose commands take more than a few seconds."""
+SHOWN = [
+    pytest.param(path, id=name, marks=[pytest.mark.slow] * (path.parent.name == "how-to" and path.stem in LONG))
+    for path, name in zip(PAGES, NAMES, strict=True)
+]
 
 
-@pytest.mark.parametrize("path", PAGES, ids=NAMES)
+@pytest.mark.parametrize("path", SHOWN)
 def test_commands_print_what_the_page_shows(path: Path, tmp_path: Path) -> None:
     session = Session(tmp_path, CACHE)
     for block in blocks(path.read_text(encoding="utf-8")):

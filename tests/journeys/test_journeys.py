@@ -3,7 +3,6 @@
 import dataclasses
 import json
 import math
-import re
 from collections.abc import Callable, Iterable, Iterator
 from functools import cache
 from pathlib import Path
@@ -14,12 +13,10 @@ from commands import missing, run
 from homogeneous import shift, turn
 from independent_arm import DECLARED, LIMITS, link_frames, robot, target
 from refusals import problems_of
-from sample_files import SAMPLES, saved
-from typer.testing import CliRunner, Result
+from sample_files import saved
 
 import robacc
 from robacc.api.inputs import with_measured_targets
-from robacc.cli.main import app
 from robacc.effects.base import effect_class
 from robacc.errors import InputError
 from robacc.measurements import Measurements
@@ -27,87 +24,6 @@ from robacc.modelling.model import Model
 from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
 from robacc.robots.description import Fixture, Frame
-
-ROBOT = str(SAMPLES / "robot.yaml")
-
-
-class Journey:
-    """Commands of one user; each command is a step."""
-
-    def __init__(self) -> None:
-        self.steps = 0
-
-    def robacc(self, *arguments: str, status: int = 0) -> Result:
-        self.steps += 1
-        result = CliRunner().invoke(app, list(arguments))
-        assert result.exit_code == status, result.output
-        assert "Traceback" not in result.output
-        return result
-
-
-@pytest.fixture
-def journey(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Journey:
-    monkeypatch.chdir(tmp_path)
-    return Journey()
-
-
-def test_technician_with_a_tracker_export(journey: Journey) -> None:
-    data = robacc.read_poses(SAMPLES / "poses.csv", robot=robacc.read_robot(ROBOT)).subset(slice(0, 20))
-    assert data.q is not None
-    rows = np.vstack([np.degrees(data.q), data.position * 1e3]).T
-    lines = [";".join(f"{value:.4f}" for value in row).replace(".", ",") for row in rows]
-    lines[4] = lines[4].rsplit(";", 1)[0] + ";"  # the beam broke
-    text = "Messprotokoll Zelle 3\n\nA1;A2;A3;A4;A5;A6;X;Y;Z\n" + "\n".join(lines) + "\n"
-    Path("tracker.csv").write_bytes(text.encode("cp1252"))
-    # The refusal names the option that answers it; the units have one answer.
-    first = journey.robacc("estimate", "tracker.csv", "--robot", ROBOT, status=3)
-    assert "tracker.csv:8, Z: the value is missing" in first.stderr
-    second = journey.robacc("estimate", "tracker.csv", "--robot", ROBOT, "--skip-gaps")
-    assert "warning: tracker.csv: 1 row with a missing value left out" in second.stderr
-    assert "note: tracker.csv: X, Y, Z taken as mm: no other unit agrees" in second.stderr
-    assert "Error of 19 measured poses" in second.stdout
-    assert journey.steps == 2
-
-
-def test_engineer_with_a_urdf(journey: Journey) -> None:
-    journey.robacc("show", "robots", "ur5e")
-    model = journey.robacc("init", "ur5e", "--folder", "cell")
-    files = re.findall(r"wrote (\S+)", model.output) or [str(path) for path in Path("cell").iterdir()]
-    assert files
-    robot, poses = next(Path("cell").glob("*.yaml")), next(Path("cell").glob("*.csv"))
-    journey.robacc("export", str(robot), "--format", "urdf", "--output", "cell.urdf")
-    answer = journey.robacc("estimate", str(poses), "--robot", "cell.urdf", "--align", "base_frame,tool_frame")
-    assert "Grade" in answer.stdout
-    assert journey.steps == 4
-
-
-def test_ci_gates_a_result(journey: Journey) -> None:
-    Path("gate.yaml").write_text(
-        "robacc_gate: 1\nname: cell 3\ncriteria:\n"
-        "  - {key: position.p95, limit: 5 mm, rule: simple, reason: tolerance of the gripper}\n",
-        encoding="utf-8",
-    )
-    arguments = ("estimate", str(SAMPLES / "poses.csv"), "--robot", ROBOT, "--gate", "gate.yaml")
-    result = journey.robacc(*arguments, "--junit", "junit.xml", "--format", "json")
-    assert json.loads(result.stdout)["gate"]["outcome"] == "pass"
-    assert 'tests="1" failures="0"' in Path("junit.xml").read_text(encoding="utf-8")
-    assert journey.steps == 1
-
-
-def test_customer_reads_the_report(journey: Journey) -> None:
-    pytest.importorskip("jinja2")
-    pytest.importorskip("plotly")
-    journey.robacc("estimate", str(SAMPLES / "poses.csv"), "--robot", ROBOT, "--format", "json", "-o", "result.json")
-    wrong = journey.robacc("report", "result.json", "--identity", "serial=A-17", "--output", "report.html", status=2)
-    assert "serial_number" in wrong.stderr
-    assert not Path("report.html").exists()
-    identity = ("--identity", "serial_number=A-17", "--identity", "customer=Muster AG")
-    journey.robacc("report", "result.json", *identity, "--output", "report.html")
-    page = Path("report.html").read_text(encoding="utf-8")
-    assert "A-17" in page
-    assert "Muster AG" in page
-    assert journey.steps == 3
-
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
 ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
@@ -127,14 +43,18 @@ ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
 Row = dict[str, object]
 
 
-def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray, within: float = 1.0) -> np.ndarray | None:
-    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none ``within``."""
+STEPS = 1e-6 * np.hstack((np.zeros((6, 1)), np.eye(6), -np.eye(6)))
+
+
+def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray | None:
+    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none in range."""
     for _ in range(40):
-        if np.abs(gap(target(q + ZEROS))).max() < 1e-13:
+        here, *beside = map(gap, target((q + ZEROS)[:, None] + STEPS))
+        if np.abs(here).max() < 1e-13:
             break
-        slope = np.array([(gap(target(q + ZEROS + e)) - gap(target(q + ZEROS - e))) / 2e-6 for e in 1e-6 * np.eye(6)])
-        q = q - np.clip(np.linalg.pinv(slope.T) @ gap(target(q + ZEROS)), -0.2, 0.2)
-    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > within * LOW) & (q < within * HIGH))
+        slope = (np.array(beside[:6]) - np.array(beside[6:])) / 2e-6
+        q = q - np.clip(np.linalg.pinv(slope.T) @ here, -0.2, 0.2)
+    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > LOW) & (q < HIGH))
     return q if is_reached else None
 
 
@@ -465,45 +385,7 @@ def test_a_socket_may_have_any_name(tmp_path: Path) -> None:
     assert second.after.fitted.position.rms == pytest.approx(first.after.fitted.position.rms)
 
 
-# A calibration without an instrument: the tip of the tool rests in sockets of a plate, arm simulated independently.
-PLATE = np.array([[0.0, 0.0, 0.0], [0.3, 0.0, 0.0], [0.0, 0.2, 0.0]])
-"""Sockets in the frame of the plate, m."""
-CORNER, YAW = np.array([0.75, -0.15, 0.3]), 0.4
-SCATTER = 3e-5
-"""Repeatability of the joints, rad."""
-
-
-def in_plate(position: np.ndarray) -> np.ndarray:
-    c, s = np.cos(YAW), np.sin(YAW)
-    return (position - CORNER) @ np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
-
-
-def test_sockets_give_the_joint_zeros_and_positions_elsewhere() -> None:
-    generator = np.random.default_rng(5)
-    joints, places = [], []
-    while len(joints) < 36:
-        place = PLATE[len(joints) % 3]
-        q = reached(lambda p, place=place: place - in_plate(p), generator.uniform(LOW, HIGH), 1.6)
-        if q is not None:
-            joints.append(q + generator.normal(0.0, SCATTER, 6))
-            places.append(place)
-    result = robacc.calibrate(Measurements(np.array(places).T, q=np.array(joints).T), robot=robot(), fit=DECLARED)
-    parameters = {parameter.name: parameter for parameter in result.parameters}
-    for number, zero in enumerate(ZEROS[1:5], 2):
-        found = parameters[f"joint_offset.j{number}"]
-        assert found.std is not None
-        assert abs(found.value - zero) < 3.0 * found.std
-    q = generator.uniform(LOW, HIGH, (100, 6)).T
-    elsewhere = Measurements(np.array([in_plate(target(angles + ZEROS)) for angles in q.T]).T, q=q)
-    nominal, calibrated = (
-        robacc.estimate(elsewhere, robot=arm, align=frames).position.mean_error
-        for arm, frames in ((robot(), "base_frame,tool_frame"), (result.robot, "none"))
-    )
-    assert nominal > 1e-3
-    assert calibrated < 0.25 * nominal
-
-
-"""Errors of the joint zeros, rad."""
+# Photos of a board, arm and camera simulated independently.
 MIDDLE = np.array([0.2, 0.3, -0.2, 0.3, 0.9, 0.1])
 """Joints about which the photos are taken, rad."""
 REACH = np.array([0.4, 0.4, 0.4, 0.8, 0.6, 0.8])
@@ -662,19 +544,6 @@ def test_photos_with_the_joints_of_the_next_are_refused(tmp_path: Path) -> None:
     Path(path).write_text("\n".join(",".join(row) for row in (head, *rows)) + "\n")
     with pytest.raises(InputError, match=r"shifted by one row .* pair each measured pose with its own joint values"):
         robacc.calibrate(path, robot=robot())
-
-
-def test_trace_names_a_gear_that_photos_show(tmp_path: Path) -> None:
-    path = written_photos(tmp_path, "world", 70, 0.1)
-    rows = Path(path).read_text().splitlines()
-    for i, row in enumerate(rows[1:], 1):
-        cells = row.split(",")
-        # The joint stands where its gear takes it: the commanded angle differs by the gear's error.
-        cells[3] = repr(float(cells[3]) - 1.5e-3 * math.sin(2.0 * float(cells[3]) + 0.4))
-        rows[i] = ",".join(cells)
-    Path(path).write_text("\n".join(rows) + "\n")
-    result = robacc.trace(path, robot=robot(), declared=DECLARED)
-    assert ("transmission_error", ("j3",)) in [(finding.effect, finding.joints) for finding in result.findings]
 
 
 def test_photos_in_their_order_show_the_backlash_of_a_servo(tmp_path: Path) -> None:

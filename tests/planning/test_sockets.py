@@ -21,8 +21,10 @@ def places(tmp_path: Path, rows: np.ndarray = PLACES) -> str:
     return saved(tmp_path / "places.csv", "\n".join(["pose,x_mm,y_mm,z_mm", *lines, ""]))
 
 
-def in_sockets(tmp_path: Path) -> robacc.Measurements:
+@pytest.fixture(scope="module")
+def data(tmp_path_factory: pytest.TempPathFactory) -> robacc.Measurements:
     """Planned poses that reach the places, read back."""
+    tmp_path = tmp_path_factory.mktemp("sockets")
     region = "x=0.3:1.2,y=-0.7:0.7,z=0.1:1.1"
     found = places(tmp_path)
     result = robacc.plan(robot(), candidates=found, poses=24, fit=FIT, noise="0.05mm", region=region, repeats=0)
@@ -34,8 +36,7 @@ def in_sockets(tmp_path: Path) -> robacc.Measurements:
     return robacc.read_poses(path, robot=robot())
 
 
-def test_joints_are_found_that_reach_the_sockets(tmp_path: Path) -> None:
-    data = in_sockets(tmp_path)
+def test_joints_are_found_that_reach_the_sockets(data: robacc.Measurements) -> None:
     sockets = [str(name).partition("-")[0] for name in data.pose]
     assert len({*sockets}) > 2
     for q, position, socket in zip(data.q.T, data.position.T, sockets, strict=True):
@@ -56,8 +57,7 @@ def test_places_that_cannot_be_reached_are_named(tmp_path: Path) -> None:
         robacc.plan(robot(), candidates=nothing)
 
 
-def test_a_column_socket_means_points_of_unknown_place(tmp_path: Path) -> None:
-    data = in_sockets(tmp_path)
+def test_a_column_socket_means_points_of_unknown_place(data: robacc.Measurements, tmp_path: Path) -> None:
     names = {str(name).partition("-")[0] for name in data.pose}
     rows = [
         f"{','.join(map(repr, q))},{name},{str(name).partition('-')[0]}"

@@ -1,6 +1,7 @@
 """Videos and messages with images: the board where the arm stands still, in data sets of LeRobot and bags of ROS."""
 
 import json
+import shutil
 from collections.abc import Callable
 from functools import cache
 from pathlib import Path
@@ -178,6 +179,18 @@ def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statement
     assert robacc.estimate(data, robot=robot()).position.rms < 5e-3
 
 
+@pytest.fixture(scope="module")
+def recorded(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """A folder with a data set and the calibration of its motors."""
+    return data_set(tmp_path_factory.mktemp("recorded")).parent
+
+
+@pytest.fixture
+def copied(recorded: Path, tmp_path: Path) -> Path:
+    """A copy of the folder, to be changed."""
+    return Path(shutil.copytree(recorded, tmp_path, dirs_exist_ok=True))
+
+
 @pytest.mark.parametrize(
     ("file", "content", "statements", "message"),
     [
@@ -195,9 +208,9 @@ def test_stops_of_a_recording_are_photos(make: Callable[[Path], Path], statement
     ],
 )
 def test_what_a_data_set_lacks_is_said(
-    file: str | None, content: str, statements: str | None, message: str, tmp_path: Path
+    file: str | None, content: str, statements: str | None, message: str, copied: Path
 ) -> None:
-    root = data_set(tmp_path)
+    root = copied / "set"
     info = json.loads((root / "meta/info.json").read_text())
     if file == "shorter":
         video(root / f"videos/chunk-000/{CAMERAS[0]}/episode_000000.mp4", frames()[2][:20])
@@ -206,9 +219,9 @@ def test_what_a_data_set_lacks_is_said(
         info["features"]["observation.state"]["names"] = NAMES if file == "fps" else NAMES[:2]
         (root / "meta/info.json").write_text(json.dumps(info))
     elif file is not None:
-        (tmp_path / file).write_text(content)
+        (copied / file).write_text(content)
     with pytest.raises(InputError) as caught:
-        points_of(root, statements and statements.format(tmp_path))
+        points_of(root, statements and statements.format(copied))
     assert message in str(caught.value)
 
 

@@ -71,7 +71,8 @@ def points(count: int, seed: int) -> str:
     return "\n".join(lines) + "\n"
 
 
-@pytest.mark.parametrize("seed", [1, pytest.param(5, marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 5])
 def test_zeros_play_and_droop_of_a_servo_arm_are_named(seed: int, tmp_path: Path) -> None:
     (tmp_path / "points.csv").write_text(points(60, seed))
     camera = f"fx: {FOCAL}\nfy: {FOCAL}\ncx: {CENTRE[0, 0]}\ncy: {CENTRE[1, 0]}\nmount: world\n"

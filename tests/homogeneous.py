@@ -21,9 +21,9 @@ def turn(axis: int, angle: float | Matrix) -> Matrix:
 
 def shift(x: float | Matrix = 0.0, y: float | Matrix = 0.0, z: float | Matrix = 0.0) -> Matrix:
     """Translations."""
-    place = np.stack(np.broadcast_arrays(x, y, z), axis=-1)
-    result = np.tile(np.eye(4, dtype=np.result_type(place, float)), (*place.shape[:-1], 1, 1))
-    result[..., :3, 3] = place
+    result = np.zeros((*np.broadcast(x, y, z).shape, 4, 4), np.result_type(x, y, z, float))
+    result[...] = np.eye(4)
+    result[..., 0, 3], result[..., 1, 3], result[..., 2, 3] = x, y, z
     return result
 
 
@@ -32,6 +32,6 @@ def frame(xyz: Sequence[float | Matrix], rpy: Sequence[float | Matrix]) -> Matri
     return shift(*xyz) @ turn(2, rpy[2]) @ turn(1, rpy[1]) @ turn(0, rpy[0])
 
 
-def dh(theta: float | Matrix, d: float | Matrix, a: float, alpha: float) -> Matrix:
+def dh(theta: float | Matrix, d: float | Matrix, a: float | Matrix, alpha: float | Matrix) -> Matrix:
     """Rz(theta) Tz(d) Tx(a) Rx(alpha), a row of a standard table."""
     return turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)

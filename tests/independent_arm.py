@@ -6,6 +6,7 @@ Tests of effects use it so that an error of the package's kinematics or gravity 
 import dataclasses
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import accumulate
 
 import numpy as np
 from homogeneous import dh, shift, turn
@@ -49,10 +50,9 @@ def robot(targets: dict[str, Matrix] | None = None) -> Robot:
 
 def link_frames(q: Matrix, geometry: Matrix | float = 0.0) -> list[Matrix]:
     """Frames (..., 4, 4) of the links at joints (6, ...); ``geometry`` (6, 4) are errors of the table."""
-    frames = [np.eye(4)]
-    for (theta, d, a, alpha), angle in zip(np.array([row[:4] for row in DH]) + geometry, q, strict=True):
-        frames.append(frames[-1] @ dh(theta + angle, d, a, alpha))
-    return frames[1:]
+    table = np.array([row[:4] for row in DH]) + geometry
+    theta, d, a, alpha = table.T.reshape(4, 6, *[1] * (q.ndim - 1))
+    return list(accumulate(dh(theta + q, d, a, alpha), np.matmul))
 
 
 def target(q: Matrix, tool: Matrix = TOOL) -> Matrix:

@@ -54,8 +54,7 @@ def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarra
             break
         slope = (np.array(beside[:6]) - np.array(beside[6:])) / 2e-6
         q = q - np.clip(np.linalg.pinv(slope.T) @ here, -0.2, 0.2)
-    is_reached = np.abs(gap(target(q + ZEROS))).max() < 1e-9 and np.all((q > LOW) & (q < HIGH))
-    return q if is_reached else None
+    return q if np.abs(here).max() < 1e-9 and np.all((q > LOW) & (q < HIGH)) else None
 
 
 def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:

@@ -337,7 +337,6 @@ class Iso9283Poses(CsvResult, command="iso9283-poses"):
     robot: Robot
     cycles: int
     payload_kg: float | None
-    warnings: tuple[str, ...] = ()
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""

@@ -102,18 +102,6 @@ class Predicted(Result, Prediction, command="predict"):
     measured: Measurements | None
     """Measured poses that the prediction is compared with."""
 
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
-        fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
-        return (
-            *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
-            *fitted_pose_warnings(self.robot, against),
-            *self.made.warnings,
-            *(() if fit is None else fit.warnings),
-            *filter(None, [(self.comparison or {}).get("hint")]),
-        )
-
     def payload(self) -> dict[str, Any]:
         """Return the result's own keys; arrays stay arrays."""
         configurations, reached = self.configurations, self._reached()
@@ -259,7 +247,8 @@ def predict(
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
-    fit = model_fit(arm) if tolerances is None and allocate is None else None
+    record = model_fit(arm)
+    fit = record if tolerances is None and allocate is None else None
     parameters = uncertain_parameters(toleranced) if fit is None else ()
     # A prediction needs joints only; poses to compare with are measured.
     planned = None if poses is None else inputs.poses(poses, arm, attained=False)
@@ -285,6 +274,13 @@ def predict(
         if fit is None and measured is not None
         else None
     )
+    warnings = (
+        *(warning for data in (planned, measured) if data is not None for warning in data.warnings),
+        *fitted_pose_warnings(arm, [file for file in inputs.records if file.kind == "against"]),
+        *inputs.warnings,
+        *(() if record is None else record.warnings),
+        *filter(None, [(comparison or {}).get("hint")]),
+    )
     made = inputs.made(
         samples=configurations.n if predicted is None else None,
         align=list(aligned),
@@ -298,6 +294,7 @@ def predict(
         coverage=covered,
         planned=planned,
         measured=measured,
+        warnings=warnings,
         made=made,
     )
 

@@ -127,7 +127,8 @@ def check(
     stored = stored_result(result)
     with understood(stored.name, stored.command):
         outcome = evaluate_gate(loaded, stored.document, baselines)
-    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records)))
+    made = Provenance({}, (stored.record, *records))
+    return Checked(**fields_of(outcome), result=stored, warnings=outcome.warnings, made=made)
 
 
 def stored_result(source: StrPath | Result | StoredResult) -> StoredResult:
@@ -157,7 +158,6 @@ class Compared(Result, command="compare"):
     ranking: Mapping[str, Any]
     grade: Mapping[str, Any] | None
     notes: tuple[str, ...]
-    warnings: tuple[str, ...]
 
 
 @call
@@ -284,14 +284,6 @@ def _path(source: Source) -> str:
 class ComparedTargets(Result, PairedTargets, command="compare-paired"):
     """The same targets before and after a correction, with the inputs."""
 
-    doubts: tuple[str, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the poses read, and a correction that is not loaded."""
-        unloaded = "no sign that the correction was loaded: the targets are where they were before"
-        return (*self.doubts, *[unloaded] * (self.loaded["verdict"] == "not_loaded"))
-
 
 @call
 def compare_paired(
@@ -354,13 +346,15 @@ def compare_paired(
     )
     has_none = first.commanded_position is None and second.commanded_position is None
     fit = None if arm is None else model_fit(arm)
-    doubts = (
+    unloaded = "no sign that the correction was loaded: the targets are where they were before"
+    warnings = (
         *(*first.warnings, *second.warnings, *[unwanted] * has_none),
         *(() if body.promise is None else noise_doubts(body.promise["noise"])),
         *(() if fit is None else fit.warnings),
+        *[unloaded] * (body.loaded["verdict"] == "not_loaded"),
     )
     made = inputs.made("before", "after", "model", "nominal")
-    return ComparedTargets(**fields_of(body), doubts=doubts, made=made)
+    return ComparedTargets(**fields_of(body), warnings=warnings, made=made)
 
 
 # Calls of ``robacc history`` and its forms: a database of results, and what changed between them.
@@ -386,8 +380,6 @@ def _own_date(path: str | None) -> float:
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class HistoryResult(Result):
     """Result from a database or over many arms."""
-
-    warnings: tuple[str, ...] = ()
 
     def view(self) -> list[Section]:
         """Return what the command shows."""

@@ -13,7 +13,7 @@ from functools import partial
 from hashlib import sha256
 from itertools import groupby
 from pathlib import PurePath
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -723,18 +723,8 @@ class Fleet(HistoryResult, command="fleet"):
         return robot_to_yaml(typical_robot(robot, self.coefficients), [text])
 
 
-class _Member(NamedTuple):
-    """What a fleet takes from the result of one of its arms."""
-
-    record: InputFile
-    arm: ArmFit
-    model: str
-    """Name of the robot file."""
-    is_shrunk: bool
-
-
-def _member(source: StrPath | StoredResult) -> _Member:
-    """Return what a fleet takes from a result.
+def _fit_of_arm(source: StrPath | StoredResult) -> tuple[InputFile, ArmFit]:
+    """Return the record of a result, and the fit of its arm.
 
     Raises:
         InputError: The result cannot be read.
@@ -743,12 +733,8 @@ def _member(source: StrPath | StoredResult) -> _Member:
     stored = stored_result(source)
     other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
     refuse((stored.command not in FITS, other))
-    document = stored.document
     with understood(stored.name, stored.command):
-        arm = arm_fit(document, arm_of(document))
-    return _Member(
-        stored.record, arm, str((document.get("robot") or {}).get("name")), bool(document["options"].get("shrink"))
-    )
+        return stored.record, arm_fit(stored.document, arm_of(stored.document))
 
 
 @call
@@ -794,21 +780,21 @@ def fleet(
             latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             sources = [StoredResult(document_of(base, test), test["command"], "", arm) for arm, test in latest.items()]
     shown = partial(progress or (lambda label, done, total: None), "reading results")
-    members = [*Workers(jobs, cluster).in_order(_member, sources, shown)]
-    inputs.records += [member.record for member in members if db is None]
+    fits = [*Workers(jobs, cluster).in_order(_fit_of_arm, sources, shown)]
+    inputs.records += [record for record, _ in fits if db is None]
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)
     refuse(
-        (len(members) < 2, f"a fleet needs at least two arms, found {len(members)}"),
+        (len(fits) < 2, f"a fleet needs at least two arms, found {len(fits)}"),
         (is_twice, "a result is named twice; name one of each arm"),
     )
     arms: dict[str, ArmFit] = {}
-    for number, (record, arm, *_) in enumerate(members, 1):
+    for number, (record, arm) in enumerate(fits, 1):
         name = arm.arm if db is None else record.name
         arms[name if name not in arms else f"{name} ({number})"] = arm
     usual = Counter(arm.dropped for arm in arms.values()).most_common(1)[0][0]
     comparable = [arm._replace(arm=name) for name, arm in arms.items() if arm.dropped == usual]
     coefficients, strangers, covariance = fleet_of(comparable)
-    models, shrunk = {member.model for member in members}, sum(member.is_shrunk for member in members)
+    models, shrunk = {arm.robot for arm in arms.values()}, sum(arm.is_shrunk for arm in arms.values())
     notes = (
         f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
         * bool(shrunk),

@@ -400,7 +400,7 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated")._replace(name="outcome")
+OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated").named("outcome")
 
 GATE_RESULT = part(
     name=Key(text, "Name of the gate.", "gate.name"),

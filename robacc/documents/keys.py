@@ -233,9 +233,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = array(number, 3)._replace(name="vector3")
-rows3 = array(array(number | None, 3))._replace(name="rows3")
-matrix3 = array(vector3, 3)._replace(name="matrix3")
+vector3 = array(number, 3).named("vector3")
+rows3 = array(array(number | None, 3)).named("rows3")
+matrix3 = array(vector3, 3).named("matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.

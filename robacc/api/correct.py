@@ -32,9 +32,7 @@ from robacc.correction import (
     circumstances,
     correction,
 )
-from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
-from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
@@ -73,25 +71,9 @@ class Corrected(CsvResult, Correction, command="correct"):
     given: Measurements
     """Targets as given."""
 
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        given, (wanted, command) = self.given, self._framed_poses()
-        targets = CORRECTED.write(
-            self,
-            line=[given.line(i) for i in range(given.n)],
-            pose=texts(given.pose),
-            target=texts(given.target),
-            wanted_m=rounded(wanted.translation),
-            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
-            command_m=rounded(command.translation),
-            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
-            before=self.before,
-            after=self.after,
-        )
-        return CORRECT.write(self, targets=targets)
-
-    def _framed_poses(self) -> tuple[Poses, Poses]:
-        """Return wanted and commanded poses in the frame of the Cartesian targets."""
+    @property
+    def framed_poses(self) -> tuple[Poses, Poses]:
+        """Wanted and commanded poses in the frame of the Cartesian targets."""
         frame = self.setting
         return frame.from_measuring(self.wanted.poses), frame.from_measuring(self.commanded)
 
@@ -100,7 +82,7 @@ class Corrected(CsvResult, Correction, command="correct"):
         names = " ".join(file.name for file in self.made.inputs)
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
         yield from (f"# {place} of the targets is not corrected: {reason}\n" for _, place, reason in self.unchanged)
-        wanted, _ = self._framed_poses()
+        wanted, _ = self.framed_poses
         corrected = replace(
             self.given,
             position=np.zeros((3, self.given.n)),
@@ -118,7 +100,7 @@ class Corrected(CsvResult, Correction, command="correct"):
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        given, (_, command) = self.given, self._framed_poses()
+        given, (_, command) = self.given, self.framed_poses
         stages = {"before": self.before, "after": self.after}
         names = (
             "command_x_m command_y_m command_z_m command_qw command_qx command_qy command_qz "

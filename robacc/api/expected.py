@@ -41,8 +41,7 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text, read_gate
-from robacc.documents.expected import PREDICT
-from robacc.documents.keys import rounded, texts
+from robacc.documents.keys import texts
 from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -102,21 +101,9 @@ class Predicted(Result, Prediction, command="predict"):
     measured: Measurements | None
     """Measured poses that the prediction is compared with."""
 
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        configurations, reached = self.configurations, self._reached()
-        return PREDICT.write(
-            self,
-            warranty_map=warranty_map(self, reached)[0] if not self.parameters else None,
-            poses={
-                "label": list(configurations.labels),
-                "q": rounded(configurations.q),
-                "commanded_m": rounded(reached),
-            },
-        )
-
-    def _reached(self) -> Array:
-        """Return the positions ``(3, N)`` of the target, m."""
+    @property
+    def reached(self) -> Array:
+        """Positions ``(3, N)`` of the target, m."""
         return build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n).translation
 
     def per_pose_csv(self) -> str:
@@ -142,7 +129,7 @@ class Predicted(Result, Prediction, command="predict"):
         """
         edge = size(voxel, "length", "`voxel`")
         refuse((edge <= 0, "`voxel`: expected a length above zero"))
-        voxels, sizes = warranty_map(self, self._reached(), edge)
+        voxels, sizes = warranty_map(self, self.reached, edge)
         columns = dict(zip(("x_m", "y_m", "z_m"), voxels["centre_m"].T, strict=True))
         columns["configurations"] = voxels["configurations"]
         for unit, rms in zip(("m", "rad"), sizes, strict=True):

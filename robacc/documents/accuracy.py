@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 
+from robacc.accuracy.estimation import commanded_poses, position_errors
 from robacc.documents.envelope import GATE_KEY, GATE_RESULT, significant_document
 from robacc.documents.keys import (
     ALIGNMENT,
@@ -37,6 +38,7 @@ from robacc.documents.keys import (
     ordinal,
     part,
     parts,
+    pose_document,
     robot_document,
     rounded,
     rows3,
@@ -228,13 +230,19 @@ ESTIMATE = part(
         ROBOT | None,
         source=lambda result: robot_document(result.robot, result.data.q, result.alignment and result.alignment.robot),
     ),
-    poses=Key(POSES),
+    poses=Key(
+        POSES,
+        source=lambda result: pose_document(
+            result.data, commanded_poses(result.data, result.robot, result.alignment)[0]
+        ),
+    ),
     position_by_frame=Key(
         part(
             base=Key(_FRAME, "Axes of the measuring frame."),
             tool=Key(_FRAME, "Axes of the commanded target; missing if no orientation was commanded.", optional=True),
         ),
         "Position errors in the axes of each frame.",
+        lambda result: position_errors(result.data, *commanded_poses(result.data, result.robot, result.alignment)),
     ),
     outside_validity=OUTSIDE_KEY,
     gate=GATE_KEY,

@@ -28,7 +28,9 @@ from robacc.documents.keys import (
     size,
     table,
     text,
+    texts,
 )
+from robacc.geometry import quaternion_from_rotation
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
@@ -292,9 +294,17 @@ _BOUNDS = part(
 )
 """Expected error of each target."""
 CORRECTED = part(
-    line=Key(array(integer), "Line of the file."),
-    pose=Key(array(text) | None, "Name; null without a column pose."),
-    target=Key(array(text) | None, "Measured target; null without a column target."),
+    line=Key(
+        array(integer),
+        "Line of the file.",
+        lambda targets: [targets.given.line(i) for i in range(targets.given.n)],
+    ),
+    pose=Key(array(text) | None, "Name; null without a column pose.", lambda targets: texts(targets.given.pose)),
+    target=Key(
+        array(text) | None,
+        "Measured target; null without a column target.",
+        lambda targets: texts(targets.given.target),
+    ),
     corrected=Key(array(flag), "Whether the target is corrected.", "is_corrected"),
     cause=Key(
         array(text | None),
@@ -310,10 +320,24 @@ CORRECTED = part(
         array(array(number)), "Joints without a correction, rad or m.", lambda targets: rounded(targets.wanted.q)
     ),
     q=Key(array(array(number)), "Joints to command, rad or m.", lambda targets: rounded(targets.q)),
-    wanted_m=Key(array(array(number, 3)), "Wanted position, m."),
-    wanted_quaternion=Key(array(array(number, 4)), "Wanted orientation, w x y z."),
-    command_m=Key(array(array(number, 3)), "Position to command to a controller that takes Cartesian targets, m."),
-    command_quaternion=Key(array(array(number, 4)), "Orientation to command, w x y z."),
+    wanted_m=Key(
+        array(array(number, 3)), "Wanted position, m.", lambda targets: rounded(targets.framed_poses[0].translation)
+    ),
+    wanted_quaternion=Key(
+        array(array(number, 4)),
+        "Wanted orientation, w x y z.",
+        lambda targets: rounded(quaternion_from_rotation(targets.framed_poses[0].rotation)),
+    ),
+    command_m=Key(
+        array(array(number, 3)),
+        "Position to command to a controller that takes Cartesian targets, m.",
+        lambda targets: rounded(targets.framed_poses[1].translation),
+    ),
+    command_quaternion=Key(
+        array(array(number, 4)),
+        "Orientation to command, w x y z.",
+        lambda targets: rounded(quaternion_from_rotation(targets.framed_poses[1].rotation)),
+    ),
     correction_m=Key(
         array(array(number, 3)),
         "Command less wanted position, measuring frame, m.",
@@ -436,6 +460,6 @@ CORRECT = part(
         lambda result: {"before": _expected(result, result.before), "after": _expected(result, result.after)},
     ),
     scale=Key(text, "Name of the grade scale.", "scale.name"),
-    targets=Key(CORRECTED, "Columns with an entry for each target."),
+    targets=Key(CORRECTED, "Columns with an entry for each target.", ""),
     notes=Key(array(text), "Assumptions and limitations."),
 ).named(about="Commands that make the real arm reach its targets, and the expected errors before and after.")

@@ -38,6 +38,7 @@ from robacc.documents.keys import (
     vector3,
 )
 from robacc.planning.candidates import targets_in_base
+from robacc.prediction.predicting import warranty_map
 from robacc.robots.description import Frame
 
 if TYPE_CHECKING:
@@ -319,15 +320,19 @@ PREDICT = part(
         )
         | None,
         "Grade by voxel of the workspace, of a prediction from the fit of a model; else null.",
+        lambda result: None if result.parameters else warranty_map(result, result.reached)[0],
     ),
     robot=Key(ROBOT | None, source=lambda result: robot_document(result.robot, result.configurations.q)),
     poses=Key(
         part(
-            label=Key(array(text), "Label of each pose."),
-            q=Key(array(array(number)), "Joint variables, rad or m."),
-            commanded_m=Key(rows3, "Position of the target in the measuring frame, m."),
+            label=Key(array(text), "Label of each pose.", lambda result: list(result.configurations.labels)),
+            q=Key(array(array(number)), "Joint variables, rad or m.", lambda result: rounded(result.configurations.q)),
+            commanded_m=Key(
+                rows3, "Position of the target in the measuring frame, m.", lambda result: rounded(result.reached)
+            ),
         ),
         "Poses of the prediction.",
+        "",
     ),
     outside_validity=OUTSIDE_KEY,
     gate=GATE_KEY,

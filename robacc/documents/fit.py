@@ -41,14 +41,12 @@ from robacc.documents.keys import (
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array, NDArray
-from robacc.measurements import Measurements, different
+from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
-    from robacc.effects.specification import Baseline
-    from robacc.robots.description import Robot
-    from robacc.tracing.calibrating import Judged, Stage
+    from robacc.tracing.calibrating import Stage
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
@@ -139,15 +137,98 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
+# Stages of a fit: the metrics of each stage with their intervals.
+
+_STAGES = ("nominal_unregistered", "nominal", "before", "after")
+
+
+def _stage(result: Any, key: str) -> Document:
+    """Return the metrics of one stage, with intervals over the commanded poses, repetitions together.
+
+    Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
+    """
+    stage: Stage = getattr(result, key)
+    inputs, seed = result.fit_inputs, result.made.seed or 0
+    groups = {
+        "fitted": places(inputs.data),
+        "held_out": places(inputs.data if inputs.holdout is None else inputs.holdout),
+    }
+    figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
+    for name in figures:
+        metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]
+        if metrics is not None:
+            is_fitted = name.startswith("fitted")
+            share = 1.0 if is_fitted else stage.share
+            errors = stage.residual if is_fitted else cast("Array", stage.held_out_residual)
+            used = stage.inliers if is_fitted else stage.held_out_inliers_mask
+            shown = used | (not name.endswith("inliers"))
+            figures[name] = {
+                "position": _figures(metrics.position, errors[:3, shown], own[shown], "m", seed, share),
+                "orientation": _figures(metrics.orientation, errors[3:, shown], own[shown], "rad", seed, share),
+            }
+    return STAGE.write(figures)
+
+
+def _figures(
+    metrics: "ErrorMetrics | None", errors: Array, groups: NDArray[np.int64], unit: str, seed: int, share: float
+) -> Document | None:
+    if metrics is None:
+        return None
+    missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
+    found = (
+        length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
+        if errors.shape[1]
+        else (missing,)
+    )
+    return {
+        **FIGURES[unit].write(metrics),
+        "n_poses": int(groups.size),
+        "n_commanded_poses": different(groups),
+        "intervals": {f"{name}_{unit}": interval for name, interval in found[0].items()},
+    }
+
+
+def _fitted_poses(result: Any) -> Document:
+    """Return the calibration poses with the errors of each stage, held-out ones too unless they have their own file."""
+    inputs = result.fit_inputs
+    errors = {name: getattr(result, name).residual for name in _STAGES}
+    if inputs.holdout is None:
+        errors |= {f"held_out_{name}": getattr(result, name).held_out_residual for name in _STAGES}
+    return pose_document(inputs.data, inputs.data.position - errors["nominal"][:3], errors, result.fit.inliers)
+
+
+def _validation_poses(result: Any) -> Document | None:
+    """Return the poses of a file of their own with the errors of each stage; None without such a file."""
+    apart = result.fit_inputs.holdout
+    errors = {name: getattr(result, name).held_out_residual for name in _STAGES}
+    if apart is None or errors["nominal"] is None:
+        return None
+    return pose_document(apart, apart.position - errors["nominal"][:3], errors)
+
+
 _FIT = {
-    "n_poses": Key(count, "Measured poses (rows)."),
+    "n_poses": Key(count, "Measured poses (rows).", "fit_inputs.data.n"),
     "noise": Key(NOISE),
-    "nominal_unregistered": Key(STAGE, "Nominal model as it stands in the robot file, base and tool not fitted."),
-    "nominal": Key(STAGE, "Nominal model, registered: base and tool frames fitted as far as the poses allow."),
-    "before": Key(
-        STAGE, "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all)."
+    "nominal_unregistered": Key(
+        STAGE,
+        "Nominal model as it stands in the robot file, base and tool not fitted.",
+        lambda result: _stage(result, "nominal_unregistered"),
     ),
-    "after": Key(STAGE, "Extended model: all effects are fitted, in trace with the findings."),
+    "nominal": Key(
+        STAGE,
+        "Nominal model, registered: base and tool frames fitted as far as the poses allow.",
+        lambda result: _stage(result, "nominal"),
+    ),
+    "before": Key(
+        STAGE,
+        "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all).",
+        lambda result: _stage(result, "before"),
+    ),
+    "after": Key(
+        STAGE,
+        "Extended model: all effects are fitted, in trace with the findings.",
+        lambda result: _stage(result, "after"),
+    ),
     "declared": Key(
         part(
             effects=Key(array(text), "Effects as the parameter declared takes them.", "names"),
@@ -159,6 +240,7 @@ _FIT = {
             ),
         ),
         "Effects that were declared to a trace, or that a calibration was to fit.",
+        "fit_inputs.baseline",
     ),
     "causes": Key(
         parts(
@@ -218,11 +300,20 @@ _FIT = {
         lambda result: result.fit.information(),
     ),
     "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
-    "outliers": Key(parts(line=Key(count, "Line of the file.")), "Outliers, which the fit leaves out."),
+    "outliers": Key(
+        parts(line=Key(count, "Line of the file.")),
+        "Outliers, which the fit leaves out.",
+        lambda result: [{"line": result.fit_inputs.data.line(int(i))} for i in result.fit.outliers],
+    ),
     **WARNINGS,
-    "robot": Key(ROBOT | None),
-    "poses": Key(FITTED_POSES),
-    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file."),
+    "robot": Key(
+        ROBOT | None,
+        source=lambda result: robot_document(
+            result.fit_inputs.robot, result.fit_inputs.data.q, result.fit.model.arm.robot
+        ),
+    ),
+    "poses": Key(FITTED_POSES, source=_fitted_poses),
+    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file.", _validation_poses),
 }
 
 CALIBRATE = part(
@@ -302,6 +393,9 @@ CALIBRATE = part(
             line=Key(count, "Line of the file."), share=Key(share, "Leverage: the row's share in its own prediction.")
         ),
         "Rows with high leverage.",
+        lambda calibration: [
+            {"line": calibration.fit_inputs.data.line(i), "share": share} for i, share in calibration.leverage
+        ],
     ),
     partial_residuals=Key(
         parts(name=Key(text, "Name of the effect."), joints=Key(array(text), "Joints of the effect."), **CURVE_KEYS),
@@ -555,90 +649,3 @@ TRACE = part(
     outside_validity=OUTSIDE_KEY,
     gate=GATE_KEY,
 ).named(about="Identified effects of measured poses, with the error before and after on held-out poses.")
-
-
-# Stages of a fit: the metrics of each stage with their intervals.
-
-_STAGES = ("nominal_unregistered", "nominal", "before", "after")
-
-
-def _stage(stage: "Stage", groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
-    """Return the metrics of one stage, with intervals over the commanded poses ``groups``, repetitions together.
-
-    Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
-    """
-    figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
-    for name in figures:
-        metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]
-        if metrics is not None:
-            is_fitted = name.startswith("fitted")
-            share = 1.0 if is_fitted else stage.share
-            errors = stage.residual if is_fitted else cast("Array", stage.held_out_residual)
-            used = stage.inliers if is_fitted else stage.held_out_inliers_mask
-            shown = used | (not name.endswith("inliers"))
-            figures[name] = {
-                "position": _figures(metrics.position, errors[:3, shown], own[shown], "m", seed, share),
-                "orientation": _figures(metrics.orientation, errors[3:, shown], own[shown], "rad", seed, share),
-            }
-    return STAGE.write(figures)
-
-
-def _figures(
-    metrics: "ErrorMetrics | None", errors: Array, groups: NDArray[np.int64], unit: str, seed: int, share: float
-) -> Document | None:
-    if metrics is None:
-        return None
-    missing: Mapping[Any, Interval] = dict.fromkeys(_WITH_INTERVALS, Interval.missing(CONFIDENCE, "no pose"))
-    found = (
-        length_intervals(errors, (CONFIDENCE,), groups=groups, share=share, seed=seed)
-        if errors.shape[1]
-        else (missing,)
-    )
-    return {
-        **FIGURES[unit].write(metrics),
-        "n_poses": int(groups.size),
-        "n_commanded_poses": different(groups),
-        "intervals": {f"{name}_{unit}": interval for name, interval in found[0].items()},
-    }
-
-
-def fit_document(
-    kind: Kind,
-    result: "Judged",
-    data: Measurements,
-    robot: "Robot",
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: "Baseline | None" = None,
-) -> Document:
-    """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
-
-    Args:
-        kind: :data:`CALIBRATE` or :data:`TRACE`.
-        result: The result.
-        data: Calibration poses.
-        robot: The nominal model.
-        apart: Held-out poses, where they come from a file of their own.
-        seed: Seed of the resampling behind intervals.
-        baseline: The declared effects.
-    """
-    stages: dict[str, Stage] = {name: getattr(result, name) for name in _STAGES}
-    held_out = {name: stage.held_out_residual for name, stage in stages.items()}
-    fitted: dict[str, Any] = {name: stage.residual for name, stage in stages.items()}
-    groups, poses_apart = dict.fromkeys(("fitted", "held_out"), places(data)), None
-    if apart is None:
-        fitted |= {f"held_out_{name}": residual for name, residual in held_out.items()}
-    elif (nominal := held_out["nominal"]) is not None:
-        groups["held_out"] = places(apart)
-        poses_apart = pose_document(apart, apart.position - nominal[:3], held_out)
-    return kind.write(
-        result,
-        **{name: _stage(stage, groups, seed) for name, stage in stages.items()},
-        n_poses=data.n,
-        outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
-        robot=robot_document(robot, data.q, result.fit.model.arm.robot),
-        poses=pose_document(data, data.position - fitted["nominal"][:3], fitted, result.fit.inliers),
-        poses_apart=poses_apart,
-        declared=baseline,
-        leverage=[{"line": data.line(i), "share": share} for i, share in getattr(result, "leverage", ())],
-    )

@@ -4,6 +4,7 @@ A key is stated once, and the document and its JSON Schema both come from it.
 
 A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the document, written from a record: each
 :class:`Key` takes its value from the record's attribute of the same name without the unit, unless it says otherwise.
+``part(rms_m=Key(size, "Rms error, m."))`` is such a kind, and :func:`parts` is one of lists of such objects.
 """
 
 import json

@@ -504,6 +504,10 @@ class ArmFit(NamedTuple):
     covariance: Mapping[tuple[str, str], float]
     dropped: frozenset[str] = frozenset()
     """Coefficients that its poses do not identify: the others make up for them."""
+    robot: str = "None"
+    """Name of the robot file."""
+    is_shrunk: bool = False
+    """Whether coefficients may be shrunk to nominal."""
 
 
 def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
@@ -527,7 +531,8 @@ def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
     }
     covariance = {(a, b): float(matrix[i, j]) for i, a in enumerate(names) for j, b in enumerate(names[: i + 1])}
     dropped = frozenset(entry["name"] for entry in document["parameters"] if entry["std"] is None)
-    return ArmFit(arm, values, covariance, dropped)
+    robot, is_shrunk = (document.get("robot") or {}).get("name"), bool(document["options"].get("shrink"))
+    return ArmFit(arm, values, covariance, dropped, str(robot), is_shrunk)
 
 
 def _squares(values: Array, variances: Array, between: float) -> float:

@@ -13,7 +13,6 @@ from robacc.accuracy.estimation import (
     commanded_poses,
     estimate as estimate_errors,
     moved_warning,
-    position_errors,
     totals_of_parts,
 )
 from robacc.api.inputs import STDIN, Inputs, fitted_pose_warnings, path_of, with_measured_targets
@@ -51,9 +50,8 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.data_mistakes import check_data, other_arm
 from robacc.diagnostics.recorded import rounding_in_errors
-from robacc.documents.accuracy import ESTIMATE, ESTIMATE_ITSELF, SUMMARY
+from robacc.documents.accuracy import ESTIMATE_ITSELF, SUMMARY
 from robacc.documents.envelope import csv_text
-from robacc.documents.keys import pose_document
 from robacc.errors import InputError, Note, applying, refuse
 from robacc.geometry import vector_lengths
 from robacc.iso_9283.criteria import Iso9283Result
@@ -81,12 +79,6 @@ class Estimate(Result, EstimateResult, command="estimate"):
     """The measured poses; of a large file some, evenly spread."""
     parts: tuple[Callable[[], Measurements], ...] = ()
     """Functions that read the parts of a large file; none for any other file."""
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        by_frame = position_errors(self.data, *commanded_poses(self.data, self.robot, self.alignment))
-        poses = pose_document(self.data, self.data.position - by_frame["base"].position)
-        return ESTIMATE.write(self, poses=poses, position_by_frame=by_frame)
 
     def view(self, full: bool = False, poses: str | None = None, robot: str | None = None) -> Iterable[Section]:
         """Return one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
@@ -337,7 +329,6 @@ class Iso9283Poses(CsvResult, command="iso9283-poses"):
     robot: Robot
     cycles: int
     payload_kg: float | None
-    warnings: tuple[str, ...] = ()
 
     def csv_pieces(self) -> Iterator[str]:
         """Yield the CSV of the visits: pose, cycle, joints and commanded pose, without measured columns."""

@@ -32,9 +32,7 @@ from robacc.correction import (
     circumstances,
     correction,
 )
-from robacc.documents.compare import CORRECT, CORRECTED
 from robacc.documents.envelope import csv_text
-from robacc.documents.keys import rounded, texts
 from robacc.errors import InputError, MissingColumnError, Problem, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
@@ -72,36 +70,10 @@ class Corrected(CsvResult, Correction, command="correct"):
     nominal: Robot
     given: Measurements
     """Targets as given."""
-    doubts: tuple[str, ...]
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the targets read, and the refused targets."""
-        kept = (
-            f"{self.n_targets - self.n_corrected} of {self.n_targets} targets are not corrected and keep their nominal"
-        )
-        reasons = "; ".join(_by_reason(self.unchanged))
-        return (*self.given.warnings, *self.doubts, *([f"{kept} command: {reasons}"] if reasons else ()))
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        given, (wanted, command) = self.given, self._framed_poses()
-        targets = CORRECTED.write(
-            self,
-            line=[given.line(i) for i in range(given.n)],
-            pose=texts(given.pose),
-            target=texts(given.target),
-            wanted_m=rounded(wanted.translation),
-            wanted_quaternion=rounded(quaternion_from_rotation(wanted.rotation)),
-            command_m=rounded(command.translation),
-            command_quaternion=rounded(quaternion_from_rotation(command.rotation)),
-            before=self.before,
-            after=self.after,
-        )
-        return CORRECT.write(self, targets=targets)
-
-    def _framed_poses(self) -> tuple[Poses, Poses]:
-        """Return wanted and commanded poses in the frame of the Cartesian targets."""
+    def framed_poses(self) -> tuple[Poses, Poses]:
+        """Wanted and commanded poses in the frame of the Cartesian targets."""
         frame = self.setting
         return frame.from_measuring(self.wanted.poses), frame.from_measuring(self.commanded)
 
@@ -110,7 +82,7 @@ class Corrected(CsvResult, Correction, command="correct"):
         names = " ".join(file.name for file in self.made.inputs)
         yield f"# Corrected by robacc correct from {names}: joints to command, and the wanted poses; not measured.\n"
         yield from (f"# {place} of the targets is not corrected: {reason}\n" for _, place, reason in self.unchanged)
-        wanted, _ = self._framed_poses()
+        wanted, _ = self.framed_poses
         corrected = replace(
             self.given,
             position=np.zeros((3, self.given.n)),
@@ -128,7 +100,7 @@ class Corrected(CsvResult, Correction, command="correct"):
 
     def per_target_csv(self) -> str:
         """Return a CSV with a row for each target: command, correction and expected errors, in m and rad."""
-        given, (_, command) = self.given, self._framed_poses()
+        given, (_, command) = self.given, self.framed_poses
         stages = {"before": self.before, "after": self.after}
         names = (
             "command_x_m command_y_m command_z_m command_qw command_qx command_qy command_qz "
@@ -309,7 +281,7 @@ def correct(
     arm = inputs.robot(model)
     arm, left_out = standing_campaign(arm, campaign)
     fit = model_fit(arm)
-    controller, doubts = _nominal(inputs, arm, fit)
+    controller = _nominal(inputs, arm, fit)
     check_same_joints(arm, controller)
     grades = inputs.scale()
     data = inputs.poses(targets, controller, ordered=False, kind="targets", attained=False)
@@ -317,10 +289,11 @@ def correct(
     columns = circumstances(data, payload, temperature, time)
     low, high = (None if fit is None else fit.ranges.get("temperature_c")) or (-math.inf, math.inf)
     if (at := columns.temperature) is not None and at.size and not low <= at.min() <= at.max() <= high:
-        doubts += (
+        inputs.warnings.append(
             f"the targets are at {at.min():g} to {at.max():g} °C, the model was fitted at {low:g} to {high:g} °C: "
-            "of the temperature, only the model's effects are corrected",
+            "of the temperature, only the model's effects are corrected"
         )
+    inputs.warnings += (*left_out, *(() if fit is None else fit.warnings))
     try:
         body = correction(
             data,
@@ -350,18 +323,19 @@ def correct(
         model=arm,
         nominal=controller,
         given=data,
-        doubts=(*doubts, *left_out, *(() if fit is None else fit.warnings)),
         made=inputs.made("targets", "model", "nominal"),
     )
     if result.n_targets and not result.n_corrected:
         raise NothingCorrectedError(result)
-    return result
+    kept = f"{len(result.unchanged)} of {result.n_targets} targets are not corrected and keep their nominal command"
+    refused = [f"{kept}: {'; '.join(_by_reason(result.unchanged))}"] if result.unchanged else []
+    return replace(result, warnings=(*data.warnings, *inputs.warnings, *refused))
 
 
-def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> tuple[Robot, tuple[str, ...]]:
-    """Return the robot that the controller computes with, and doubts about it."""
+def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> Robot:
+    """Return the robot that the controller computes with, and note doubts about it."""
     if inputs.arguments["nominal"] is not None:
-        return inputs.robot(inputs.arguments["nominal"], kind="nominal"), ()
+        return inputs.robot(inputs.arguments["nominal"], kind="nominal")
     doubt = (
         "the model does not contain the robot that it was fitted from, so its numbers without its effects count as the "
         "controller's; give `nominal`"
@@ -369,7 +343,8 @@ def _nominal(inputs: Inputs, model: Robot, fit: ModelFit | None) -> tuple[Robot,
         else "`model` has neither a fit nor effects, so every correction is zero: give the robot file that "
         "`write_model` wrote, or `nominal` with the controller's robot file"
     )
-    return nominal_robot(model, fit), (doubt,) if fit is None else ()
+    inputs.warnings += [doubt] if fit is None else []
+    return nominal_robot(model, fit)
 
 
 def _limits(
@@ -465,7 +440,7 @@ def correct_program(
     fix = "give the file that declares them"
     refuse((not program.targets, Problem("has no targets that can be corrected", program.file, fix=fix)))
     arm = inputs.robot(model)
-    controller, doubts = _nominal(inputs, arm, model_fit(arm))
+    controller = _nominal(inputs, arm, model_fit(arm))
     flange_arm = replace(controller, tool=Frame(), targets={})
     known, flange, unknown = flange_targets(program)
     hint = "; give the file that defines it with `frames`"
@@ -513,7 +488,7 @@ def correct_program(
     unchanged = sorted((program.targets[i].line, program.targets[i].name, reason) for i, reason in left)
     if not values:
         raise InputError(_problems(unchanged, program.file, advice))
-    doubts = tuple(dict.fromkeys((*doubts, *(doubt for result in results for doubt in result.doubts))))
+    doubts = tuple(dict.fromkeys((*inputs.warnings, *(text for result in results for text in result.made.warnings))))
     corrected = with_targets(program, [values.get(i) for i in range(len(program.targets))])
     return CorrectedProgram(program, corrected, tuple(results), tuple(unchanged), doubts)
 

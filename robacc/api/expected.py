@@ -41,8 +41,7 @@ from robacc.api.parameters import (
 from robacc.api.result import CsvResult, Result, effect_names, fields_of
 from robacc.diagnostics.robot_poses import joints_of
 from robacc.documents.envelope import csv_text, read_gate
-from robacc.documents.expected import PREDICT
-from robacc.documents.keys import rounded, texts
+from robacc.documents.keys import texts
 from robacc.errors import given, refuse
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -103,32 +102,8 @@ class Predicted(Result, Prediction, command="predict"):
     """Measured poses that the prediction is compared with."""
 
     @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the poses read, of poses that the robot was fitted to, and of the comparison."""
-        fit, against = model_fit(self.robot), [file for file in self.made.inputs if file.kind == "against"]
-        return (
-            *(warning for data in (self.planned, self.measured) if data is not None for warning in data.warnings),
-            *fitted_pose_warnings(self.robot, against),
-            *self.made.warnings,
-            *(() if fit is None else fit.warnings),
-            *filter(None, [(self.comparison or {}).get("hint")]),
-        )
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        configurations, reached = self.configurations, self._reached()
-        return PREDICT.write(
-            self,
-            warranty_map=warranty_map(self, reached)[0] if not self.parameters else None,
-            poses={
-                "label": list(configurations.labels),
-                "q": rounded(configurations.q),
-                "commanded_m": rounded(reached),
-            },
-        )
-
-    def _reached(self) -> Array:
-        """Return the positions ``(3, N)`` of the target, m."""
+    def reached(self) -> Array:
+        """Positions ``(3, N)`` of the target, m."""
         return build_chain(self.robot).poses(self.configurations.scalars, self.configurations.n).translation
 
     def per_pose_csv(self) -> str:
@@ -154,7 +129,7 @@ class Predicted(Result, Prediction, command="predict"):
         """
         edge = size(voxel, "length", "`voxel`")
         refuse((edge <= 0, "`voxel`: expected a length above zero"))
-        voxels, sizes = warranty_map(self, self._reached(), edge)
+        voxels, sizes = warranty_map(self, self.reached, edge)
         columns = dict(zip(("x_m", "y_m", "z_m"), voxels["centre_m"].T, strict=True))
         columns["configurations"] = voxels["configurations"]
         for unit, rms in zip(("m", "rad"), sizes, strict=True):
@@ -259,7 +234,8 @@ def predict(
     if allocate is not None:
         step_limits(grades, allocate)  # raises for an unknown grade before poses are read
     # A tolerance file describes arms that are made, the record of a fit this calibrated arm.
-    fit = model_fit(arm) if tolerances is None and allocate is None else None
+    record = model_fit(arm)
+    fit = record if tolerances is None and allocate is None else None
     parameters = uncertain_parameters(toleranced) if fit is None else ()
     # A prediction needs joints only; poses to compare with are measured.
     planned = None if poses is None else inputs.poses(poses, arm, attained=False)
@@ -285,6 +261,13 @@ def predict(
         if fit is None and measured is not None
         else None
     )
+    warnings = (
+        *(warning for data in (planned, measured) if data is not None for warning in data.warnings),
+        *fitted_pose_warnings(arm, [file for file in inputs.records if file.kind == "against"]),
+        *inputs.warnings,
+        *(() if record is None else record.warnings),
+        *filter(None, [(comparison or {}).get("hint")]),
+    )
     made = inputs.made(
         samples=configurations.n if predicted is None else None,
         align=list(aligned),
@@ -298,6 +281,7 @@ def predict(
         coverage=covered,
         planned=planned,
         measured=measured,
+        warnings=warnings,
         made=made,
     )
 

@@ -42,8 +42,6 @@ from robacc.api.parameters import (
     call,
 )
 from robacc.api.result import Result, fields_of
-from robacc.documents.envelope import own_keys
-from robacc.documents.fit import fit_document
 from robacc.effects.base import load_plug_ins
 from robacc.effects.specification import Baseline, build, default_baseline, parse_requests
 from robacc.errors import InputError, Note, Problem, refuse
@@ -90,19 +88,6 @@ class FitResult(Result, Judged):
     """A result with a corrected robot, and its inputs."""
 
     fit_inputs: FitInputs
-
-    def payload(self) -> dict[str, Any]:
-        """Return the result's own keys; arrays stay arrays."""
-        inputs = self.fit_inputs
-        return fit_document(
-            own_keys(self.command),
-            self,
-            inputs.data,
-            inputs.robot,
-            inputs.holdout,
-            self.made.seed or 0,
-            inputs.baseline,
-        )
 
     def view(self, full: bool = False, model: str | None = None) -> Iterable[Section]:
         """Return how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""

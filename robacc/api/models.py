@@ -28,7 +28,6 @@ from robacc.api.parameters import (
 )
 from robacc.api.result import CsvResult, Result, fields_of
 from robacc.diagnostics.robot_poses import joints_of
-from robacc.documents.envelope import Provenance
 from robacc.errors import InputError, MissingColumnError, Note, Problem, UsageError, refuse
 from robacc.exporters import GROUP, RemainingError, Written, check_parameters, remaining_error, restricted
 from robacc.io.files import read_text, write_file
@@ -47,11 +46,6 @@ class Simulated(CsvResult, Simulation, command="simulate"):
 
     robot: Robot
     plan: Plan
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """How poses to visit were read, poses outside the model's validity range, and campaign effects left out."""
-        return (*self.data.warnings, *self.made.warnings)
 
     @property
     def outlier_lines(self) -> list[int]:
@@ -179,7 +173,10 @@ def simulate(
         raise MissingColumnError(f"{error}; `time_step`, `temperature` and `payload` add such columns") from error
     inputs.campaign(described, body.data, measured=False, digests=())
     options = {**asdict(plan), "campaign": campaign, "strict_range": strict_range}
-    return Simulated(**fields_of(body), robot=arm, plan=plan, made=inputs.made()._replace(options=options))
+    # How poses to visit were read, poses outside the model's validity range, and campaign effects left out.
+    warnings = (*body.data.warnings, *inputs.warnings)
+    made = inputs.made()._replace(options=options)
+    return Simulated(**fields_of(body), robot=arm, plan=plan, warnings=warnings, made=made)
 
 
 _EXACT = 1e-9
@@ -203,9 +200,6 @@ class Exported(Result, command="export"):
     remaining: RemainingError
     arm: str | None = None
     """Arm of Universal Robots that the numbers refer to."""
-    warnings: tuple[str, ...] = ()
-    """Doubts about the model."""
-    made: Provenance
 
     def write(self, path: StrPath) -> None:
         """Write the model to a file; a failure leaves no partial file.

@@ -7,7 +7,7 @@ import json
 import os
 from abc import abstractmethod
 from collections.abc import Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, field, fields
 from typing import TYPE_CHECKING, Any, ClassVar
 
 from robacc.documents.envelope import (
@@ -43,16 +43,12 @@ class Result:
     command: ClassVar[str]
     """Name of the command and of its schema."""
     made: Provenance
+    warnings: tuple[str, ...] = field(default_factory=tuple)  # a default would hide the field of the other base
+    """Doubts about the data or the result; the command writes them to standard error."""
 
     def __init_subclass__(cls, command: str = "") -> None:
         """Name the command of a class of results; a copy of the class, as ``dataclass`` makes of one, keeps it."""
         cls.command = command or getattr(cls, "command", "")
-
-    if TYPE_CHECKING:  # for the type checker only: a property here would hide the field of a subclass
-
-        @property
-        def warnings(self) -> tuple[str, ...]:
-            """Doubts about the data or the result; the command writes them to standard error."""
 
     def __repr__(self) -> str:
         """Return the type and the input files; the figures are too many to show."""

@@ -13,7 +13,7 @@ from functools import partial
 from hashlib import sha256
 from itertools import groupby
 from pathlib import PurePath
-from typing import Annotated, Any, NamedTuple
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -127,7 +127,8 @@ def check(
     stored = stored_result(result)
     with understood(stored.name, stored.command):
         outcome = evaluate_gate(loaded, stored.document, baselines)
-    return Checked(**fields_of(outcome), result=stored, made=Provenance({}, (stored.record, *records)))
+    made = Provenance({}, (stored.record, *records))
+    return Checked(**fields_of(outcome), result=stored, warnings=outcome.warnings, made=made)
 
 
 def stored_result(source: StrPath | Result | StoredResult) -> StoredResult:
@@ -157,7 +158,6 @@ class Compared(Result, command="compare"):
     ranking: Mapping[str, Any]
     grade: Mapping[str, Any] | None
     notes: tuple[str, ...]
-    warnings: tuple[str, ...]
 
 
 @call
@@ -284,14 +284,6 @@ def _path(source: Source) -> str:
 class ComparedTargets(Result, PairedTargets, command="compare-paired"):
     """The same targets before and after a correction, with the inputs."""
 
-    doubts: tuple[str, ...]
-
-    @property
-    def warnings(self) -> tuple[str, ...]:
-        """Warnings of the poses read, and a correction that is not loaded."""
-        unloaded = "no sign that the correction was loaded: the targets are where they were before"
-        return (*self.doubts, *[unloaded] * (self.loaded["verdict"] == "not_loaded"))
-
 
 @call
 def compare_paired(
@@ -354,13 +346,15 @@ def compare_paired(
     )
     has_none = first.commanded_position is None and second.commanded_position is None
     fit = None if arm is None else model_fit(arm)
-    doubts = (
+    unloaded = "no sign that the correction was loaded: the targets are where they were before"
+    warnings = (
         *(*first.warnings, *second.warnings, *[unwanted] * has_none),
         *(() if body.promise is None else noise_doubts(body.promise["noise"])),
         *(() if fit is None else fit.warnings),
+        *[unloaded] * (body.loaded["verdict"] == "not_loaded"),
     )
     made = inputs.made("before", "after", "model", "nominal")
-    return ComparedTargets(**fields_of(body), doubts=doubts, made=made)
+    return ComparedTargets(**fields_of(body), warnings=warnings, made=made)
 
 
 # Calls of ``robacc history`` and its forms: a database of results, and what changed between them.
@@ -386,8 +380,6 @@ def _own_date(path: str | None) -> float:
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class HistoryResult(Result):
     """Result from a database or over many arms."""
-
-    warnings: tuple[str, ...] = ()
 
     def view(self) -> list[Section]:
         """Return what the command shows."""
@@ -731,18 +723,8 @@ class Fleet(HistoryResult, command="fleet"):
         return robot_to_yaml(typical_robot(robot, self.coefficients), [text])
 
 
-class _Member(NamedTuple):
-    """What a fleet takes from the result of one of its arms."""
-
-    record: InputFile
-    arm: ArmFit
-    model: str
-    """Name of the robot file."""
-    is_shrunk: bool
-
-
-def _member(source: StrPath | StoredResult) -> _Member:
-    """Return what a fleet takes from a result.
+def _fit_of_arm(source: StrPath | StoredResult) -> tuple[InputFile, ArmFit]:
+    """Return the record of a result, and the fit of its arm.
 
     Raises:
         InputError: The result cannot be read.
@@ -751,12 +733,8 @@ def _member(source: StrPath | StoredResult) -> _Member:
     stored = stored_result(source)
     other = f"{stored.name} is a result of {stored.command}; a fleet needs calibrate or trace"
     refuse((stored.command not in FITS, other))
-    document = stored.document
     with understood(stored.name, stored.command):
-        arm = arm_fit(document, arm_of(document))
-    return _Member(
-        stored.record, arm, str((document.get("robot") or {}).get("name")), bool(document["options"].get("shrink"))
-    )
+        return stored.record, arm_fit(stored.document, arm_of(stored.document))
 
 
 @call
@@ -802,21 +780,21 @@ def fleet(
             latest = {test["arm"]: test for test in tests(base, None) if test["command"] in FITS}
             sources = [StoredResult(document_of(base, test), test["command"], "", arm) for arm, test in latest.items()]
     shown = partial(progress or (lambda label, done, total: None), "reading results")
-    members = [*Workers(jobs, cluster).in_order(_member, sources, shown)]
-    inputs.records += [member.record for member in members if db is None]
+    fits = [*Workers(jobs, cluster).in_order(_fit_of_arm, sources, shown)]
+    inputs.records += [record for record, _ in fits if db is None]
     is_twice = len({record.sha256 for record in inputs.records}) < len(results)
     refuse(
-        (len(members) < 2, f"a fleet needs at least two arms, found {len(members)}"),
+        (len(fits) < 2, f"a fleet needs at least two arms, found {len(fits)}"),
         (is_twice, "a result is named twice; name one of each arm"),
     )
     arms: dict[str, ArmFit] = {}
-    for number, (record, arm, *_) in enumerate(members, 1):
+    for number, (record, arm) in enumerate(fits, 1):
         name = arm.arm if db is None else record.name
         arms[name if name not in arms else f"{name} ({number})"] = arm
     usual = Counter(arm.dropped for arm in arms.values()).most_common(1)[0][0]
     comparable = [arm._replace(arm=name) for name, arm in arms.items() if arm.dropped == usual]
     coefficients, strangers, covariance = fleet_of(comparable)
-    models, shrunk = {member.model for member in members}, sum(member.is_shrunk for member in members)
+    models, shrunk = {arm.robot for arm in arms.values()}, sum(arm.is_shrunk for arm in arms.values())
     notes = (
         f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
         * bool(shrunk),

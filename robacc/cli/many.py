@@ -5,7 +5,7 @@ import os
 import time
 import traceback
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from functools import partial
 from importlib import import_module
 from pathlib import Path, PurePath
@@ -29,36 +29,34 @@ _SUFFIXES = {"table": ".txt", "json": ".json", "markdown": ".md", "github": ".tx
 
 
 class FileTask(NamedTuple):
-    """A file of poses, its options, and the files to write."""
+    """A file of poses, and the files to write."""
 
-    command: str
     path: str
     name: str
-    options: Mapping[str, Any]
-    """Arguments of the call besides the poses."""
     outlets: Outlets
     """Form, gate and file of the result; no file if its name is empty."""
     document: str | None
     """File for the JSON document of the result, which becomes part of the document of all files."""
     extra: str | None
     """File for the error of each pose, or for the model of a fit."""
-    full: bool = False
-    """Whether a table has covariances, tests, worst poses and limitations."""
 
 
-def process_file(task: FileTask) -> FileOutcome:
-    """Process a file and write its results, as the command does for a single file; an error becomes its outcome."""
+def process_file(command: str, options: Mapping[str, Any], full: bool, task: FileTask) -> FileOutcome:
+    """Process a file and write its results, as the command does for a single file; an error becomes its outcome.
+
+    ``options`` are the arguments of the call besides the poses.
+    """
     from robacc.io.json_text import json_pieces
 
     started = time.perf_counter()
     try:
-        call = getattr(import_module(f"robacc.{HOMES[task.command]}"), task.command)
-        result = call(task.path, **task.options)
+        call = getattr(import_module(f"robacc.{HOMES[command]}"), command)
+        result = call(task.path, **options)
         document, gate, warnings = output.with_gate(result, task.outlets.gate)
-        view, status = output.write_extra(task.command, result, task.extra, task.full, task.path, task.options["robot"])
+        view, status = output.write_extra(command, result, task.extra, full, task.path, options["robot"])
         output.write(task.document, lambda: json_pieces(document()))
         if task.outlets.output:
-            output.write_result(task.outlets, task.command, document, view, gate, warnings)
+            output.write_result(task.outlets, command, document, view, gate, warnings)
         status, written = (gate or {}).get("exit_status") or status, PurePath(task.outlets.output).name or None
         outcome = FileOutcome(task.name, status, result.summary(), warnings=warnings, gate=gate, written=written)
     except RobaccError as error:
@@ -98,22 +96,19 @@ def process_each(
     with TemporaryDirectory(prefix="robacc-") as documents:
         tasks = [
             FileTask(
-                command,
                 path,
                 name,
-                options,
                 Outlets(outlets.gate, format=outlets.form, output=_target(folder, name, _SUFFIXES[outlets.form]) or ""),
                 _target(documents if needs_documents else None, str(number), ".json"),
                 _target(extra_folder, name, ".csv" if is_estimate else ".yaml"),
-                full,
             )
             for number, (path, name) in enumerate(zip(paths, distinct_names(paths), strict=True))
         ]
         _check_targets(tasks)
-        outcomes = _run(tasks, workers, folder)
+        outcomes = _run(command, partial(process_file, command, options, full), tasks, workers, folder)
         warnings = _warnings(outcomes)
         try:
-            _write(outcomes, tasks, inputs, outlets, folder, warnings)
+            _write(command, outcomes, tasks, inputs, outlets, folder, warnings)
         finally:
             say_warnings(warnings)
             for outcome in outcomes:
@@ -197,7 +192,13 @@ def _check_targets(tasks: Sequence[FileTask]) -> None:
         )
 
 
-def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> list[FileOutcome]:
+def _run(
+    command: str,
+    process: Callable[[FileTask], FileOutcome],
+    tasks: Sequence[FileTask],
+    workers: Workers,
+    folder: str | None,
+) -> list[FileOutcome]:
     """Return the outcome of each file; without a number of jobs on each core, but on no more than the work is worth."""
     # In bytes of poses that take the same time: a file has a fixed cost of about 50 ms, starting a process of 400 ms.
     work = sum(3 * 2**20 + (os.path.getsize(task.path) if os.path.isfile(task.path) else 0) for task in tasks)
@@ -205,8 +206,8 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
     outcomes: dict[int, FileOutcome] = {}
     try:
         with output.progress_bar() as progress:
-            progress(tasks[0].command, 0, len(tasks))
-            for number, outcome in workers.each(process_file, tasks):
+            progress(command, 0, len(tasks))
+            for number, outcome in workers.each(process, tasks):
                 if isinstance(outcome, BaseException):
                     message, status = str(outcome), 3
                     if not isinstance(outcome, WorkerKilled):
@@ -216,7 +217,7 @@ def _run(tasks: Sequence[FileTask], workers: Workers, folder: str | None) -> lis
                     problem = Problem(message, tasks[number].path)
                     outcome = FileOutcome(tasks[number].name, status, problems=(problem,), n_problems=1)
                 outcomes[number] = outcome
-                progress(tasks[0].command, len(outcomes), len(tasks))
+                progress(command, len(outcomes), len(tasks))
     except KeyboardInterrupt:
         if folder is None or not outcomes:
             raise
@@ -235,6 +236,7 @@ def _say_tip(outcomes: Sequence[FileOutcome]) -> None:
 
 
 def _write(
+    command: str,
     outcomes: Sequence[FileOutcome],
     tasks: Sequence[FileTask],
     inputs: "Inputs",
@@ -247,8 +249,6 @@ def _write(
     from robacc.documents.envelope import InputFile
     from robacc.io.files import sha256_of
     from robacc.render.views.compare import many_annotations, many_view
-
-    command, options = tasks[0].command, tasks[0].options
 
     output.write_junit(outlets.junit, command, outcomes)
     documents = {
@@ -272,7 +272,8 @@ def _write(
     elif outlets.form == "github":
         output.write(place, many_annotations(command, outcomes))
     else:
-        view = partial(many_view, command, outcomes, options["robot"], options.get("align", ()))
+        aligned = inputs.arguments.get("align", ())
+        view = partial(many_view, command, outcomes, inputs.arguments["robot"], aligned)
         own = Outlets(format="table" if outlets.form == "json" else outlets.form, output=place)
         output.write_result(own, command, dict, view, None, warnings)
 

@@ -9,12 +9,13 @@ from typing import Any
 
 import numpy as np
 
-from robacc.accuracy.error_statistics import Gain, Unit, error_statistics, paired_gain
+from robacc.accuracy.error_statistics import Gain, error_statistics, paired_gain
 from robacc.accuracy.estimation import ErrorMetrics, pose_metrics
 from robacc.accuracy.grade import Quantity, Scale, default_scale, grade
 from robacc.comparison.stored_results import (
     FITS,
     NO_TEST_OF_MAXIMUM,
+    QUANTITIES,
     RESAMPLED,
     VECTORIAL,
     ComparedResult,
@@ -76,8 +77,6 @@ def group_letters(count: int, groups: Sequence[tuple[int, ...]]) -> list[str]:
 
 # Status of several results against a required grade: confirmed, met but not confirmed, or not met.
 
-_UNITS: dict[Quantity, Unit] = {"position": "m", "orientation": "rad"}
-
 
 def common_scale(results: Sequence[ComparedResult]) -> Scale:
     """Return the grade scale of the results.
@@ -129,7 +128,7 @@ def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[
                 share=errors.share,
                 seed=seed,
             )
-            for quantity, unit in _UNITS.items()
+            for quantity, unit in QUANTITIES.items()
             if (errors := result.errors.get(quantity)) is not None
         ]
         assessed = grade(graded[0], graded[1] if len(graded) > 1 else None, scale)
@@ -141,7 +140,7 @@ def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[
         probability = assessed.probability_within(rank)
     else:
         statistic = "max_radius95" if scale.statistic == "max" and not result.measured else scale.statistic
-        figures = {name: result.figures[key] for name in _UNITS if (key := f"{name}.{statistic}") in result.figures}
+        figures = {name: result.figures[key] for name in QUANTITIES if (key := f"{name}.{statistic}") in result.figures}
         lacking = f"{result.name} is a result of {result.command}, which has no {statistic} error to grade"
         refuse(("position" not in figures, lacking))
         own_rank = max(scale.rank_of(name, figure.value) for name, figure in figures.items())
@@ -150,7 +149,7 @@ def _status(result: ComparedResult, scale: Scale, rank: int, seed: int) -> dict[
         why_not = measured if result.measured else "predicted from tolerances, not measured"
     ends = {
         f"{quantity}{key}_{unit}": value
-        for quantity, unit in _UNITS.items()
+        for quantity, unit in QUANTITIES.items()
         for own in [figures.get(quantity)]
         for key, value in (
             ("", own and own.value),

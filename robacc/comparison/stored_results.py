@@ -11,8 +11,8 @@ from typing import Any, NamedTuple, get_args
 
 import numpy as np
 
-from robacc.accuracy.error_statistics import Statistic
-from robacc.accuracy.grade import GradeStep, Scale
+from robacc.accuracy.error_statistics import Statistic, Unit
+from robacc.accuracy.grade import GradeStep, Quantity, Scale
 from robacc.errors import applying, given, refuse
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
@@ -35,7 +35,8 @@ Document = Mapping[str, Any]
 
 _LARGEST = 1e9
 """m or rad: every joint, position and error is smaller; the square of a much larger number overflows."""
-UNITS = ("m", "rad")
+QUANTITIES: dict[Quantity, Unit] = {"position": "m", "orientation": "rad"}
+"""Unit of each quantity."""
 _APART = "the result's lists do not belong together"
 
 
@@ -60,7 +61,10 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             outside = f"the result has no keys within {path.rpartition('.')[0]}"
             refuse((not isinstance(node, Mapping), outside), error=NoValueError)
-            holder, name = node, next((full for full in (part, *(f"{part}_{u}" for u in UNITS)) if full in node), "")
+            holder, name = (
+                node,
+                next((full for full in (part, *(f"{part}_{u}" for u in QUANTITIES.values())) if full in node), ""),
+            )
             refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         reason = f": {why}" if isinstance(why := holder.get("why"), str) else ""
@@ -161,7 +165,7 @@ def errors_behind(document: Document, place: str) -> ErrorSet | None:
         NoValueError: The lists of the document do not belong together.
     """
     *stage, quantity = place.split(".")
-    if quantity not in _QUANTITIES or stage[1:] not in ([], ["fitted"], ["held_out"]):
+    if quantity not in QUANTITIES or stage[1:] not in ([], ["fitted"], ["held_out"]):
         return None
     unit, rows, kind, is_held_out = unit_of(quantity), "poses", "poses", stage[1:] == ["held_out"]
     if is_held_out and document.get("poses_apart") is not None:
@@ -243,7 +247,6 @@ class ComparedResult(NamedTuple):
 
 FITS = ("calibrate", "trace")
 COMPARED = ("estimate", *FITS, "predict", "iso9283")
-_QUANTITIES = ("position", "orientation")
 LENGTHS = get_args(Statistic)
 _STATISTICS = {
     **{name: name for name in (*LENGTHS, "max_radius95")},
@@ -337,11 +340,11 @@ def _places(document: Document, command: str) -> dict[str, str]:
         groups = [f"iso9283.{symbol}{part}" for symbol in _ISO9283 for part in ("", ".orientation")]
         return dict(zip(groups, groups, strict=True))
     if command not in FITS:
-        return {quantity: quantity for quantity in _QUANTITIES}
+        return {quantity: quantity for quantity in QUANTITIES}
     poses = "fitted" if _at(document, "after.held_out") is None else "held_out"
     return {
         f"{start}{quantity}".replace("held_out", poses): f"{stage}.{quantity}".replace("held_out", poses)
-        for quantity in _QUANTITIES
+        for quantity in QUANTITIES
         for start, stage in _STAGES
         if poses == "held_out" or "held_out" in stage
     }

@@ -32,6 +32,7 @@ from robacc.documents.keys import (
     flag,
     number,
     part,
+    parts,
     share,
     shortened,
     size,
@@ -189,7 +190,7 @@ def own_keys(name: str) -> Kind:
 
 def result_kind(name: str) -> Kind:
     """Return the declaration of a result: its envelope, then its own keys, of which an unknown command has none."""
-    own = own_keys(name) if name in MODULES else part({})
+    own = own_keys(name) if name in MODULES else part()
     envelope = {
         "schema": Key(constant(f"robacc.{name}/{schema_version(name)}"), "Name and version of this schema."),
         "robacc": Key(text, "Version of robacc that made the result."),
@@ -198,7 +199,7 @@ def result_kind(name: str) -> Kind:
         "inputs": Key(array(INPUT), "Every input file."),
         "seed": Key(count | None, "Seed of all random numbers; null if there are none."),
     }
-    return part({**envelope, **(own.keys or {})}, about=own.about)
+    return part(**envelope, **(own.keys or {})).named(about=own.about)
 
 
 # Read a stored result.
@@ -399,127 +400,82 @@ def read_identity(sources: Sequence[str]) -> dict[str, str]:
     return {key: identity[key] for key in IDENTITY if key in identity}
 
 
-OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated")._replace(name="outcome")
+OUTCOME = choice("pass", "fail", "inconclusive", "not_evaluated").named("outcome")
 
 GATE_RESULT = part(
-    {
-        "name": Key(text, "Name of the gate.", "gate.name"),
-        "outcome": Key(OUTCOME, "Fail if one criterion fails, pass if all criteria pass."),
-        "exit_status": Key(choice(0, 4, 5), "Exit status of the command: 0 pass, 4 fail, 5 undecided."),
-        "assurance": Key(share, "Probability that poses_to_decide poses decide.", lambda _: ASSURANCE),
-        "criteria": Key(
-            array(
-                part(
-                    {
-                        "name": Key(text, "Name of the criterion."),
-                        "key": Key(text, "Key of the figure, as in position.p95."),
-                        "outcome": Key(OUTCOME),
-                        "why": Key(text | None, "Explanation of the outcome, if it needs one."),
-                        "unit": Key(
-                            text,
-                            "Unit of value, limit, bounds and margin: m, rad or 1.",
-                        ),
-                        "value": Key(
-                            Kind({"type": ["number", "string"]}) | None,
-                            "Value of the result: a number, a grade or a word.",
-                        ),
-                        "limit": Key(
-                            anything,
-                            "Limit: a number, a grade, or the words that pass.",
-                        ),
-                        "at_least": Key(flag, "True if the limit is a minimum, not a maximum."),
-                        "rule": Key(
-                            choice("bound", "simple", "guard_band", "guarded_rejection"),
-                            "Decision rule.",
-                        ),
-                        "rule_text": Key(
-                            text,
-                            "Description of the rule, with its source.",
-                        ),
-                        "confidence": Key(
-                            share | None,
-                            "Confidence of each one-sided bound; null if the rule uses no bound.",
-                        ),
-                        "share": Key(
-                            share | None,
-                            "Share of all poses that must lie within the limit of a largest error; otherwise null.",
-                        ),
-                        "lower_bound": Key(number | None, "One-sided lower bound at the confidence."),
-                        "upper_bound": Key(number | None, "One-sided upper bound at the confidence."),
-                        "margin": Key(number | None, "Distance to the limit; negative beyond the limit."),
-                        "conformity_probability": Key(share | None, "Confidence that the true value meets the limit."),
-                        "method": Key(text | None, "Method of the bounds."),
-                        "n_poses": Key(count | None, "Number of commanded poses behind the value."),
-                        "poses_to_decide": Key(
-                            count | None,
-                            (
-                                "Total number of poses (of visits for ISO 9283) that would decide an inconclusive "
-                                "criterion."
-                            ),
-                        ),
-                        "poses_to_decide_if_value_is_true": Key(
-                            count | None,
-                            "The same number if the measured value is the true value.",
-                        ),
-                        "baseline": Key(
-                            part(
-                                {
-                                    "file": Key(text, "Path from the gate file."),
-                                    "value": Key(number | None, "Value of the figure in the baseline."),
-                                }
-                            )
-                            | None,
-                            "Stored result that the figure is compared with; otherwise null.",
-                        ),
-                        "instrument_uncertainty_over_limit": Key(
-                            size | None,
-                            "The instrument's expanded uncertainty over the limit; null if unknown.",
-                        ),
-                        "reason": Key(text, "Reason for the limit, from the gate file."),
-                        "warnings": Key(array(text), "Warnings about this criterion."),
-                        "operating_curve_over": Key(
-                            choice("share_within_limit", "value"),
-                            "Abscissa of the operating curve.",
-                        ),
-                        "operating_curve": Key(
-                            array(array(number, 2)),
-                            "Pairs of a true value and the probability to pass at that value.",
-                        ),
-                    }
-                )
+    name=Key(text, "Name of the gate.", "gate.name"),
+    outcome=Key(OUTCOME, "Fail if one criterion fails, pass if all criteria pass."),
+    exit_status=Key(choice(0, 4, 5), "Exit status of the command: 0 pass, 4 fail, 5 undecided."),
+    assurance=Key(share, "Probability that poses_to_decide poses decide.", lambda _: ASSURANCE),
+    criteria=Key(
+        parts(
+            name=Key(text, "Name of the criterion."),
+            key=Key(text, "Key of the figure, as in position.p95."),
+            outcome=Key(OUTCOME),
+            why=Key(text | None, "Explanation of the outcome, if it needs one."),
+            unit=Key(text, "Unit of value, limit, bounds and margin: m, rad or 1."),
+            value=Key(Kind({"type": ["number", "string"]}) | None, "Value of the result: a number, a grade or a word."),
+            limit=Key(anything, "Limit: a number, a grade, or the words that pass."),
+            at_least=Key(flag, "True if the limit is a minimum, not a maximum."),
+            rule=Key(choice("bound", "simple", "guard_band", "guarded_rejection"), "Decision rule."),
+            rule_text=Key(text, "Description of the rule, with its source."),
+            confidence=Key(share | None, "Confidence of each one-sided bound; null if the rule uses no bound."),
+            share=Key(
+                share | None, "Share of all poses that must lie within the limit of a largest error; otherwise null."
             ),
-            "Criteria in the order of the gate.",
-            "evaluations",
+            lower_bound=Key(number | None, "One-sided lower bound at the confidence."),
+            upper_bound=Key(number | None, "One-sided upper bound at the confidence."),
+            margin=Key(number | None, "Distance to the limit; negative beyond the limit."),
+            conformity_probability=Key(share | None, "Confidence that the true value meets the limit."),
+            method=Key(text | None, "Method of the bounds."),
+            n_poses=Key(count | None, "Number of commanded poses behind the value."),
+            poses_to_decide=Key(
+                count | None,
+                "Total number of poses (of visits for ISO 9283) that would decide an inconclusive criterion.",
+            ),
+            poses_to_decide_if_value_is_true=Key(
+                count | None, "The same number if the measured value is the true value."
+            ),
+            baseline=Key(
+                part(
+                    file=Key(text, "Path from the gate file."),
+                    value=Key(number | None, "Value of the figure in the baseline."),
+                )
+                | None,
+                "Stored result that the figure is compared with; otherwise null.",
+            ),
+            instrument_uncertainty_over_limit=Key(
+                size | None, "The instrument's expanded uncertainty over the limit; null if unknown."
+            ),
+            reason=Key(text, "Reason for the limit, from the gate file."),
+            warnings=Key(array(text), "Warnings about this criterion."),
+            operating_curve_over=Key(choice("share_within_limit", "value"), "Abscissa of the operating curve."),
+            operating_curve=Key(
+                array(array(number, 2)), "Pairs of a true value and the probability to pass at that value."
+            ),
         ),
-        "warnings": Key(array(text), "Warnings of all criteria, without repetitions."),
-    },
-    "gate_result",
-    "Outcome of a gate.",
-)
+        "Criteria in the order of the gate.",
+        "evaluations",
+    ),
+    warnings=Key(array(text), "Warnings of all criteria, without repetitions."),
+).named("gate_result", "Outcome of a gate.")
 
 GATE_KEY = Key(GATE_RESULT, "Gate outcome; present only with a gate.", lambda _: LEFT_OUT, optional=True)
 """Key that a gate adds to a result."""
 
 CHECK = part(
-    {
-        "result": Key(
-            part(
-                {
-                    "schema": Key(text, "Schema of the result."),
-                    "robacc": Key(text, "Version of robacc that made the result."),
-                    "command": Key(text, "Command that made the result."),
-                    "inputs": Key(array(INPUT), "Input files of the result."),
-                }
-            ),
-            "Evaluated result.",
-            lambda checked: {
-                key: checked.result.document.get(key) for key in ("schema", "robacc", "command", "inputs")
-            },
+    result=Key(
+        part(
+            schema=Key(text, "Schema of the result."),
+            robacc=Key(text, "Version of robacc that made the result."),
+            command=Key(text, "Command that made the result."),
+            inputs=Key(array(INPUT), "Input files of the result."),
         ),
-        "gate": Key(GATE_RESULT, source=""),
-    },
-    about="Evaluation of a gate on a stored result.",
-)
+        "Evaluated result.",
+        lambda checked: {key: checked.result.document.get(key) for key in ("schema", "robacc", "command", "inputs")},
+    ),
+    gate=Key(GATE_RESULT, source=""),
+).named(about="Evaluation of a gate on a stored result.")
 
 
 # Read a gate file and the baselines that it names.

@@ -30,6 +30,7 @@ from robacc.documents.keys import (
     flag,
     number,
     part,
+    parts,
     pose_document,
     robot_document,
     share,
@@ -40,14 +41,12 @@ from robacc.documents.keys import (
 from robacc.fitting.priors import weak_kinds
 from robacc.fitting.visits import places
 from robacc.geometry import Array, NDArray
-from robacc.measurements import Measurements, different
+from robacc.measurements import different
 from robacc.statistics.intervals import Interval
 
 if TYPE_CHECKING:
     from robacc.accuracy.estimation import ErrorMetrics
-    from robacc.effects.specification import Baseline
-    from robacc.robots.description import Robot
-    from robacc.tracing.calibrating import Judged, Stage
+    from robacc.tracing.calibrating import Stage
 
 CONFIDENCE = 0.95
 """Confidence of the intervals of a stage."""
@@ -55,104 +54,80 @@ _WITH_INTERVALS = ("rms", "mean_error", "p95")
 
 
 NOISE = part(
-    {
-        "position_m": Key(
-            size | None, "Standard deviation along an axis, m; rms of the three if they differ.", "noise.position"
-        ),
-        "rms_m": Key(size | None, "Root mean square length of the noise of a position, m.", "rms"),
-        "along_axes_m": Key(
-            array(size, 3) | None,
-            "Standard deviations along x, y, z of the measuring frame, m; null if they do not differ.",
-            "noise.along_axes",
-            optional=True,
-        ),
-        "orientation_rad": Key(
-            size | None,
-            "Standard deviation about an axis, rad; null if no orientation was measured.",
-            "noise.orientation",
-        ),
-        "source": Key(
-            choice("file", "file and misfit", "repeats", "residual"),
-            (
-                "Source of the value; file and misfit: the file's sigma columns, and what the remaining error adds "
-                "to them."
-            ),
-            "noise.source",
-        ),
-        "residual_over_noise": Key(size | None, "Rms of the residual over rms of the noise.", "ratio"),
-        "lack_of_fit_p_value": Key(
-            share | None,
-            "Probability of a residual as large by noise alone; null if the noise was estimated from the residual.",
-            "p_value",
-        ),
-    },
-    "noise",
-    "Measurement noise that sets the weights of the fit.",
-)
+    position_m=Key(
+        size | None, "Standard deviation along an axis, m; rms of the three if they differ.", "noise.position"
+    ),
+    rms_m=Key(size | None, "Root mean square length of the noise of a position, m.", "rms"),
+    along_axes_m=Key(
+        array(size, 3) | None,
+        "Standard deviations along x, y, z of the measuring frame, m; null if they do not differ.",
+        "noise.along_axes",
+        optional=True,
+    ),
+    orientation_rad=Key(
+        size | None, "Standard deviation about an axis, rad; null if no orientation was measured.", "noise.orientation"
+    ),
+    source=Key(
+        choice("file", "file and misfit", "repeats", "residual"),
+        "Source of the value; file and misfit: the file's sigma columns, and what the remaining error adds to them.",
+        "noise.source",
+    ),
+    residual_over_noise=Key(size | None, "Rms of the residual over rms of the noise.", "ratio"),
+    lack_of_fit_p_value=Key(
+        share | None,
+        "Probability of a residual as large by noise alone; null if the noise was estimated from the residual.",
+        "p_value",
+    ),
+).named("noise", "Measurement noise that sets the weights of the fit.")
 
 STAGE_FIGURES = part(
-    {
+    **{
         name: Key(
             part(
-                {
-                    **METRICS[unit],
-                    "n_poses": Key(count, "Number of rows behind the metrics."),
-                    "n_commanded_poses": Key(count, "Number of commanded poses among the rows."),
-                    "intervals": Key(
-                        part({f"{metric}_{unit}": Key(INTERVAL) for metric in _WITH_INTERVALS}),
-                        "Intervals of the metrics, by their keys.",
-                    ),
-                }
+                **METRICS[unit],
+                n_poses=Key(count, "Number of rows behind the metrics."),
+                n_commanded_poses=Key(count, "Number of commanded poses among the rows."),
+                intervals=Key(
+                    part(**{f"{metric}_{unit}": Key(INTERVAL) for metric in _WITH_INTERVALS}),
+                    "Intervals of the metrics, by their keys.",
+                ),
             )
             | None,
             f"Metrics of {name}; null if none was measured.",
         )
         for unit, name in QUANTITIES
-    },
-    "stage_figures",
-    "Metrics on one set of poses.",
-)
+    }
+).named("stage_figures", "Metrics on one set of poses.")
 STAGE = part(
-    {
-        "fitted": Key(STAGE_FIGURES, "Metrics of all calibration poses, outliers included."),
-        "fitted_inliers": Key(
-            STAGE_FIGURES | None, "Metrics of the calibration poses without the outliers; null if there are none."
-        ),
-        "held_out": Key(
-            STAGE_FIGURES | None,
-            (
-                "Metrics of all held-out poses, outliers included, which are used neither for choosing nor for "
-                "fitting; null if there are too few poses."
-            ),
-        ),
-        "held_out_inliers": Key(
-            STAGE_FIGURES | None, "Metrics of the held-out poses without the outliers; null if there are none."
-        ),
-    },
-    "stage",
-    "One stage of the fit.",
-)
+    fitted=Key(STAGE_FIGURES, "Metrics of all calibration poses, outliers included."),
+    fitted_inliers=Key(
+        STAGE_FIGURES | None, "Metrics of the calibration poses without the outliers; null if there are none."
+    ),
+    held_out=Key(
+        STAGE_FIGURES | None,
+        "Metrics of all held-out poses, outliers included, which are used neither for choosing nor for "
+        "fitting; null if there are too few poses.",
+    ),
+    held_out_inliers=Key(
+        STAGE_FIGURES | None, "Metrics of the held-out poses without the outliers; null if there are none."
+    ),
+).named("stage", "One stage of the fit.")
 
 REPEATABILITY = part(
-    {
-        "joints": Key(
-            table(size | None),
-            "Standard deviation of each joint's scatter from visit to visit, rad or m; null if it is not identifiable.",
-            lambda repeatability: dict(repeatability.joints),
-        ),
-        "position_m": Key(size, "Rms of the scatter's length at the target, m."),
-        "pose_position_m": Key(
-            size,
-            "Rms of the error that all visits of a pose, or of poses close together, share and no effect explains, m.",
-        ),
-        "source": Key(
-            choice("repeated visits", "several targets", "residual"),
-            (
-                "Source that separates it from the noise; from the residual alone, an effect outside the catalogue "
-                "is not distinguishable."
-            ),
-        ),
-    }
+    joints=Key(
+        table(size | None),
+        "Standard deviation of each joint's scatter from visit to visit, rad or m; null if it is not identifiable.",
+        lambda repeatability: dict(repeatability.joints),
+    ),
+    position_m=Key(size, "Rms of the scatter's length at the target, m."),
+    pose_position_m=Key(
+        size, "Rms of the error that all visits of a pose, or of poses close together, share and no effect explains, m."
+    ),
+    source=Key(
+        choice("repeated visits", "several targets", "residual"),
+        "Source that separates it from the noise; from the residual alone, an effect outside the catalogue "
+        "is not distinguishable.",
+    ),
 )
 """Intrinsic repeatability of an arm."""
 
@@ -162,598 +137,22 @@ def finite(value: float) -> float | None:
     return value if math.isfinite(value) else None
 
 
-_FIT = {
-    "n_poses": Key(count, "Measured poses (rows)."),
-    "noise": Key(NOISE),
-    "nominal_unregistered": Key(STAGE, "Nominal model as it stands in the robot file, base and tool not fitted."),
-    "nominal": Key(STAGE, "Nominal model, registered: base and tool frames fitted as far as the poses allow."),
-    "before": Key(
-        STAGE, "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all)."
-    ),
-    "after": Key(STAGE, "Extended model: all effects are fitted, in trace with the findings."),
-    "declared": Key(
-        part(
-            {
-                "effects": Key(array(text), "Effects as the parameter declared takes them.", "names"),
-                "by_default": Key(flag, "The call declared nothing, so the effects are those of every arm."),
-                "left_out": Key(
-                    array(part({"effect": Key(text, "Name of the effect."), "why": Key(text, "The reason.")})),
-                    "Effects of every arm that the poses do not support.",
-                    lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
-                ),
-            }
-        ),
-        "Effects that were declared to a trace, or that a calibration was to fit.",
-    ),
-    "causes": Key(
-        array(
-            part(
-                {
-                    "effect": Key(text, "Name of the effect."),
-                    "joints": Key(array(text), "Joints that it changes."),
-                    "settings": Key(table(), "Settings of the effect."),
-                    "declared": Key(flag, "Whether it was declared; else the trace found it."),
-                    "size_at_tool_m": Key(
-                        size, "Root mean square distance by which it alone moves the target, m.", "size"
-                    ),
-                    "low_m": Key(
-                        size, "Lower end of the 95 % interval of that distance, m.", lambda cause: cause.interval[0]
-                    ),
-                    "high_m": Key(size, "Upper end, m.", lambda cause: cause.interval[1]),
-                    "error_without_m": Key(
-                        size, "Root mean square error that no other effect of the fit can describe, m.", "left"
-                    ),
-                    "share": Key(
-                        share | None,
-                        "Mean square of that error over that of the nominal model, registered if the fit has frames.",
-                    ),
-                }
-            )
-        ),
-        (
-            "Effects in the fit other than base and tool, declared or found, that the poses distinguish from "
-            "nothing; the largest first."
-        ),
-    ),
-    "gain_m": Key(
-        part(
-            {
-                "value": Key(number, "Error before minus error after, m."),
-                "low": Key(number | None, "Lower limit of the interval, m.", lambda gain: finite(gain.low)),
-                "high": Key(number | None, "Upper limit of the interval, m.", lambda gain: finite(gain.high)),
-                "confidence": Key(share, "Confidence of the interval."),
-            },
-            "gain",
-            "Reduction of the rms position error on held-out poses, m; null if there are none.",
-        )
-        | None
-    ),
-    "n_folds": Key(
-        count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
-    ),
-    "parameters": Key(array(PARAMETER), "All coefficients of the extended model."),
-    "parameter_covariance": Key(COVARIANCE, "Covariance of the coefficients that have a standard error.", "covariance"),
-    "priors": Key(
-        array(
-            part(
-                {
-                    "effect": Key(text, "Effect that the constants belong to."),
-                    "unit": Key(text, "Unit of the constants and of the standard deviation."),
-                    "std": Key(number, "Standard deviation of the prior, estimated from the data."),
-                    "weakly_identifiable": Key(
-                        array(text), "Coefficients of the effect that the poses alone determine poorly.", "names"
-                    ),
-                }
-            )
-        ),
-        (
-            "Gaussian priors about nominal on kinds of constants of which some are weakly identifiable; empty if "
-            "there are none."
-        ),
-        lambda result: weak_kinds(result.fit),
-    ),
-    "repeatability": Key(
-        REPEATABILITY | None,
-        "Intrinsic repeatability of the arm, apart from the measurement noise; null if it cannot be separated.",
-    ),
-    "information": Key(
-        table(size),
-        "Number of identifiable coefficients that each kind of measurement determines; together all of them, less what "
-        "priors determine. Empty for one kind.",
-        lambda result: result.fit.information(),
-    ),
-    "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
-    "outliers": Key(array(part({"line": Key(count, "Line of the file.")})), "Outliers, which the fit leaves out."),
-    **WARNINGS,
-    "robot": Key(ROBOT | None),
-    "poses": Key(FITTED_POSES),
-    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file."),
-}
-
-CALIBRATE = part(
-    {
-        **_FIT,
-        "effects": Key(
-            array(
-                part(
-                    {"effect": Key(text, "Name of the effect."), "joints": Key(array(text), "Joints of the effect.")},
-                    has_others=True,
-                )
-            ),
-            "Fitted effects, with the settings of their form.",
-            lambda calibration: [
-                {"effect": effect.name, "joints": list(effect.joints), **effect.settings()}
-                for effect in calibration.effects
-            ],
-        ),
-        "shrinkage": Key(
-            array(
-                part(
-                    {
-                        "unit": Key(text, "m or rad."),
-                        "width": Key(
-                            size | None,
-                            (
-                                "Standard deviation of the prior for constants that differ from their nominal "
-                                "values, in the unit."
-                            ),
-                            "std",
-                        ),
-                        "constants": Key(
-                            array(
-                                part(
-                                    {
-                                        "name": Key(text, "Name of the coefficient."),
-                                        "probability": Key(
-                                            share, "Probability that the constant differs from its nominal value."
-                                        ),
-                                    }
-                                )
-                            ),
-                            "Constants of the kind.",
-                            lambda kind: [
-                                {"name": name, "probability": probability}
-                                for name, probability in zip(kind.names, kind.probability, strict=True)
-                            ],
-                        ),
-                    }
-                )
-            ),
-            "Constants with shrinkage to the nominal values, by kind.",
-            "shrunk",
-        ),
-        "correlations": Key(
-            array(
-                part(
-                    {
-                        "first": Key(text, "Name of the first."),
-                        "second": Key(text, "Name of the second."),
-                        "correlation": Key(
-                            Kind({"type": "number", "minimum": -1, "maximum": 1}), "Correlation, from -1 to 1.", "value"
-                        ),
-                    }
-                )
-            ),
-            "Pairs of strongly correlated coefficients.",
-        ),
-        "chi_square": Key(size | None, "Weighted sum of squared residuals.", "fit.chi_square"),
-        "degrees_of_freedom": Key(number | None, "Degrees of freedom of the fit.", "fit.degrees_of_freedom"),
-        "identifiability": Key(
-            part(
-                {
-                    "n_identifiable": Key(
-                        count,
-                        "Number of identifiable coefficients.",
-                        lambda identifiability: int(identifiability.columns.size),
-                    ),
-                    "not_identifiable": Key(
-                        array(
-                            part(
-                                {
-                                    "name": Key(text, "Name."),
-                                    "partners": Key(array(text), "Coefficients that it is confounded with."),
-                                    "why": Key(text, "Reason."),
-                                }
-                            )
-                        ),
-                        "Coefficients that are not identifiable on these poses.",
-                        "dropped",
-                    ),
-                    "condition_number": Key(size | None, "Condition number of the scaled Jacobian.", "condition"),
-                    "observability": Key(
-                        table(number | None),
-                        "Observability indices O1 to O5.",
-                        lambda identifiability: identifiability.observability(),
-                    ),
-                }
-            ),
-            "Identifiability of the coefficients on these poses.",
-        ),
-        "leverage": Key(
-            array(
-                part(
-                    {
-                        "line": Key(count, "Line of the file."),
-                        "share": Key(share, "Leverage: the row's share in its own prediction."),
-                    }
-                )
-            ),
-            "Rows with high leverage.",
-        ),
-        "partial_residuals": Key(
-            array(
-                part(
-                    {
-                        "name": Key(text, "Name of the effect."),
-                        "joints": Key(array(text), "Joints of the effect."),
-                        **CURVE_KEYS,
-                    }
-                )
-            ),
-            "Partial residuals of each effect that is not a constant.",
-            lambda calibration: [
-                {"name": effect.name, "joints": list(effect.joints), **CURVE.write(curve)}
-                for effect, curve in calibration.partial_residuals
-            ],
-        ),
-        "outside_validity": OUTSIDE_KEY,
-        "gate": GATE_KEY,
-    },
-    about=(
-        "Named effects fitted to measured poses, with the error before and after on calibration poses and on "
-        "held-out poses."
-    ),
-)
-
-
-FINDING = part(
-    {
-        "effect": Key(text, "Name of the effect."),
-        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
-        "settings": Key(table(), "Settings of the effect, if it has any."),
-        "alternatives": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
-                        "similarity": Key(
-                            share, "Cosine between the contributions of the two effects on these poses, 0 to 1."
-                        ),
-                        "evidence_difference": Key(
-                            number | None, "Evidence (log Bayes factor) of the finding minus that of the alternative."
-                        ),
-                        "settings": Key(table(), "Settings of the effect, if it has any."),
-                    }
-                )
-            ),
-            "Effects that are not distinguishable from the finding on these poses.",
-        ),
-        "p_value": Key(
-            share | None,
-            "Posterior probability of the model without the effect, against that with it, prior odds of all candidates "
-            "included; alternatives are not counted.",
-            lambda finding: finite(finding.p_value),
-        ),
-        "evidence": Key(
-            number | None, "Evidence (log Bayes factor) for the finding.", lambda finding: finite(finding.evidence)
-        ),
-        "size_at_tool_m": Key(
-            size | None,
-            (
-                "Rms over the calibration poses of the distance by which the effect alone moves the target, m; null "
-                "if it cannot be evaluated."
-            ),
-        ),
-        "largest_at_tool_m": Key(size | None, "Largest such distance, m."),
-        "held_out_before_m": Key(
-            size | None,
-            (
-                "Rms position error on held-out poses without the finding, m; null if there are too few poses, and "
-                "for a frame, which every model needs."
-            ),
-        ),
-        "held_out_after_m": Key(size | None, "Rms position error on held-out poses with the finding, m."),
-        "held_out_before_rad": Key(
-            size | None,
-            (
-                "Rms orientation error on held-out poses without the finding, rad; null where orientation is not "
-                "measured, or as held_out_before_m."
-            ),
-            lambda finding: finding.held_out_turn[0],
-            optional=True,
-        ),
-        "held_out_after_rad": Key(
-            size | None,
-            "Rms orientation error on held-out poses with the finding, rad.",
-            lambda finding: finding.held_out_turn[1],
-            optional=True,
-        ),
-        "turn_at_tool_rad": Key(
-            size | None,
-            (
-                "Rms over the calibration poses of the angle by which the effect alone turns the target, rad; null "
-                "where orientation is not measured, or as size_at_tool_m."
-            ),
-            lambda finding: finding.turn_at_tool[0],
-            optional=True,
-        ),
-        "largest_turn_at_tool_rad": Key(
-            size | None, "Largest such angle, rad.", lambda finding: finding.turn_at_tool[1], optional=True
-        ),
-        "parameters": Key(array(PARAMETER), "Coefficients of the finding."),
-        "harmonics": Key(
-            array(
-                part(
-                    {
-                        "order": Key(number, "Periods per turn."),
-                        "amplitude_rad": Key(
-                            size,
-                            "Amplitude, rad, in amplitude x cos(order x q - phase) with the joint's commanded angle q.",
-                        ),
-                        "amplitude_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
-                        "phase_rad": Key(number, "Phase, rad, -pi to pi."),
-                        "phase_std_rad": Key(size | None, "Standard error, rad; null if it is not identifiable."),
-                        "origin": Key(
-                            text | None, "Physical origin that the order agrees with; null if there is none."
-                        ),
-                        "aliases": Key(array(number), "Other orders that the poses do not distinguish from it."),
-                    }
-                )
-            ),
-            "Strong harmonics of a periodic effect.",
-        ),
-        "statement": Key(text | None, "What the finding means and what to do; null if its coefficients say it."),
-        "change": Key(
-            part(
-                {
-                    "at": Key(
-                        number,
-                        "Time of the step, or line of the first pose after it.",
-                        lambda finding: finding.change[0],
-                    ),
-                    "low": Key(number, "First place of the 95 % interval.", lambda finding: finding.change[1]),
-                    "high": Key(number, "Last place of the 95 % interval.", lambda finding: finding.change[2]),
-                    "unit": Key(
-                        choice("s", "line"),
-                        "Unit of the three: s, or line for the line (or row) of the file.",
-                        lambda finding: "s" if "from_time_s" in finding.settings else "line",
-                    ),
-                }
-            )
-            | None,
-            "Place of a step in the sequence of poses; null for every other effect.",
-            lambda finding: None if finding.change is None else finding,
-        ),
-        "validity": Key(
-            table(array(number, 2)),
-            (
-                "Range of each joint or driver that the finding was fitted on: low and high, in rad, m or the "
-                "driver's unit."
-            ),
-            lambda finding: {name: [low, high] for name, low, high in finding.validity},
-        ),
-        "partial_residuals": Key(array(CURVE), "Residual over the driver of the effect."),
-        "implausible": Key(
-            text | None, "Reason if coefficients are beyond what the effect can be; null if they are plausible."
-        ),
-        "warnings": Key(array(text), "Warnings about the finding."),
-    }
-)
-"""One identified effect."""
-_CANDIDATES = part(
-    {
-        "step": Key(count, "Step, from 0."),
-        "action": Key(text, "Action: add, drop, swap …"),
-        "effect": Key(text | None, "Chosen effect.", "chosen"),
-        "ranking": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect.", "effect.name"),
-                        "joints": Key(
-                            array(text),
-                            "Joints of the effect; empty if it acts on no particular joint.",
-                            "effect.joints",
-                        ),
-                        "settings": Key(
-                            table(),
-                            "Settings of the effect, if it has any.",
-                            lambda candidate: candidate.effect.settings(),
-                        ),
-                        "evidence": Key(number | None, "Evidence (log Bayes factor)."),
-                        "log_prior": Key(number | None, "Logarithm of the prior probability."),
-                        "p_value": Key(
-                            share | None,
-                            "Posterior probability that the effect is not there, beside the model at this step.",
-                        ),
-                        "explained": Key(
-                            number | None, "Share of the whitened squares that the candidate explains.", "gain"
-                        ),
-                    }
-                )
-            ),
-            "Candidates, the best first.",
-        ),
-    }
-)
-"""Candidates of one step of a search."""
-TRACE = part(
-    {
-        "verdict": Key(
-            choice("clean", "explained", "partly_explained", "unexplained"),
-            "clean: no finding and no remaining structure; otherwise, how far the findings explain the residual.",
-        ),
-        "assumption": Key(
-            text | None,
-            "What the verdict presumes where the measurement noise is known from the residual alone; else null.",
-        ),
-        **_FIT,
-        "findings": Key(array(FINDING), "Identified effects, in the order in which they were added."),
-        "undeclared_load": Key(
-            part(
-                {
-                    "statement": Key(text, "What the torques point to, in one sentence."),
-                    "joints": Key(array(text), "Joints whose deflections show it."),
-                    "named": Key(
-                        flag,
-                        (
-                            "Whether a load on one link is far more likely than errors of the file's masses alone: "
-                            "odds of 150 to 1, divided by the number of hypotheses."
-                        ),
-                        "is_named",
-                    ),
-                    "mass_error": Key(
-                        size, "Relative error of the file's masses that explains the torques best without a load."
-                    ),
-                    "places": Key(
-                        array(
-                            part(
-                                {
-                                    "link": Key(text, "Joint that moves the link."),
-                                    "mass_kg": Key(
-                                        number,
-                                        "Median of the load, kg; negative if the link is lighter than the file states.",
-                                        "mass",
-                                    ),
-                                    "low_kg": Key(number, "Lower end of the 95 % credible interval, kg.", "low"),
-                                    "high_kg": Key(number, "Upper end, kg.", "high"),
-                                    "log_bayes_factor": Key(
-                                        number,
-                                        (
-                                            "Natural logarithm of the marginal likelihood over that of errors of the "
-                                            "file's masses alone."
-                                        ),
-                                    ),
-                                }
-                            )
-                        ),
-                        "Links that the poses do not distinguish, best first; the best alone if no load is named.",
-                    ),
-                }
-            )
-            | None,
-            (
-                "Whether the torques point to a load on one link that the robot file does not state; null unless a "
-                "joint_compliance has uncertain masses."
-            ),
-        ),
-        "explained_share": Key(
-            share | None,
-            (
-                "Share of the baseline's held-out variance above noise and repeatability that the findings explain; "
-                "null where nothing was held out or nothing is above the noise."
-            ),
-        ),
-        "unexplained": Key(
-            part(
-                {
-                    "rms_m": Key(size | None, "Rms length of the residual, m."),
-                    "noise_rms_m": Key(
-                        size | None,
-                        "Rms length of the measurement noise, m; null if the noise was estimated from the residual.",
-                    ),
-                    "structured": Key(flag, "True if the remaining error has structure beyond noise."),
-                    "p_value": Key(share, "p-value of no structure."),
-                    "hints": Key(array(text), "Dependences of the remaining error."),
-                    "parts": Key(
-                        part(
-                            {
-                                "noise_m": Key(size, "Measurement noise, m."),
-                                "scatter_m": Key(size, "Scatter of the joints from visit to visit, m.", optional=True),
-                                "pose_m": Key(
-                                    size, "Error that depends on the pose and has no cause, m.", optional=True
-                                ),
-                                "wander_m": Key(size, "Slow random error over time, m.", optional=True),
-                            }
-                        ),
-                        "Parts of the remaining error, rms at the target; those that the data show.",
-                        lambda it: {f"{part}_m": size for part, size in it.parts.items()},
-                    ),
-                }
-            ),
-            "Remaining error of the extended model.",
-        ),
-        "search": Key(
-            part(
-                {
-                    "steps": Key(
-                        count, "Steps of all selections: number of candidates.", lambda trace: len(trace.steps)
-                    ),
-                    "settled": Key(flag, "True if the search ended because no move gained."),
-                }
-            ),
-            "Length of the search.",
-            "",
-        ),
-        "candidates": Key(
-            array(_CANDIDATES),
-            "Candidates of each step, with their scores.",
-            lambda trace: [_CANDIDATES.write(step, step=i) for i, step in enumerate(trace.steps)],
-        ),
-        "next_poses": Key(
-            array(
-                part(
-                    {
-                        "text": Key(text, "Description."),
-                        "q": Key(array(array(number)), "Joint variables of each pose, rad or m."),
-                        "difference_m": Key(
-                            array(number), "Distance between the target positions that the two effects predict, m."
-                        ),
-                    }
-                )
-            ),
-            "Poses that would distinguish a finding from an alternative.",
-        ),
-        "not_offered": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "why": Key(text, "Reason: missing data or robot properties."),
-                    }
-                )
-            ),
-            "Effects that are not candidates, with the reason.",
-            lambda trace: [{"effect": name, "why": why} for name, why in trace.missing.items()],
-        ),
-        "detection_limits": Key(
-            array(
-                part(
-                    {
-                        "effect": Key(text, "Name of the effect."),
-                        "joints": Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
-                        "settings": Key(table(), "Settings of the effect, if it has any."),
-                        "limit": Key(
-                            size | None, "Detection limit in the unit; null if no realistic size would be found."
-                        ),
-                        "unit": Key(text, "Unit of limit."),
-                        "rms_m": Key(
-                            size | None, "Rms displacement of the target over the poses by an effect of that size, m."
-                        ),
-                    }
-                )
-            ),
-            "Detection limits: the size of each effect that is found on these poses with probability 1/2.",
-            "detection",
-        ),
-        "outside_validity": OUTSIDE_KEY,
-        "gate": GATE_KEY,
-    },
-    about="Identified effects of measured poses, with the error before and after on held-out poses.",
-)
-
-
 # Stages of a fit: the metrics of each stage with their intervals.
 
 _STAGES = ("nominal_unregistered", "nominal", "before", "after")
 
 
-def _stage(stage: "Stage", groups: Mapping[str, NDArray[np.int64]], seed: int) -> Document:
-    """Return the metrics of one stage, with intervals over the commanded poses ``groups``, repetitions together.
+def _stage(result: Any, key: str) -> Document:
+    """Return the metrics of one stage, with intervals over the commanded poses, repetitions together.
 
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
+    stage: Stage = getattr(result, key)
+    inputs, seed = result.fit_inputs, result.made.seed or 0
+    groups = {
+        "fitted": places(inputs.data),
+        "held_out": places(inputs.data if inputs.holdout is None else inputs.holdout),
+    }
     figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
     for name in figures:
         metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]
@@ -789,43 +188,464 @@ def _figures(
     }
 
 
-def fit_document(
-    kind: Kind,
-    result: "Judged",
-    data: Measurements,
-    robot: "Robot",
-    apart: Measurements | None = None,
-    seed: int = 0,
-    baseline: "Baseline | None" = None,
-) -> Document:
-    """Return the keys of ``robacc.calibrate/2`` or ``robacc.trace/2``.
+def _fitted_poses(result: Any) -> Document:
+    """Return the calibration poses with the errors of each stage, held-out ones too unless they have their own file."""
+    inputs = result.fit_inputs
+    errors = {name: getattr(result, name).residual for name in _STAGES}
+    if inputs.holdout is None:
+        errors |= {f"held_out_{name}": getattr(result, name).held_out_residual for name in _STAGES}
+    return pose_document(inputs.data, inputs.data.position - errors["nominal"][:3], errors, result.fit.inliers)
 
-    Args:
-        kind: :data:`CALIBRATE` or :data:`TRACE`.
-        result: The result.
-        data: Calibration poses.
-        robot: The nominal model.
-        apart: Held-out poses, where they come from a file of their own.
-        seed: Seed of the resampling behind intervals.
-        baseline: The declared effects.
-    """
-    stages: dict[str, Stage] = {name: getattr(result, name) for name in _STAGES}
-    held_out = {name: stage.held_out_residual for name, stage in stages.items()}
-    fitted: dict[str, Any] = {name: stage.residual for name, stage in stages.items()}
-    groups, poses_apart = dict.fromkeys(("fitted", "held_out"), places(data)), None
-    if apart is None:
-        fitted |= {f"held_out_{name}": residual for name, residual in held_out.items()}
-    elif (nominal := held_out["nominal"]) is not None:
-        groups["held_out"] = places(apart)
-        poses_apart = pose_document(apart, apart.position - nominal[:3], held_out)
-    return kind.write(
-        result,
-        **{name: _stage(stage, groups, seed) for name, stage in stages.items()},
-        n_poses=data.n,
-        outliers=[{"line": data.line(int(i))} for i in result.fit.outliers],
-        robot=robot_document(robot, data.q, result.fit.model.arm.robot),
-        poses=pose_document(data, data.position - fitted["nominal"][:3], fitted, result.fit.inliers),
-        poses_apart=poses_apart,
-        declared=baseline,
-        leverage=[{"line": data.line(i), "share": share} for i, share in getattr(result, "leverage", ())],
-    )
+
+def _validation_poses(result: Any) -> Document | None:
+    """Return the poses of a file of their own with the errors of each stage; None without such a file."""
+    apart = result.fit_inputs.holdout
+    errors = {name: getattr(result, name).held_out_residual for name in _STAGES}
+    if apart is None or errors["nominal"] is None:
+        return None
+    return pose_document(apart, apart.position - errors["nominal"][:3], errors)
+
+
+_FIT = {
+    "n_poses": Key(count, "Measured poses (rows).", "fit_inputs.data.n"),
+    "noise": Key(NOISE),
+    "nominal_unregistered": Key(
+        STAGE,
+        "Nominal model as it stands in the robot file, base and tool not fitted.",
+        lambda result: _stage(result, "nominal_unregistered"),
+    ),
+    "nominal": Key(
+        STAGE,
+        "Nominal model, registered: base and tool frames fitted as far as the poses allow.",
+        lambda result: _stage(result, "nominal"),
+    ),
+    "before": Key(
+        STAGE,
+        "Baseline: the declared effects are fitted (calibrate: base and tool, if they are fitted at all).",
+        lambda result: _stage(result, "before"),
+    ),
+    "after": Key(
+        STAGE,
+        "Extended model: all effects are fitted, in trace with the findings.",
+        lambda result: _stage(result, "after"),
+    ),
+    "declared": Key(
+        part(
+            effects=Key(array(text), "Effects as the parameter declared takes them.", "names"),
+            by_default=Key(flag, "The call declared nothing, so the effects are those of every arm."),
+            left_out=Key(
+                parts(effect=Key(text, "Name of the effect."), why=Key(text, "The reason.")),
+                "Effects of every arm that the poses do not support.",
+                lambda baseline: [{"effect": name, "why": why} for name, why in baseline.left_out],
+            ),
+        ),
+        "Effects that were declared to a trace, or that a calibration was to fit.",
+        "fit_inputs.baseline",
+    ),
+    "causes": Key(
+        parts(
+            effect=Key(text, "Name of the effect."),
+            joints=Key(array(text), "Joints that it changes."),
+            settings=Key(table(), "Settings of the effect."),
+            declared=Key(flag, "Whether it was declared; else the trace found it."),
+            size_at_tool_m=Key(size, "Root mean square distance by which it alone moves the target, m.", "size"),
+            low_m=Key(size, "Lower end of the 95 % interval of that distance, m.", lambda cause: cause.interval[0]),
+            high_m=Key(size, "Upper end, m.", lambda cause: cause.interval[1]),
+            error_without_m=Key(
+                size, "Root mean square error that no other effect of the fit can describe, m.", "left"
+            ),
+            share=Key(
+                share | None,
+                "Mean square of that error over that of the nominal model, registered if the fit has frames.",
+            ),
+        ),
+        "Effects in the fit other than base and tool, declared or found, that the poses distinguish from "
+        "nothing; the largest first.",
+    ),
+    "gain_m": Key(
+        part(
+            value=Key(number, "Error before minus error after, m."),
+            low=Key(number | None, "Lower limit of the interval, m.", lambda gain: finite(gain.low)),
+            high=Key(number | None, "Upper limit of the interval, m.", lambda gain: finite(gain.high)),
+            confidence=Key(share, "Confidence of the interval."),
+        ).named("gain", "Reduction of the rms position error on held-out poses, m; null if there are none.")
+        | None
+    ),
+    "n_folds": Key(
+        count, "Groups of poses that are held out in turn; 0 with validation poses, or where poses are too few."
+    ),
+    "parameters": Key(array(PARAMETER), "All coefficients of the extended model."),
+    "parameter_covariance": Key(COVARIANCE, "Covariance of the coefficients that have a standard error.", "covariance"),
+    "priors": Key(
+        parts(
+            effect=Key(text, "Effect that the constants belong to."),
+            unit=Key(text, "Unit of the constants and of the standard deviation."),
+            std=Key(number, "Standard deviation of the prior, estimated from the data."),
+            weakly_identifiable=Key(
+                array(text), "Coefficients of the effect that the poses alone determine poorly.", "names"
+            ),
+        ),
+        "Gaussian priors about nominal on kinds of constants of which some are weakly identifiable; empty if "
+        "there are none.",
+        lambda result: weak_kinds(result.fit),
+    ),
+    "repeatability": Key(
+        REPEATABILITY | None,
+        "Intrinsic repeatability of the arm, apart from the measurement noise; null if it cannot be separated.",
+    ),
+    "information": Key(
+        table(size),
+        "Number of identifiable coefficients that each kind of measurement determines; together all of them, less what "
+        "priors determine. Empty for one kind.",
+        lambda result: result.fit.information(),
+    ),
+    "converged": Key(flag, "True if the fit of the reported model converged.", "fit.converged"),
+    "outliers": Key(
+        parts(line=Key(count, "Line of the file.")),
+        "Outliers, which the fit leaves out.",
+        lambda result: [{"line": result.fit_inputs.data.line(int(i))} for i in result.fit.outliers],
+    ),
+    **WARNINGS,
+    "robot": Key(
+        ROBOT | None,
+        source=lambda result: robot_document(
+            result.fit_inputs.robot, result.fit_inputs.data.q, result.fit.model.arm.robot
+        ),
+    ),
+    "poses": Key(FITTED_POSES, source=_fitted_poses),
+    "poses_apart": Key(FITTED_POSES | None, "Poses of the holdout file; null without such a file.", _validation_poses),
+}
+
+CALIBRATE = part(
+    **_FIT,
+    effects=Key(
+        array(
+            part(effect=Key(text, "Name of the effect."), joints=Key(array(text), "Joints of the effect."))._replace(
+                words={"additionalProperties": True}
+            )
+        ),
+        "Fitted effects, with the settings of their form.",
+        lambda calibration: [
+            {"effect": effect.name, "joints": list(effect.joints), **effect.settings()}
+            for effect in calibration.effects
+        ],
+    ),
+    shrinkage=Key(
+        parts(
+            unit=Key(text, "m or rad."),
+            width=Key(
+                size | None,
+                "Standard deviation of the prior for constants that differ from their nominal values, in the unit.",
+                "std",
+            ),
+            constants=Key(
+                parts(
+                    name=Key(text, "Name of the coefficient."),
+                    probability=Key(share, "Probability that the constant differs from its nominal value."),
+                ),
+                "Constants of the kind.",
+                lambda kind: [
+                    {"name": name, "probability": probability}
+                    for name, probability in zip(kind.names, kind.probability, strict=True)
+                ],
+            ),
+        ),
+        "Constants with shrinkage to the nominal values, by kind.",
+        "shrunk",
+    ),
+    correlations=Key(
+        parts(
+            first=Key(text, "Name of the first."),
+            second=Key(text, "Name of the second."),
+            correlation=Key(
+                Kind({"type": "number", "minimum": -1, "maximum": 1}), "Correlation, from -1 to 1.", "value"
+            ),
+        ),
+        "Pairs of strongly correlated coefficients.",
+    ),
+    chi_square=Key(size | None, "Weighted sum of squared residuals.", "fit.chi_square"),
+    degrees_of_freedom=Key(number | None, "Degrees of freedom of the fit.", "fit.degrees_of_freedom"),
+    identifiability=Key(
+        part(
+            n_identifiable=Key(
+                count, "Number of identifiable coefficients.", lambda identifiability: int(identifiability.columns.size)
+            ),
+            not_identifiable=Key(
+                parts(
+                    name=Key(text, "Name."),
+                    partners=Key(array(text), "Coefficients that it is confounded with."),
+                    why=Key(text, "Reason."),
+                ),
+                "Coefficients that are not identifiable on these poses.",
+                "dropped",
+            ),
+            condition_number=Key(size | None, "Condition number of the scaled Jacobian.", "condition"),
+            observability=Key(
+                table(number | None),
+                "Observability indices O1 to O5.",
+                lambda identifiability: identifiability.observability(),
+            ),
+        ),
+        "Identifiability of the coefficients on these poses.",
+    ),
+    leverage=Key(
+        parts(
+            line=Key(count, "Line of the file."), share=Key(share, "Leverage: the row's share in its own prediction.")
+        ),
+        "Rows with high leverage.",
+        lambda calibration: [
+            {"line": calibration.fit_inputs.data.line(i), "share": share} for i, share in calibration.leverage
+        ],
+    ),
+    partial_residuals=Key(
+        parts(name=Key(text, "Name of the effect."), joints=Key(array(text), "Joints of the effect."), **CURVE_KEYS),
+        "Partial residuals of each effect that is not a constant.",
+        lambda calibration: [
+            {"name": effect.name, "joints": list(effect.joints), **CURVE.write(curve)}
+            for effect, curve in calibration.partial_residuals
+        ],
+    ),
+    outside_validity=OUTSIDE_KEY,
+    gate=GATE_KEY,
+).named(
+    about="Named effects fitted to measured poses, with the error before and after on calibration poses and on "
+    "held-out poses."
+)
+
+
+FINDING = part(
+    effect=Key(text, "Name of the effect."),
+    joints=Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
+    settings=Key(table(), "Settings of the effect, if it has any."),
+    alternatives=Key(
+        parts(
+            effect=Key(text, "Name of the effect."),
+            joints=Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
+            similarity=Key(share, "Cosine between the contributions of the two effects on these poses, 0 to 1."),
+            evidence_difference=Key(
+                number | None, "Evidence (log Bayes factor) of the finding minus that of the alternative."
+            ),
+            settings=Key(table(), "Settings of the effect, if it has any."),
+        ),
+        "Effects that are not distinguishable from the finding on these poses.",
+    ),
+    p_value=Key(
+        share | None,
+        "Posterior probability of the model without the effect, against that with it, prior odds of all candidates "
+        "included; alternatives are not counted.",
+        lambda finding: finite(finding.p_value),
+    ),
+    evidence=Key(
+        number | None, "Evidence (log Bayes factor) for the finding.", lambda finding: finite(finding.evidence)
+    ),
+    size_at_tool_m=Key(
+        size | None,
+        "Rms over the calibration poses of the distance by which the effect alone moves the target, m; null "
+        "if it cannot be evaluated.",
+    ),
+    largest_at_tool_m=Key(size | None, "Largest such distance, m."),
+    held_out_before_m=Key(
+        size | None,
+        "Rms position error on held-out poses without the finding, m; null if there are too few poses, and "
+        "for a frame, which every model needs.",
+    ),
+    held_out_after_m=Key(size | None, "Rms position error on held-out poses with the finding, m."),
+    held_out_before_rad=Key(
+        size | None,
+        "Rms orientation error on held-out poses without the finding, rad; null where orientation is not "
+        "measured, or as held_out_before_m.",
+        lambda finding: finding.held_out_turn[0],
+        optional=True,
+    ),
+    held_out_after_rad=Key(
+        size | None,
+        "Rms orientation error on held-out poses with the finding, rad.",
+        lambda finding: finding.held_out_turn[1],
+        optional=True,
+    ),
+    turn_at_tool_rad=Key(
+        size | None,
+        "Rms over the calibration poses of the angle by which the effect alone turns the target, rad; null "
+        "where orientation is not measured, or as size_at_tool_m.",
+        lambda finding: finding.turn_at_tool[0],
+        optional=True,
+    ),
+    largest_turn_at_tool_rad=Key(
+        size | None, "Largest such angle, rad.", lambda finding: finding.turn_at_tool[1], optional=True
+    ),
+    parameters=Key(array(PARAMETER), "Coefficients of the finding."),
+    harmonics=Key(
+        parts(
+            order=Key(number, "Periods per turn."),
+            amplitude_rad=Key(
+                size, "Amplitude, rad, in amplitude x cos(order x q - phase) with the joint's commanded angle q."
+            ),
+            amplitude_std_rad=Key(size | None, "Standard error, rad; null if it is not identifiable."),
+            phase_rad=Key(number, "Phase, rad, -pi to pi."),
+            phase_std_rad=Key(size | None, "Standard error, rad; null if it is not identifiable."),
+            origin=Key(text | None, "Physical origin that the order agrees with; null if there is none."),
+            aliases=Key(array(number), "Other orders that the poses do not distinguish from it."),
+        ),
+        "Strong harmonics of a periodic effect.",
+    ),
+    statement=Key(text | None, "What the finding means and what to do; null if its coefficients say it."),
+    change=Key(
+        part(
+            at=Key(number, "Time of the step, or line of the first pose after it.", lambda finding: finding.change[0]),
+            low=Key(number, "First place of the 95 % interval.", lambda finding: finding.change[1]),
+            high=Key(number, "Last place of the 95 % interval.", lambda finding: finding.change[2]),
+            unit=Key(
+                choice("s", "line"),
+                "Unit of the three: s, or line for the line (or row) of the file.",
+                lambda finding: "s" if "from_time_s" in finding.settings else "line",
+            ),
+        )
+        | None,
+        "Place of a step in the sequence of poses; null for every other effect.",
+        lambda finding: None if finding.change is None else finding,
+    ),
+    validity=Key(
+        table(array(number, 2)),
+        "Range of each joint or driver that the finding was fitted on: low and high, in rad, m or the driver's unit.",
+        lambda finding: {name: [low, high] for name, low, high in finding.validity},
+    ),
+    partial_residuals=Key(array(CURVE), "Residual over the driver of the effect."),
+    implausible=Key(
+        text | None, "Reason if coefficients are beyond what the effect can be; null if they are plausible."
+    ),
+    warnings=Key(array(text), "Warnings about the finding."),
+)
+"""One identified effect."""
+_CANDIDATES = part(
+    step=Key(count, "Step, from 0."),
+    action=Key(text, "Action: add, drop, swap …"),
+    effect=Key(text | None, "Chosen effect.", "chosen"),
+    ranking=Key(
+        parts(
+            effect=Key(text, "Name of the effect.", "effect.name"),
+            joints=Key(array(text), "Joints of the effect; empty if it acts on no particular joint.", "effect.joints"),
+            settings=Key(
+                table(), "Settings of the effect, if it has any.", lambda candidate: candidate.effect.settings()
+            ),
+            evidence=Key(number | None, "Evidence (log Bayes factor)."),
+            log_prior=Key(number | None, "Logarithm of the prior probability."),
+            p_value=Key(
+                share | None, "Posterior probability that the effect is not there, beside the model at this step."
+            ),
+            explained=Key(number | None, "Share of the whitened squares that the candidate explains.", "gain"),
+        ),
+        "Candidates, the best first.",
+    ),
+)
+"""Candidates of one step of a search."""
+TRACE = part(
+    verdict=Key(
+        choice("clean", "explained", "partly_explained", "unexplained"),
+        "clean: no finding and no remaining structure; otherwise, how far the findings explain the residual.",
+    ),
+    assumption=Key(
+        text | None,
+        "What the verdict presumes where the measurement noise is known from the residual alone; else null.",
+    ),
+    **_FIT,
+    findings=Key(array(FINDING), "Identified effects, in the order in which they were added."),
+    undeclared_load=Key(
+        part(
+            statement=Key(text, "What the torques point to, in one sentence."),
+            joints=Key(array(text), "Joints whose deflections show it."),
+            named=Key(
+                flag,
+                "Whether a load on one link is far more likely than errors of the file's masses alone: "
+                "odds of 150 to 1, divided by the number of hypotheses.",
+                "is_named",
+            ),
+            mass_error=Key(size, "Relative error of the file's masses that explains the torques best without a load."),
+            places=Key(
+                parts(
+                    link=Key(text, "Joint that moves the link."),
+                    mass_kg=Key(
+                        number, "Median of the load, kg; negative if the link is lighter than the file states.", "mass"
+                    ),
+                    low_kg=Key(number, "Lower end of the 95 % credible interval, kg.", "low"),
+                    high_kg=Key(number, "Upper end, kg.", "high"),
+                    log_bayes_factor=Key(
+                        number,
+                        "Natural logarithm of the marginal likelihood over that of errors of the file's masses alone.",
+                    ),
+                ),
+                "Links that the poses do not distinguish, best first; the best alone if no load is named.",
+            ),
+        )
+        | None,
+        "Whether the torques point to a load on one link that the robot file does not state; null unless a "
+        "joint_compliance has uncertain masses.",
+    ),
+    explained_share=Key(
+        share | None,
+        "Share of the baseline's held-out variance above noise and repeatability that the findings explain; "
+        "null where nothing was held out or nothing is above the noise.",
+    ),
+    unexplained=Key(
+        part(
+            rms_m=Key(size | None, "Rms length of the residual, m."),
+            noise_rms_m=Key(
+                size | None,
+                "Rms length of the measurement noise, m; null if the noise was estimated from the residual.",
+            ),
+            structured=Key(flag, "True if the remaining error has structure beyond noise."),
+            p_value=Key(share, "p-value of no structure."),
+            hints=Key(array(text), "Dependences of the remaining error."),
+            parts=Key(
+                part(
+                    noise_m=Key(size, "Measurement noise, m."),
+                    scatter_m=Key(size, "Scatter of the joints from visit to visit, m.", optional=True),
+                    pose_m=Key(size, "Error that depends on the pose and has no cause, m.", optional=True),
+                    wander_m=Key(size, "Slow random error over time, m.", optional=True),
+                ),
+                "Parts of the remaining error, rms at the target; those that the data show.",
+                lambda it: {f"{part}_m": size for part, size in it.parts.items()},
+            ),
+        ),
+        "Remaining error of the extended model.",
+    ),
+    search=Key(
+        part(
+            steps=Key(count, "Steps of all selections: number of candidates.", lambda trace: len(trace.steps)),
+            settled=Key(flag, "True if the search ended because no move gained."),
+        ),
+        "Length of the search.",
+        "",
+    ),
+    candidates=Key(
+        array(_CANDIDATES),
+        "Candidates of each step, with their scores.",
+        lambda trace: [_CANDIDATES.write(step, step=i) for i, step in enumerate(trace.steps)],
+    ),
+    next_poses=Key(
+        parts(
+            text=Key(text, "Description."),
+            q=Key(array(array(number)), "Joint variables of each pose, rad or m."),
+            difference_m=Key(array(number), "Distance between the target positions that the two effects predict, m."),
+        ),
+        "Poses that would distinguish a finding from an alternative.",
+    ),
+    not_offered=Key(
+        parts(effect=Key(text, "Name of the effect."), why=Key(text, "Reason: missing data or robot properties.")),
+        "Effects that are not candidates, with the reason.",
+        lambda trace: [{"effect": name, "why": why} for name, why in trace.missing.items()],
+    ),
+    detection_limits=Key(
+        parts(
+            effect=Key(text, "Name of the effect."),
+            joints=Key(array(text), "Joints of the effect; empty if it acts on no particular joint."),
+            settings=Key(table(), "Settings of the effect, if it has any."),
+            limit=Key(size | None, "Detection limit in the unit; null if no realistic size would be found."),
+            unit=Key(text, "Unit of limit."),
+            rms_m=Key(size | None, "Rms displacement of the target over the poses by an effect of that size, m."),
+        ),
+        "Detection limits: the size of each effect that is found on these poses with probability 1/2.",
+        "detection",
+    ),
+    outside_validity=OUTSIDE_KEY,
+    gate=GATE_KEY,
+).named(about="Identified effects of measured poses, with the error before and after on held-out poses.")

@@ -4,6 +4,7 @@ A key is stated once, and the document and its JSON Schema both come from it.
 
 A :class:`Kind` says what a value is. A kind with ``keys`` is an object of the document, written from a record: each
 :class:`Key` takes its value from the record's attribute of the same name without the unit, unless it says otherwise.
+``part(rms_m=Key(size, "Rms error, m."))`` is such a kind, and :func:`parts` is one of lists of such objects.
 """
 
 import json
@@ -55,6 +56,10 @@ class Kind(NamedTuple):
     def __or__(self, other: None) -> "Kind":
         """Return the kind of values that may be null."""
         return self._replace(null=True)
+
+    def named(self, name: str = "", about: str = "") -> "Kind":
+        """Return the kind with a name, of a part that several places share, and a description."""
+        return self._replace(name=name, about=about)
 
     def write(self, record: Any, **given: Any) -> Document:
         """Return the object of a record; ``given`` are values of keys that the record does not have.
@@ -183,9 +188,14 @@ def shortened(value: Any) -> str:
     return text if len(text) <= 60 else f"{text[:57]}…"
 
 
-def part(keys: Mapping[str, Key], name: str = "", about: str = "", *, has_others: bool = False) -> Kind:
-    """Return the kind of objects with ``keys``, and with other keys if ``has_others``."""
-    return Kind({"additionalProperties": True} if has_others else {}, keys=keys, name=name, about=about)
+def part(**keys: Key) -> Kind:
+    """Return the kind of objects with ``keys``."""
+    return Kind(keys=keys)
+
+
+def parts(**keys: Key) -> Kind:
+    """Return the kind of lists of objects with ``keys``."""
+    return array(part(**keys))
 
 
 def within(path: str, keys: Mapping[str, Key]) -> dict[str, Key]:
@@ -224,9 +234,9 @@ share = Kind({"type": "number", "minimum": 0, "maximum": 1})
 integer = Kind({"type": "integer"})
 count = Kind({"type": "integer", "minimum": 0})
 ordinal = Kind({"type": "integer", "minimum": 1})
-vector3 = array(number, 3)._replace(name="vector3")
-rows3 = array(array(number | None, 3))._replace(name="rows3")
-matrix3 = array(vector3, 3)._replace(name="matrix3")
+vector3 = array(number, 3).named("vector3")
+rows3 = array(array(number | None, 3)).named("rows3")
+matrix3 = array(vector3, 3).named("matrix3")
 
 
 # Parts that several documents share: statistics, grades, coefficients, poses, the robot, curves of effects.
@@ -249,39 +259,28 @@ def texts(column: NDArray[Any] | None) -> list[str] | None:
 
 OUTSIDE_KEY = Key(
     part(
-        {
-            "n_poses": Key(count, "Poses outside at least one range."),
-            "position_std_max_m": Key(
-                size,
-                "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
-                "std_max",
-            ),
-            "ranges": Key(
-                array(
-                    part(
-                        {
-                            "effect": Key(text, "Effect and its joints."),
-                            "driver": Key(
-                                text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."
-                            ),
-                            "unit": Key(text, "Unit of the range."),
-                            "low": Key(number, "Lowest value that the effect was fitted on."),
-                            "high": Key(number, "Highest value that the effect was fitted on."),
-                            "n_poses": Key(ordinal, "Poses outside this range."),
-                            "largest_excess": Key(size, "Largest distance of a pose from the range."),
-                            "rule": Key(
-                                choice("held", "extrapolated"),
-                                (
-                                    "held: the effect keeps its value at the end of the range; extrapolated: it "
-                                    "follows its law."
-                                ),
-                            ),
-                        }
-                    )
+        n_poses=Key(count, "Poses outside at least one range."),
+        position_std_max_m=Key(
+            size,
+            "Largest standard deviation of a position, m, that the effects held at the end of their range add.",
+            "std_max",
+        ),
+        ranges=Key(
+            parts(
+                effect=Key(text, "Effect and its joints."),
+                driver=Key(text, "Driver: a joint, time_s, temperature_c, payload_kg, speed_JOINT or torque_JOINT."),
+                unit=Key(text, "Unit of the range."),
+                low=Key(number, "Lowest value that the effect was fitted on."),
+                high=Key(number, "Highest value that the effect was fitted on."),
+                n_poses=Key(ordinal, "Poses outside this range."),
+                largest_excess=Key(size, "Largest distance of a pose from the range."),
+                rule=Key(
+                    choice("held", "extrapolated"),
+                    "held: the effect keeps its value at the end of the range; extrapolated: it follows its law.",
                 ),
-                "Ranges that some pose exceeds, most poses first.",
             ),
-        }
+            "Ranges that some pose exceeds, most poses first.",
+        ),
     ),
     "Poses outside the validity range of the robot file's effects.",
     # Poses outside the validity ranges of a result's model; nothing without files or a robot.
@@ -291,74 +290,54 @@ OUTSIDE_KEY = Key(
 """Key that the use of a model adds to a result."""
 
 INPUT = part(
-    {
-        "name": Key(
-            text, "File name without its folder; - is standard input; a label for data that did not come from a file."
-        ),
-        "sha256": Key(
-            digest,
-            (
-                "SHA-256 of the file's bytes, hexadecimal; for data that did not come from a file, of the file that "
-                "they would make."
-            ),
-        ),
-        "kind": Key(text, "Kind of file: poses, robot, scale, gate, baseline, result …"),
-        "reading": Key(
-            table(),
-            "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
-            lambda file: dict(file.reading) if file.reading else LEFT_OUT,
-            optional=True,
-        ),
-        "identity": Key(
-            table(text),
-            (
-                "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
-                "absent without any."
-            ),
-            lambda file: dict(file.identity) if file.identity else LEFT_OUT,
-            optional=True,
-        ),
-    },
-    "input",
-    "One input file of the result.",
-)
+    name=Key(
+        text, "File name without its folder; - is standard input; a label for data that did not come from a file."
+    ),
+    sha256=Key(
+        digest,
+        "SHA-256 of the file's bytes, hexadecimal; for data that did not come from a file, of the file that "
+        "they would make.",
+    ),
+    kind=Key(text, "Kind of file: poses, robot, scale, gate, baseline, result …"),
+    reading=Key(
+        table(),
+        "Statements of the user on names that a pose file leaves open, such as units; absent without any.",
+        lambda file: dict(file.reading) if file.reading else LEFT_OUT,
+        optional=True,
+    ),
+    identity=Key(
+        table(text),
+        "What was tested, as the robot file states it under identity: labels by key, such as serial_number; "
+        "absent without any.",
+        lambda file: dict(file.identity) if file.identity else LEFT_OUT,
+        optional=True,
+    ),
+).named("input", "One input file of the result.")
 
 INTERVAL = part(
-    {
-        "lower": Key(number | None, "Lower limit of the two-sided interval, or null."),
-        "upper": Key(number | None, "Upper limit of the two-sided interval, or null."),
-        "upper_bound": Key(number | None, "One-sided upper bound at the same confidence, or null."),
-        "confidence": Key(share, "Confidence of the interval, and of the upper bound by itself."),
-        "method": Key(text, "Method of the interval; none if there is no interval."),
-        "why": Key(text | None, "Reason why there is no interval, or null."),
-    },
-    "interval",
-    "Confidence interval of a number, in the number's unit.",
-)
+    lower=Key(number | None, "Lower limit of the two-sided interval, or null."),
+    upper=Key(number | None, "Upper limit of the two-sided interval, or null."),
+    upper_bound=Key(number | None, "One-sided upper bound at the same confidence, or null."),
+    confidence=Key(share, "Confidence of the interval, and of the upper bound by itself."),
+    method=Key(text, "Method of the interval; none if there is no interval."),
+    why=Key(text | None, "Reason why there is no interval, or null."),
+).named("interval", "Confidence interval of a number, in the number's unit.")
 
 MATRIX_INTERVAL = part(
-    {
-        "lower": Key(matrix3 | None, "Lower limits, or null."),
-        "upper": Key(matrix3 | None, "Upper limits, or null."),
-        "confidence": Key(share, "Confidence of each interval."),
-        "method": Key(text, "Method of the intervals; none if there are no intervals."),
-        "why": Key(text | None, "Reason why there are no intervals, or null."),
-    },
-    "matrix_interval",
-    "Confidence interval of each element of a covariance, in its unit.",
-)
+    lower=Key(matrix3 | None, "Lower limits, or null."),
+    upper=Key(matrix3 | None, "Upper limits, or null."),
+    confidence=Key(share, "Confidence of each interval."),
+    method=Key(text, "Method of the intervals; none if there are no intervals."),
+    why=Key(text | None, "Reason why there are no intervals, or null."),
+).named("matrix_interval", "Confidence interval of each element of a covariance, in its unit.")
 
 TEST = part(
-    {
-        "method": Key(text, "Name of the test and its hypothesis."),
-        "statistic": Key(number | None, "Statistic of the test, or null."),
-        "p_value": Key(share | None, "Probability of a statistic as extreme if the assumption holds, or null."),
-        "dimension": Key(count | None, "Dimension of the tested errors: below 3 if they lie in a plane or on a line."),
-        "why": Key(text | None, "Reason why there is no test, or null."),
-    },
-    "test",
-    "A test of an assumption.",
-)
+    method=Key(text, "Name of the test and its hypothesis."),
+    statistic=Key(number | None, "Statistic of the test, or null."),
+    p_value=Key(share | None, "Probability of a statistic as extreme if the assumption holds, or null."),
+    dimension=Key(count | None, "Dimension of the tested errors: below 3 if they lie in a plane or on a line."),
+    why=Key(text | None, "Reason why there is no test, or null."),
+).named("test", "A test of an assumption.")
 
 METRICS = {
     unit: {
@@ -371,12 +350,13 @@ METRICS = {
 }
 """Keys of the four metrics of an error's length by unit."""
 FIGURES = {
-    unit: part(METRICS[unit], f"{name}_figures", f"Metrics of the {name} error's length.") for unit, name in QUANTITIES
+    unit: part(**METRICS[unit]).named(f"{name}_figures", f"Metrics of the {name} error's length.")
+    for unit, name in QUANTITIES
 }
 """The metrics as a part, by unit."""
 _RADIUS = {
     unit: part(
-        {
+        **{
             f"radius_{unit}": Key(size | None, f"Radius, {unit}, or null.", "value"),
             "interval": Key(INTERVAL),
             "why": Key(text | None, "Reason why there is no interval, or null."),
@@ -386,7 +366,7 @@ _RADIUS = {
 }
 STATISTICS = {
     unit: part(
-        {
+        **{
             f"mean_{unit}": Key(vector3, f"Mean error along x, y, z of the frame, {unit}."),
             f"covariance_{unit}2": Key(
                 matrix3, f"Maximum-likelihood covariance about zero (divisor n), {unit}²: equations (13), (14)."
@@ -417,7 +397,7 @@ STATISTICS = {
             "assumption": Key(text, "Assumptions of the covariance, and the tests that contradict them."),
             "intervals": Key(
                 part(
-                    {
+                    **{
                         f"mean_{unit}": Key(array(INTERVAL, 3), f"Intervals along x, y, z, {unit}.", "intervals.mean"),
                         f"covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.covariance"),
                         f"centred_covariance_{unit}2": Key(MATRIX_INTERVAL, source="intervals.centred_covariance"),
@@ -431,14 +411,12 @@ STATISTICS = {
                 "",
             ),
             "ellipsoid": Key(
-                array(
-                    part(
-                        {
-                            "direction": Key(vector3, "Unit vector in the frame's axes."),
-                            f"sd_{unit}": Key(size | None, f"Standard deviation along the direction, {unit}."),
-                            "interval": Key(INTERVAL),
-                        }
-                    )
+                parts(
+                    **{
+                        "direction": Key(vector3, "Unit vector in the frame's axes."),
+                        f"sd_{unit}": Key(size | None, f"Standard deviation along the direction, {unit}."),
+                        "interval": Key(INTERVAL),
+                    }
                 ),
                 "Principal axes of the covariance about the mean, the longest first.",
                 lambda statistics: [
@@ -453,29 +431,25 @@ STATISTICS = {
             ),
             "radius95": Key(
                 part(
-                    {
-                        "zero_mean": Key(
-                            _RADIUS[unit],
-                            "Gaussian of zero mean, with the covariance about zero.",
-                            "radius95_zero_mean",
-                        ),
-                        "fitted_mean": Key(
-                            _RADIUS[unit],
-                            "Gaussian of the fitted mean, with the covariance about the mean.",
-                            "radius95_fitted_mean",
-                        ),
-                    }
+                    zero_mean=Key(
+                        _RADIUS[unit], "Gaussian of zero mean, with the covariance about zero.", "radius95_zero_mean"
+                    ),
+                    fitted_mean=Key(
+                        _RADIUS[unit],
+                        "Gaussian of the fitted mean, with the covariance about the mean.",
+                        "radius95_fitted_mean",
+                    ),
                 ),
                 "Radius that contains 95 % of the errors of the fitted Gaussian.",
                 "",
             ),
             "tests": Key(
-                part({"zero_mean": Key(TEST), "skewness": Key(TEST), "kurtosis": Key(TEST)}),
+                part(zero_mean=Key(TEST), skewness=Key(TEST), kurtosis=Key(TEST)),
                 "Tests of the assumptions of the covariance.",
             ),
             "pose_structure": Key(
                 part(
-                    {
+                    **{
                         f"between_{unit}2": Key(size | None, f"Variance between commanded poses, {unit}²."),
                         f"within_{unit}2": Key(size | None, f"Variance within commanded poses, {unit}²."),
                         "intraclass_correlation": Key(number | None, "Share of the variance between poses."),
@@ -490,96 +464,69 @@ STATISTICS = {
             f"errors_{unit}": Key(
                 rows3, f"Error of each pose along x, y, z of the frame, {unit}, in the file's order."
             ),
-        },
-        f"{name}_statistics",
-        f"{name.capitalize()} errors, {unit}.",
-    )
+        }
+    ).named(f"{name}_statistics", f"{name.capitalize()} errors, {unit}.")
     for unit, name in QUANTITIES
 }
 """Statistics of the errors by unit; the errors themselves are given."""
 REGISTERED_PARAMETER = part(
-    {
-        "name": Key(text, "Name of effect and coordinate, as in base_frame.x."),
-        "value": Key(number, "Value in the unit.", lambda parameter: parameter.value + 0.0),
-        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
-        "unit": Key(text, "m or rad."),
-        "why": Key(text, "Reason why std is null.", lambda parameter: parameter.why or LEFT_OUT, optional=True),
-    },
-    "registered_parameter",
-    "One coordinate of a registered frame.",
-)
+    name=Key(text, "Name of effect and coordinate, as in base_frame.x."),
+    value=Key(number, "Value in the unit.", lambda parameter: parameter.value + 0.0),
+    std=Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+    unit=Key(text, "m or rad."),
+    why=Key(text, "Reason why std is null.", lambda parameter: parameter.why or LEFT_OUT, optional=True),
+).named("registered_parameter", "One coordinate of a registered frame.")
 
 PARAMETER = part(
-    {
-        "name": Key(text, "effect.joint.term"),
-        "value": Key(
-            number | None,
-            (
-                "Value in the unit: of base_frame and tool_frame the fitted frame, of other constants the correction "
-                "to the robot file; null if it is not identifiable."
-            ),
-            lambda parameter: parameter.value + 0.0,
-        ),
-        "std": Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
-        "unit": Key(text, "Unit of value and std."),
-        "why": Key(
-            text,
-            "Reason for a missing standard error, or confounded coefficients.",
-            lambda parameter: parameter.why or LEFT_OUT,
-            optional=True,
-        ),
-    },
-    "parameter",
-    "One coefficient.",
-)
+    name=Key(text, "effect.joint.term"),
+    value=Key(
+        number | None,
+        "Value in the unit: of base_frame and tool_frame the fitted frame, of other constants the correction "
+        "to the robot file; null if it is not identifiable.",
+        lambda parameter: parameter.value + 0.0,
+    ),
+    std=Key(size | None, "Standard error in the same unit; null if it is not identifiable."),
+    unit=Key(text, "Unit of value and std."),
+    why=Key(
+        text,
+        "Reason for a missing standard error, or confounded coefficients.",
+        lambda parameter: parameter.why or LEFT_OUT,
+        optional=True,
+    ),
+).named("parameter", "One coefficient.")
 
 ALIGNMENT = part(
-    {
-        "what": Key(array(text), "Fitted frames: base_frame, tool_frame or both.", "effects"),
-        "n_parameters": Key(count, "Number of fitted coefficients."),
-        "parameters": Key(array(REGISTERED_PARAMETER), "Fitted coefficients."),
-    }
+    what=Key(array(text), "Fitted frames: base_frame, tool_frame or both.", "effects"),
+    n_parameters=Key(count, "Number of fitted coefficients."),
+    parameters=Key(array(REGISTERED_PARAMETER), "Fitted coefficients."),
 )
 """Frames registered to the poses."""
 
 ROBOT = part(
-    {
-        "name": Key(text, "Name in the robot file."),
-        "joints": Key(
-            array(
-                part(
-                    {
-                        "name": Key(text, "Name of the joint."),
-                        "type": Key(choice("revolute", "prismatic", "fixed"), "Kind of joint."),
-                    }
-                )
-            ),
-            "Joints with a variable, in chain order.",
-            "variables",
+    name=Key(text, "Name in the robot file."),
+    joints=Key(
+        parts(
+            name=Key(text, "Name of the joint."), type=Key(choice("revolute", "prismatic", "fixed"), "Kind of joint.")
         ),
-        "effects": Key(
-            array(text),
-            "Names of the effects that the robot file lists; they are applied.",
-            lambda robot: list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
-            optional=True,
-        ),
-        "fitted_to": Key(
-            array(text), "SHA-256 of each file of poses that the robot file was fitted to.", optional=True
-        ),
-        "outline": Key(
-            part(
-                {
-                    "q": Key(array(number), "Joint variables, rad or m."),
-                    "line_m": Key(rows3, "Corners of the arm's outline from base to target, m."),
-                }
-            )
-            | None,
-            "Outline of the arm at a typical pose; null if the joints are unknown.",
-        ),
-    },
-    "robot",
-    "Robot and its outline; null without a robot.",
-)
+        "Joints with a variable, in chain order.",
+        "variables",
+    ),
+    effects=Key(
+        array(text),
+        "Names of the effects that the robot file lists; they are applied.",
+        lambda robot: list(dict.fromkeys(str(entry.get("effect", "?")) for entry in robot.effects)),
+        optional=True,
+    ),
+    fitted_to=Key(array(text), "SHA-256 of each file of poses that the robot file was fitted to.", optional=True),
+    outline=Key(
+        part(
+            q=Key(array(number), "Joint variables, rad or m."),
+            line_m=Key(rows3, "Corners of the arm's outline from base to target, m."),
+        )
+        | None,
+        "Outline of the arm at a typical pose; null if the joints are unknown.",
+    ),
+).named("robot", "Robot and its outline; null without a robot.")
 
 
 def robot_document(robot: Robot | None, q: Array | None, registered: Robot | None = None) -> Document | None:
@@ -620,12 +567,12 @@ _POSES = {
 }
 Residuals = Mapping[str, Any]
 _ABOUT_POSES = "Columns with an entry for each row; null if the file has no such column."
-POSES = part(_POSES, "poses", _ABOUT_POSES)
+POSES = part(**_POSES).named("poses", _ABOUT_POSES)
 
 
 _STAGE_ERRORS = {
     unit: part(
-        {
+        **{
             key: Key(rows3 | None, f"Errors of {about}, {unit}; null if there are none.")
             for key, about in (
                 ("nominal_unregistered", "the nominal model as it stands in the robot file"),
@@ -641,16 +588,12 @@ _STAGE_ERRORS = {
     for unit, _ in QUANTITIES
 }
 FITTED_POSES = part(
-    {
-        **_POSES,
-        "errors_m": Key(_STAGE_ERRORS["m"], "Position error of each row in the measuring frame, m."),
-        "errors_rad": Key(
-            _STAGE_ERRORS["rad"] | None, "Orientation error of each row, rad; null if no orientation was measured."
-        ),
-    },
-    "fitted_poses",
-    _ABOUT_POSES,
-)
+    **_POSES,
+    errors_m=Key(_STAGE_ERRORS["m"], "Position error of each row in the measuring frame, m."),
+    errors_rad=Key(
+        _STAGE_ERRORS["rad"] | None, "Orientation error of each row, rad; null if no orientation was measured."
+    ),
+).named("fitted_poses", _ABOUT_POSES)
 
 
 def pose_document(
@@ -693,38 +636,32 @@ CURVE_KEYS = {
     "curve": Key(array(number) | None, "Effect at the values of the grid.", lambda curve: rounded(curve.value)),
     "spectrum": Key(
         part(
-            {
-                "orders": Key(array(number), "Periods per turn."),
-                "before_rad": Key(array(number), "Amplitude without the effect, rad.", lambda it: rounded(it.before)),
-                "after_rad": Key(array(number), "Amplitude with the effect, rad.", lambda it: rounded(it.after)),
-                "noise_rad": Key(size | None, "Amplitude that noise alone produces, rad."),
-            }
+            orders=Key(array(number), "Periods per turn."),
+            before_rad=Key(array(number), "Amplitude without the effect, rad.", lambda it: rounded(it.before)),
+            after_rad=Key(array(number), "Amplitude with the effect, rad.", lambda it: rounded(it.after)),
+            noise_rad=Key(size | None, "Amplitude that noise alone produces, rad."),
         )
         | None,
         "Amplitudes by order of a periodic effect; otherwise null.",
     ),
 }
-CURVE = part(
-    CURVE_KEYS, "curve", "Partial residual of an effect over its driver: residual_before = effect + residual_after."
+CURVE = part(**CURVE_KEYS).named(
+    "curve", "Partial residual of an effect over its driver: residual_before = effect + residual_after."
 )
 
 
 COVARIANCE = part(
-    {
-        "names": Key(array(text), "Names of the coefficients, as in parameters."),
-        "lower_triangle": Key(
-            array(array(number)),
-            (
-                "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
-                "units; eight significant digits. The roots of the diagonal are the standard errors."
-            ),
-            # Eight digits: sums of 500 coefficients keep their variances to 2e-7 of their size.
-            lambda covariance: [
-                [*(float(f"{value:.8g}") for value in row[:i]), float(row[i])]
-                for i, row in enumerate(covariance.matrix.tolist())
-            ],
-        ),
-    }
+    names=Key(array(text), "Names of the coefficients, as in parameters."),
+    lower_triangle=Key(
+        array(array(number)),
+        "Row of each coefficient in the order of names, up to and with its diagonal, in the product of their "
+        "units; eight significant digits. The roots of the diagonal are the standard errors.",
+        # Eight digits: sums of 500 coefficients keep their variances to 2e-7 of their size.
+        lambda covariance: [
+            [*(float(f"{value:.8g}") for value in row[:i]), float(row[i])]
+            for i, row in enumerate(covariance.matrix.tolist())
+        ],
+    ),
 )
 """Covariance of coefficients."""
 

@@ -130,11 +130,11 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         outliers: ``(N,)`` mask of the outliers.
         names: Names of the joints, in the order of ``data.q``.
     """
-    from scipy.special import bdtrc
-
     count = int(np.count_nonzero(outliers))
     if count < 3 or count == outliers.size:
         return None
+    from scipy.special import bdtrc  # Its import takes longer than an estimate of 100 poses.
+
     joints = [] if data.q is None else list(zip(names, data.q, strict=True))
     from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
     quantities: list[tuple[str, str, Array | None]] = [

@@ -352,7 +352,7 @@ def test_nominal_robot_comes_back_from_the_model() -> None:
     given = robacc.correct(targets, model=result.robot, nominal=ROBOT)
     np.testing.assert_allclose(own.q, given.q, atol=1e-9)
     limit, largest = own.document()["limit"], model_fit(result.robot).largest_correction[0]
-    assert (own.doubts, limit["source"], limit["position_m"]) == ((), "model", pytest.approx(2 * largest))
+    assert (own.warnings, limit["source"], limit["position_m"]) == ((), "model", pytest.approx(2 * largest))
 
 
 @pytest.mark.parametrize("orientation", [pytest.param(True, marks=pytest.mark.slow), False])

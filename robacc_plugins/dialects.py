@@ -28,6 +28,8 @@ from robacc.geometry import (
     rpy_from_rotation,
 )
 from robacc.programs.program import (
+    NOT_READ,
+    ConfigurationRules,
     Convention,
     Program,
     ProgramFrame,
@@ -258,6 +260,9 @@ class Draft:
     notes: list[ProgramNote] = field(default_factory=list)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
+    configurations: ConfigurationRules = NOT_READ
+    decimals: Mapping[float, int] = field(default_factory=dict)
+    """See :class:`~robacc.programs.program.Program`; likewise the configurations."""
 
     def note(self, place: Place, reason: str) -> None:
         """Add a part of the text that is left as it is."""
@@ -331,6 +336,8 @@ class Draft:
             tuple(targets),
             tuple(places[index] for index, *_ in self.moves if index in places),
             tuple(sorted(self.notes, key=lambda note: note.line)),
+            self.configurations,
+            self.decimals,
         )
 
 

@@ -9,9 +9,12 @@ import re
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from robacc.errors import refuse
-from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
-from robacc.programs.targets import FANUC_DECIMALS, N_AXES
+from robacc.geometry import Array
+from robacc.programs.program import ConfigurationRules, Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.programs.targets import N_AXES
 from robacc.robots.description import Frame
 from robacc_plugins.dialects import AXIS_UNITS, FIXED_XYZ, LAYOUT, MM, NUMBER, POSE_UNITS, Draft, numbers, write_program
 
@@ -28,6 +31,9 @@ _OFFSET = re.compile(r"\b(Tool_Offset|TOOL_OFFSET|Offset|OFFSET|VOFFSET|VISION)\
 _INCREMENTAL = re.compile(r"\b(INC|INK)\b")
 _CARTESIAN = ("X", "Y", "Z", "W", "P", "R")
 _FIX = "write the program as ASCII again"
+_DECIMALS = 3
+"""Decimals of every number in a .LS file, whose columns have a fixed width."""
+_DECIMALS_OF = dict.fromkeys((*POSE_UNITS, *AXIS_UNITS), _DECIMALS)
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -42,7 +48,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
         ("PROG" not in sections, source.problem("has no /PROG, so it is not a TP program in ASCII", fix=_FIX)),
         ("END" not in sections, source.problem("is truncated: it has no /END", len(text), _FIX)),
     )
-    draft = Draft(source, "fanuc")
+    draft = Draft(source, "fanuc", configurations=CONFIGURATIONS, decimals=_DECIMALS_OF)
     end = sections["END"].start()
     first = sections["POS"].end() if "POS" in sections else end
     positions = list(_POSITION.finditer(text, first, end))
@@ -110,6 +116,33 @@ def _add_position(draft: Draft, match: re.Match[str]) -> int | None:
     )
 
 
+def joint_window(configuration: str) -> Array | None:
+    """Return the least and the largest value ``(2, 6)`` of each joint that the turn numbers allow, rad.
+
+    A ``CONFIG`` ends with three turn numbers: 0 from -180 to 180 degrees, 1 from 180 degrees on. Public sources agree
+    that the third is that of axis 6; the first two are those of axes 1 and 4, or 4 and 5, so equal ones are that of
+    axis 4 in both readings. The joints behind its letters depend on the arm and are not read.
+    """
+    numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
+    if len(numbers) != 3:
+        return None
+    window = np.repeat([[-np.inf], [np.inf]], N_AXES, axis=1)
+    window[:, 5] = _turn_range(numbers[2])
+    if numbers[0] == numbers[1]:
+        window[:, 3] = _turn_range(numbers[0])
+    return window
+
+
+def _turn_range(turn: int) -> tuple[float, float]:
+    """Return the range (rad) of an axis of a turn number; sources differ on turns beyond the first."""
+    first, last = {0: (-np.pi, np.pi), 1: (np.pi, 3.0 * np.pi)}.get(abs(turn), (2.0 * np.pi, np.inf))
+    return (first, last) if turn >= 0 else (-last, -first)
+
+
+CONFIGURATIONS = ConfigurationRules(joint_window)
+"""``CONFIG`` of Cartesian targets."""
+
+
 NEW_SUFFIX = ".ls"
 """Suffix of a new program."""
 write = partial(
@@ -124,7 +157,7 @@ write = partial(
         "wait": "  WAIT   2.00(sec)",
         "line": "{i:4d}:{line} ;",
         "number": "J{key}= {value:>9} deg",
-        "decimals": FANUC_DECIMALS,
+        "decimals": _DECIMALS,
         "comma": ",\t",
         "half": ",\n\t",
         "bare_point": True,

@@ -14,9 +14,13 @@ from collections.abc import Iterator, Sequence
 from functools import partial
 from pathlib import Path, PurePath
 
+import numpy as np
+
 from robacc.errors import refuse
-from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.geometry import Array, NDArray
+from robacc.programs.program import ConfigurationRules, Program, ProgramFrame, ProgramSource, ProgramTarget
 from robacc.programs.targets import N_AXES
+from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 from robacc_plugins.dialects import (
     AXIS_UNITS,
@@ -140,7 +144,7 @@ class _Reader:
         Raises:
             InputError: The text is no KRL, or is truncated.
         """
-        self.sources, self.draft = (source, *others), Draft(source, "krl")
+        self.sources, self.draft = (source, *others), Draft(source, "krl", configurations=CONFIGURATIONS)
         self.text, self.end = mask("\n".join(part.text for part in self.sources), _HIDDEN), len(source.text)
         """Text of all files, and where the program's own ends."""
         self.starts = list(itertools.accumulate((len(part.text) + 1 for part in self.sources), initial=0))
@@ -344,6 +348,97 @@ def _frame_of(kind: str, match: re.Match[str]) -> str:
     """Return ``TOOL`` or ``BASE`` for an assignment to $TOOL or $BASE; empty for any other statement."""
     name = _key(match[1]) if kind == "assignment" else ""
     return name[1:] if name in ("$TOOL", "$BASE") else ""
+
+
+# Status ``S`` of a KRL target: the side of the wrist centre on which a solution of the inverse kinematics lies.
+#
+# Bit 0 is set where the wrist centre is behind axis 1 (overhead area), bit 1 where it is in front of the straight
+# line from axis 2 to axis 3, bit 2 where axis 5 is negative. Higher bits say nothing about the joints. Sources: KUKA
+# System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
+# agree with the turn bits of axes 3 and 5 in recorded public programs.
+
+_SPHERICAL = 1e-4
+"""m: distance from their common point up to which the wrist axes count as intersecting."""
+
+
+def joint_window(configuration: str) -> Array | None:
+    """Return the least and the largest value ``(2, 6)`` of each joint that a turn allows, rad.
+
+    Bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn").
+    """
+    turn = _bits("T", configuration)
+    if turn is None and _bits("S", configuration) is None:
+        return None
+    low, high = window = np.repeat([[-np.inf], [np.inf]], N_AXES, axis=1)
+    if turn is not None:
+        is_negative = np.array([turn >> i & 1 for i in range(N_AXES)], dtype=bool)
+        low[~is_negative] = high[is_negative] = 0.0
+    return window
+
+
+def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
+    """Return ``(N,)`` whether joints ``(J, N)`` have the status of a configuration; all, where it has none.
+
+    Bits 0 and 1 need a wrist whose three axes intersect. Arms of other than six axes have no status.
+
+    Args:
+        arm: Nominal arm with the identity as its base frame, ``$ROBROOT``.
+        configuration: ``S`` and ``T`` as the program writes them.
+        q: Joints, rad.
+    """
+    status = _bits("S", configuration)
+    if status is None or q.shape[0] != N_AXES or not all(arm.is_revolute(name) for name in arm.names):
+        return np.ones(q.shape[1], dtype=bool)
+    measures = [(2, -q[4])]
+    if (sides := _sides(arm, q)) is not None:
+        measures += [(0, -sides[0]), (1, sides[1])]
+    signed = np.array([value if status >> bit & 1 else -value for bit, value in measures])
+    # m or rad: distance from a border within which both values of a bit count.
+    return np.asarray(np.all(signed > -1e-4, axis=0))
+
+
+def _bits(letter: str, configuration: str) -> int | None:
+    """Return the number of ``S`` or ``T``, in binary digits, ``'B010'``, or in decimal ones; None where it lacks."""
+    match = re.search(rf"\b{letter}\s*'?(B[01]+|\d+)", configuration, re.IGNORECASE)
+    if match is None:
+        return None
+    return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
+
+
+def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
+    """Return the wrist centre's place ``(N,)`` m in front of axis 1, and of the line from axis 2 to axis 3.
+
+    None for a wrist whose axes do not intersect.
+    """
+    points, axes = _lines(arm, q)
+    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
+    # The axes of a wrist in its singular pose are still three lines, two of which coincide.
+    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
+    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
+    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
+    if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
+        return None
+    second = axes[:, 1]
+    # In front is where axis 2 turns the upright arm: along axis 2 crossed with the base's z.
+    first = second[1] * (centre - points[:, 0])[0] - second[0] * (centre - points[:, 0])[1]
+    # The component along axis 2 of a cross product has no part of the free places of the points along that axis.
+    link, forearm = points[:, 2] - points[:, 1], centre - points[:, 2]
+    moment = np.einsum("an,an->n", second, np.cross(link, forearm, axis=0))
+    length = np.linalg.norm(link - second * np.einsum("an,an->n", second, link), axis=0)
+    return first, moment / np.maximum(length, _SPHERICAL)
+
+
+def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Return a point and the positive direction of each joint's axis, each ``(3, J, N)``, base frame."""
+    joints = arm.robot.variables
+    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], [arm.axis_motion(joint.name) for joint in joints])
+    turning, moving = sweep.jacobian[3:], sweep.jacobian[:3]
+    points = sweep.poses.translation[:, None] - np.cross(moving, turning, axis=0)
+    return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
+
+
+CONFIGURATIONS = ConfigurationRules(joint_window, allowed_by_status, are_read_whole=True)
+"""``S`` and ``T`` of Cartesian targets."""
 
 
 NEW_SUFFIX = ".src"

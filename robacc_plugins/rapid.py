@@ -11,8 +11,11 @@ from bisect import bisect_right
 from collections.abc import Sequence
 from functools import partial
 
+import numpy as np
+
 from robacc.errors import InputError, refuse
-from robacc.programs.program import Program, ProgramFrame, ProgramSource, ProgramTarget
+from robacc.geometry import Array
+from robacc.programs.program import ConfigurationRules, Program, ProgramFrame, ProgramSource, ProgramTarget
 from robacc.programs.targets import N_AXES
 from robacc.robots.description import Frame
 from robacc_plugins.dialects import (
@@ -48,6 +51,8 @@ _DISPLACEMENT = re.compile(r"\b(PDispOn|PDispSet|EOffsOn|EOffsSet|CorrCon|SoftAc
 _WORK_OBJECT = re.compile(r"\\WObj\s*:=\s*([^\\,;]+)", _ANY)
 _NAME = re.compile(r"([A-Za-z_]\w*)\s*(?:\{\s*([^}]*?)\s*\})?\Z")
 _GLOBAL = -1
+_DECIMALS = 8
+"""Decimals of quaternions."""
 
 
 def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Program:
@@ -60,7 +65,7 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no RAPID module, or is truncated.
     """
-    modules, draft = (source, *others), Draft(source, "rapid")
+    modules, draft = (source, *others), Draft(source, "rapid", configurations=CONFIGURATIONS, decimals={1.0: _DECIMALS})
     for module in modules:
         copy, opened, blocks = "copy it from the controller again", [("", 0)], mask(module.text, _HIDDEN)
         for match in _BLOCK.finditer(blocks):
@@ -182,6 +187,24 @@ def _arguments(text: str, match: re.Match[str]) -> list[Place]:
     r"""Return the places of an instruction's arguments, without ``\Switch`` parts."""
     places, _ = arguments(text, *match.span(3))
     return [place for place in places if text[slice(*place)] and text[place[0]] != "\\"]
+
+
+def joint_window(configuration: str) -> Array | None:
+    """Return the least and the largest value ``(2, 6)`` of each joint that ``[cf1,cf4,cf6,cfx]`` allows, rad.
+
+    They are the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0 degrees (ABB, Technical
+    reference manual, "confdata"). cfx is not read.
+    """
+    numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
+    if len(numbers) < 3:
+        return None
+    window = np.repeat([[-np.inf], [np.inf]], N_AXES, axis=1)
+    window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
+    return window
+
+
+CONFIGURATIONS = ConfigurationRules(joint_window, are_read_whole=True)
+"""Configurations of robtargets."""
 
 
 NEW_SUFFIX = ".mod"

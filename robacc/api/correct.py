@@ -41,7 +41,6 @@ from robacc.poses.csv_file import pose_pieces
 from robacc.prediction.model_uncertainty import ModelFit, model_fit, nominal_robot
 from robacc.programs.program import Program, read_program
 from robacc.programs.targets import (
-    allowed_by_status,
     allowed_by_window,
     flange_targets,
     is_read,
@@ -400,7 +399,7 @@ class CorrectedProgram:
             "last joint target before them are taken, or a solution within the limits where there is none"
         )
         are_unread = (
-            target.kind == "cartesian" and not is_read(self.program.dialect, target.configuration, count)
+            target.kind == "cartesian" and not is_read(self.program.configurations, target.configuration, count)
             for target in self.program.targets
         )
         return (
@@ -474,7 +473,7 @@ def correct_program(
             other = "the corrected joints have another configuration than that of the program"
             refusals = tuple(
                 Refusal("configuration", f"{other}, {target.configuration}")
-                if refusal is None and leaves_configuration(program.dialect, target.configuration, nominal, q)
+                if refusal is None and leaves_configuration(program.configurations, target.configuration, nominal, q)
                 else refusal
                 for target, refusal, nominal, q in zip(
                     stated, result.refusals, result.wanted.q.T, result.q.T, strict=True
@@ -505,7 +504,8 @@ def _configured(
     chosen = [program.targets[i] for i in numbers]
     arm = Arm.of(replace(flange_arm, base=Frame()))
     variables = arm.robot.variables
-    windows = [joint_window(program.dialect, target.configuration, len(variables)) for target in chosen]
+    rules = program.configurations
+    windows = [joint_window(rules, target.configuration, len(variables)) for target in chosen]
     if all(window is None for window in windows):
         return np.arange(len(chosen)), before, []
     limits, revolute = joint_ranges(arm), np.array([joint.type == "revolute" for joint in variables])
@@ -517,10 +517,8 @@ def _configured(
         q, usable = solutions.q[:, i], solutions.converged[i]
         if window is not None:
             q = turned_into(window, q, limits, revolute)
-            usable = usable & allowed_by_window(window, q)
-            if program.dialect == "krl":
-                usable &= allowed_by_status(arm, target.configuration, q)
-        if before is not None and not is_read(program.dialect, target.configuration, len(variables)):
+            usable = usable & allowed_by_window(window, q) & rules.allows(arm, target.configuration, q)
+        if before is not None and not is_read(rules, target.configuration, len(variables)):
             previous = before[:, i]
         if usable.any():
             distance = np.sum(np.square(q - previous[:, None]), axis=0)

@@ -6,15 +6,16 @@ from bisect import bisect_right
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import PurePath
-from typing import Any, Literal, cast
+from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
 from robacc.errors import Problem, refuse
-from robacc.geometry import Array, Poses
+from robacc.geometry import Array, NDArray, Poses
 from robacc.io.files import read_bytes, read_text
 from robacc.io.yaml_nodes import top_section
 from robacc.plug_ins import plug_in, plug_in_names, plug_ins
+from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import FRAMES, read_fields, read_units
 
@@ -203,6 +204,23 @@ class ProgramNote:
     reason: str
 
 
+class ConfigurationRules(NamedTuple):
+    """What the configurations of a dialect's Cartesian targets say of the joints of a six-axis arm."""
+
+    window: Callable[[str], Array | None] = lambda text: None
+    """Least and largest value ``(2, 6)`` of each joint, rad, infinite where a configuration says nothing; None for one
+    that is not given, or not read."""
+    allows: Callable[[Arm, str, Array], NDArray[np.bool_]] = lambda arm, text, q: np.ones(q.shape[1], dtype=bool)
+    """``(N,)`` whether joints ``(J, N)`` of a nominal arm, with the identity as its base frame, have a configuration
+    besides."""
+    are_read_whole: bool = False
+    """Whether nothing of them is unread; else they name the side of axis 5 by a letter or a word."""
+
+
+NOT_READ = ConfigurationRules()
+"""No configuration is read."""
+
+
 @dataclass(frozen=True, slots=True)
 class Program:
     """Robot program that was read."""
@@ -215,6 +233,9 @@ class Program:
     """Index of the target of each motion in the order of the text; loops and branches are not followed."""
     notes: tuple[ProgramNote, ...] = ()
     """Everything that the program computes at run time or that the reader does not know, by line."""
+    configurations: ConfigurationRules = NOT_READ
+    decimals: Mapping[float, int] = field(default_factory=dict)
+    """Decimals of corrected numbers by their unit's size, where these are not what the correction needs."""
 
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:

@@ -1,15 +1,7 @@
 """Targets of a program for an arm: flange poses, joints, configurations, and their text in the program or a new one.
 
-KRL writes ``S s,T t``: bit i of T is set where axis i + 1 is negative (KUKA, Expert Programming, "Status and Turn");
-for S see below.
-RAPID writes ``[cf1,cf4,cf6,cfx]``: the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0
-degrees (ABB, Technical reference manual, "confdata"). Both count the axes of a six-axis arm, so they are not read for
-other chains, such as an arm on a rail. cfx is not read.
-
-A FANUC ``CONFIG`` ends with three turn numbers: 0 from -180 to 180 degrees, 1 from 180 degrees on. Public sources agree
-that the third is that of axis 6; the first two are those of axes 1 and 4, or 4 and 5, so equal ones are that of axis 4
-in both readings. The joints behind the letters of ``CONFIG``, and behind the words of a Staubli point, depend on the
-arm and are not read.
+What a configuration says of the joints is a matter of the dialect. All count the axes of a six-axis arm, so they are
+not read for other chains, such as an arm on a rail.
 """
 
 import re
@@ -21,6 +13,7 @@ from robacc.errors import refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation, rotation_from_quaternion, rotation_from_rpy
 from robacc.io.files import spliced
 from robacc.programs.program import (
+    ConfigurationRules,
     Program,
     ProgramFrame,
     ProgramNumber,
@@ -29,7 +22,6 @@ from robacc.programs.program import (
     native_of,
     rotation_distance,
 )
-from robacc.robots.arm import Arm
 
 # Cartesian targets as poses of the flange in the robot's base frame, and back, through each target's tool and base.
 
@@ -95,107 +87,25 @@ def _poses(frames: Iterable[ProgramFrame | None]) -> Poses:
     return Poses(rotation_from_rpy(angles), place)
 
 
-# Status ``S`` of a KRL target: the side of the wrist centre on which a solution of the inverse kinematics lies.
-#
-# Bit 0 is set where the wrist centre is behind axis 1 (overhead area), bit 1 where it is in front of the straight
-# line from axis 2 to axis 3, bit 2 where axis 5 is negative. Higher bits say nothing about the joints. Sources: KUKA
-# System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
-# agree with the turn bits of axes 3 and 5 in recorded public programs.
+# Configurations of Cartesian targets: the joints that they allow.
 
 N_AXES = 6
-_SPHERICAL = 1e-4
-"""m: distance from their common point up to which the wrist axes count as intersecting."""
-
-
-def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
-    """Return ``(N,)`` whether joints ``(J, N)`` have the status of a configuration; all, where it has none.
-
-    Bits 0 and 1 need a wrist whose three axes intersect. Arms of other than six axes have no status.
-
-    Args:
-        arm: Nominal arm with the identity as its base frame, ``$ROBROOT``.
-        configuration: ``S`` and ``T`` as the program writes them.
-        q: Joints, rad.
-    """
-    status = _bits("S", configuration)
-    if status is None or q.shape[0] != N_AXES or not all(arm.is_revolute(name) for name in arm.names):
-        return np.ones(q.shape[1], dtype=bool)
-    measures = [(2, -q[4])]
-    if (sides := _sides(arm, q)) is not None:
-        measures += [(0, -sides[0]), (1, sides[1])]
-    signed = np.array([value if status >> bit & 1 else -value for bit, value in measures])
-    # m or rad: distance from a border within which both values of a bit count.
-    return np.asarray(np.all(signed > -1e-4, axis=0))
-
-
-def _bits(letter: str, configuration: str) -> int | None:
-    """Return the number of ``S`` or ``T``, in binary digits, ``'B010'``, or in decimal ones; None where it lacks."""
-    match = re.search(rf"\b{letter}\s*'?(B[01]+|\d+)", configuration, re.IGNORECASE)
-    if match is None:
-        return None
-    return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
-
-
-def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
-    """Return the wrist centre's place ``(N,)`` m in front of axis 1, and of the line from axis 2 to axis 3.
-
-    None for a wrist whose axes do not intersect.
-    """
-    points, axes = _lines(arm, q)
-    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
-    # The axes of a wrist in its singular pose are still three lines, two of which coincide.
-    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
-    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
-    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
-    if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
-        return None
-    second = axes[:, 1]
-    # In front is where axis 2 turns the upright arm: along axis 2 crossed with the base's z.
-    first = second[1] * (centre - points[:, 0])[0] - second[0] * (centre - points[:, 0])[1]
-    # The component along axis 2 of a cross product has no part of the free places of the points along that axis.
-    link, forearm = points[:, 2] - points[:, 1], centre - points[:, 2]
-    moment = np.einsum("an,an->n", second, np.cross(link, forearm, axis=0))
-    length = np.linalg.norm(link - second * np.einsum("an,an->n", second, link), axis=0)
-    return first, moment / np.maximum(length, _SPHERICAL)
-
-
-def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return a point and the positive direction of each joint's axis, each ``(3, J, N)``, base frame."""
-    joints = arm.robot.variables
-    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], [arm.axis_motion(joint.name) for joint in joints])
-    turning, moving = sweep.jacobian[3:], sweep.jacobian[:3]
-    points = sweep.poses.translation[:, None] - np.cross(moving, turning, axis=0)
-    return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
-
-
-_READ_WHOLE = ("krl", "rapid")
-"""Dialects whose configuration is read as a whole; others name the side of axis 5 by a letter or a word."""
 _AT_BORDER = 1e-3
 """rad: distance from a border within which both sides count."""
 
 
-def joint_window(dialect: str, configuration: str, n_joints: int) -> Array | None:
+def joint_window(rules: ConfigurationRules, text: str, n_joints: int) -> Array | None:
     """Return the least and the largest value ``(2, J)`` of each joint that a configuration allows, rad.
 
-    They are infinite where it says nothing; None where it is not given, or not read.
+    They are infinite where it says nothing; None where it is not given, or not read, as for arms of other than six
+    axes.
     """
-    low, high = window = np.repeat([[-np.inf], [np.inf]], N_AXES, axis=1)
-    numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
-    if n_joints != N_AXES:
-        return None
-    if dialect == "krl" and (turn := _bits("T", configuration)) is not None:
-        is_negative = np.array([turn >> i & 1 for i in range(N_AXES)], dtype=bool)
-        low[~is_negative] = high[is_negative] = 0.0
-    elif dialect == "fanuc" and len(numbers) == 3:
-        window[:, 5] = _turn_range(numbers[2])
-        if numbers[0] == numbers[1]:
-            window[:, 3] = _turn_range(numbers[0])
-    elif dialect == "rapid" and len(numbers) >= 3:
-        # Quarter turns of the axes 1, 4 and 6.
-        window[:, [0, 3, 5]] = 0.5 * np.pi * np.add(numbers[:3], [[0], [1]])
-    elif dialect != "krl" or _bits("S", configuration) is None:
-        return None
-    return window
+    return rules.window(text) if n_joints == N_AXES else None
+
+
+def is_read(rules: ConfigurationRules, text: str, n_joints: int) -> bool:
+    """Return whether a configuration is given and read as a whole, letters and words too."""
+    return rules.are_read_whole and joint_window(rules, text, n_joints) is not None
 
 
 def allowed_by_window(window: Array, q: Array) -> NDArray[np.bool_]:
@@ -220,35 +130,24 @@ def turned_into(window: Array, q: Array, limits: tuple[Array, Array], revolute: 
     return np.where(fits & revolute[:, None], moved, q)
 
 
-def is_read(dialect: str, configuration: str, n_joints: int) -> bool:
-    """Return whether a configuration is given and read as a whole, letters and words too."""
-    return dialect in _READ_WHOLE and joint_window(dialect, configuration, n_joints) is not None
-
-
-def leaves_configuration(dialect: str, configuration: str, before: Array, after: Array) -> bool:
+def leaves_configuration(rules: ConfigurationRules, text: str, before: Array, after: Array) -> bool:
     """Return whether corrected joints have another configuration than the one that a target states.
 
     Joints that were on a border already leave nothing.
 
     Args:
-        dialect: Language of the program.
-        configuration: Configuration as written.
+        rules: What the configurations of the program say.
+        text: Configuration as written.
         before: Joints ``(J,)`` of the target, rad.
         after: Corrected joints ``(J,)``, rad.
     """
-    window = joint_window(dialect, configuration, before.size)
+    window = joint_window(rules, text, before.size)
     if window is not None:
         inside = (before > window[0]) & (before < window[1])
         if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
-    is_named = dialect not in _READ_WHOLE and configuration != "" and before.size == N_AXES
+    is_named = not rules.are_read_whole and text != "" and before.size == N_AXES
     return bool(is_named and before[4] * after[4] < 0)
-
-
-def _turn_range(turn: int) -> tuple[float, float]:
-    """Return the range (rad) of an axis of a turn number; sources differ on turns beyond the first."""
-    first, last = {0: (-np.pi, np.pi), 1: (np.pi, 3.0 * np.pi)}.get(abs(turn), (2.0 * np.pi, np.inf))
-    return (first, last) if turn >= 0 else (-last, -first)
 
 
 # Numbers written as the program writes them: decimals, column width, sign and leading zero.
@@ -290,8 +189,6 @@ def shortened(number: str, bare_point: bool) -> str:
     return re.sub(r"^(-?)0\.", r"\1.", unsigned) if bare_point else unsigned
 
 
-FANUC_DECIMALS = 3
-"""Decimals of every number in a .LS file, whose columns have a fixed width."""
 _SAME = 1e-12
 """Change in m, rad or of a quaternion below which a target keeps its text."""
 
@@ -330,10 +227,7 @@ def with_targets(program: Program, values: Sequence[Sequence[float] | None]) -> 
             number = targets[k].numbers[c]
             # Of lengths a tenth of the micrometre that a correction converges to, m, and of angles rad.
             resolution = 2e-7 if number.unit != 1e-3 and (c >= 3 or number.unit < 1) else 1e-7
-            decimals = max(0, round(-float(np.log10(resolution / number.unit))))
-            if program.dialect == "fanuc":
-                decimals = FANUC_DECIMALS
-            elif program.dialect == "rapid" and number.unit == 1.0:
-                decimals = 8
+            needed = max(0, round(-float(np.log10(resolution / number.unit))))
+            decimals = program.decimals.get(number.unit, needed)
             edits += _edit(program.source, number, float(native[c, k]) / number.unit, decimals, bare_point)
     return spliced(text, edits).encode(program.source.encoding)

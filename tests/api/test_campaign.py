@@ -26,7 +26,7 @@ from robacc.effects.specification import with_effect_units
 from robacc.errors import MissingColumnError
 from robacc.geometry import Poses
 from robacc.poses.csv_file import format_poses
-from robacc.programs.program import read_program
+from robacc.programs.program import NOT_READ, read_program
 from robacc.programs.targets import (
     allowed_by_window,
     flange_targets,
@@ -37,7 +37,7 @@ from robacc.programs.targets import (
 from robacc.robots.arm import Arm, inverse_kinematics
 from robacc.robots.description import Frame
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
-from robacc_plugins import urscript
+from robacc_plugins import fanuc, krl, rapid, urscript
 
 # Facts of one campaign: part of the prediction of its own poses, not inherited by other poses.
 DRIFT = {
@@ -466,18 +466,18 @@ ENDMODULE
 def test_the_configuration_of_the_program_decides() -> None:
     q = np.array([[0.1, -0.5, 1.0, -1.0, 0.3, -0.2], [0.1, 0.5, 1.0, -1.0, 0.3, -0.2]]).T
     cases = {
-        ("krl", "S 2,T 42"): [True, False],
-        ("krl", "S 'B010',T 'B101000'"): [False, True],
-        ("rapid", "[0,-1,-1,0]"): [True, True],
-        ("rapid", "[0,0,-1,0]"): [False, False],
-        ("fanuc", "N U T, 0, 0, 0"): [True, True],
-        ("fanuc", "F D B, 0, 0, -1"): [False, False],
+        (krl, "S 2,T 42"): [True, False],
+        (krl, "S 'B010',T 'B101000'"): [False, True],
+        (rapid, "[0,-1,-1,0]"): [True, True],
+        (rapid, "[0,0,-1,0]"): [False, False],
+        (fanuc, "N U T, 0, 0, 0"): [True, True],
+        (fanuc, "F D B, 0, 0, -1"): [False, False],
     }
     for (dialect, text), expected in cases.items():
-        assert allowed_by_window(joint_window(dialect, text, 6), q).tolist() == expected
-    assert joint_window("val3", "lefty epositive wpositive", 6) is None
+        assert allowed_by_window(joint_window(dialect.CONFIGURATIONS, text, 6), q).tolist() == expected
+    assert joint_window(NOT_READ, "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
-    assert (joint_window("krl", "T 5", 7), joint_window("krl", "", 6)) == (None, None)
+    assert (joint_window(krl.CONFIGURATIONS, "T 5", 7), joint_window(krl.CONFIGURATIONS, "", 6)) == (None, None)
 
 
 def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
@@ -485,10 +485,10 @@ def test_turn_numbers_of_tp_programs_count_from_half_a_turn() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     # The first two numbers are unequal: sources differ on the axes that they count.
     for text, fourth in (("N U T, 0, 1, -1", 0.1), ("N U T, 1, 1, -1", 0.1 + 2 * np.pi)):
-        window = joint_window("fanuc", text, 6)
+        window = joint_window(fanuc.CONFIGURATIONS, text, 6)
         turned = turned_into(window, q, wide, revolute)[:, 0]
         np.testing.assert_allclose(turned, [0.1, 0.2, 0.3, fourth, 0.2, 0.4 - 2 * np.pi])
-    window = joint_window("fanuc", "N U T, 0, 0, 0", 6)
+    window = joint_window(fanuc.CONFIGURATIONS, "N U T, 0, 0, 0", 6)
     beyond = np.array([[0, 0, 0, 0, 0, 3.2], [0, 0, 0, 3.2, 0, 0], [3.2, 0, 0, 0, 3.2, 0]]).T
     assert allowed_by_window(window, beyond).tolist() == [False, False, True]
 
@@ -498,24 +498,28 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
     over = before + np.array([0, 0, 0, 0, 0, 2e-4])
     flipped = before + np.array([0, 0, 0, 0, -2e-4, 0])
     config = "N U T, 0, 0, 0"
-    assert [leaves_configuration("fanuc", config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
+    assert [leaves_configuration(fanuc.CONFIGURATIONS, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
     # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
-    assert [leaves_configuration("krl", "S 2,T 10", before, q) for q in (before, over, flipped)] == [0, 0, 1]
-    assert [leaves_configuration("val3", "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
+    assert [leaves_configuration(krl.CONFIGURATIONS, "S 2,T 10", before, q) for q in (before, over, flipped)] == [
+        0,
+        0,
+        1,
+    ]
+    assert [leaves_configuration(NOT_READ, "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
-    assert not leaves_configuration("fanuc", config, on_border, on_border + 1e-4 * np.eye(6)[5])
+    assert not leaves_configuration(fanuc.CONFIGURATIONS, config, on_border, on_border + 1e-4 * np.eye(6)[5])
 
 
 def test_whole_turns_follow_the_configuration_within_the_limits() -> None:
     q = np.array([[0.1, 0.2, 0.3, 0.1, 0.2, 0.4]]).T
     limits, revolute = (np.full(6, -6.1), np.full(6, 6.1)), np.ones(6, dtype=bool)
-    window = joint_window("krl", "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
+    window = joint_window(krl.CONFIGURATIONS, "S 0,T 40", 6)  # axes 4 and 6 negative; 0.1 - 2 pi is beyond the limit
     np.testing.assert_allclose(
         turned_into(window, q, limits, revolute)[:, 0], [0.1, 0.2, 0.3, 0.1, 0.2, 0.4 - 2 * np.pi]
     )
     assert not allowed_by_window(window, turned_into(window, q, limits, revolute))[0]
     wide = (np.full(6, -np.inf), np.full(6, np.inf))
-    window = joint_window("rapid", "[0,-4,4,0]", 6)
+    window = joint_window(rapid.CONFIGURATIONS, "[0,-4,4,0]", 6)
     turned = turned_into(window, q, wide, revolute)
     np.testing.assert_allclose(turned[[3, 5], 0], [0.1 - 2 * np.pi, 0.4 + 2 * np.pi])
     assert allowed_by_window(window, turned)[0]

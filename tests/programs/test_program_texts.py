@@ -12,9 +12,10 @@ from robacc import InputError, Robot, read_robot
 from robacc.api.correct import correct_program
 from robacc.geometry import Array
 from robacc.programs.program import Program, ProgramTarget, read_program
-from robacc.programs.targets import allowed_by_status, joint_window, with_targets
+from robacc.programs.targets import with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
+from robacc_plugins.krl import allowed_by_status, joint_window
 
 SAMPLES = Path(__file__).parent / "samples"
 
@@ -167,8 +168,8 @@ def test_arms_without_a_common_wrist_centre_have_the_sign_of_axis_5_alone() -> N
 
 
 def test_a_status_without_turn_is_a_configuration() -> None:
-    assert joint_window("krl", "S 2", 6) is not None
-    assert joint_window("krl", "", 6) is None
+    assert joint_window("S 2") is not None
+    assert joint_window("") is None
 
 
 def test_the_status_selects_the_elbow(tmp_path: Path) -> None:

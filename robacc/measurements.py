@@ -261,8 +261,8 @@ class Measurements:
         """Return a hash ``(N,)`` of each row's ``pose`` id, or without ids of its command."""
         hashes = hashed(self.position if self.commands is None else self.commands)
         if self.pose is not None:
-            names, number = np.unique(self.pose, return_inverse=True)
-            hashes = np.array([zlib.crc32(str(name).encode()) for name in names], dtype=np.uint64)[number]
+            names = map(str, self.pose.tolist())
+            hashes = np.fromiter((zlib.crc32(name.encode()) for name in names), np.uint64, self.n)
         # The finalizer of MurmurHash3, so that every bit of the hash decides on its remainders.
         mixed = (hashes ^ (hashes >> np.uint64(33))) * np.uint64(0xFF51AFD7ED558CCD)
         return mixed ^ (mixed >> np.uint64(33))

@@ -7,7 +7,6 @@ command, so that repetitions of a command are in one group (cluster-robust varia
 sum of z z^T, and quantiles come from a histogram of the lengths.
 """
 
-from collections import Counter
 from dataclasses import dataclass
 
 import numpy as np
@@ -73,8 +72,8 @@ class ErrorSums:
     """``(G, 11)`` sums of z over groups of poses."""
     products: Array
     """``(11, 11)`` sum of z z^T."""
-    bins: Counter[int]
-    """Number of lengths in each bin, by the number of the bin."""
+    bins: NDArray[np.int64]
+    """``(2, B)`` numbers of the bins of the lengths, ascending, and the number of lengths in each."""
     largest: float
     """Largest length."""
 
@@ -85,17 +84,19 @@ class ErrorSums:
         z = features(errors - origin[:, None], length)
         numbers = (hashes % np.uint64(_GROUPS)).astype(np.int64)
         groups = [np.bincount(numbers, weights=row, minlength=_GROUPS).astype(float) for row in z]
-        keys, counts = np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True)
-        bins = Counter(dict(zip(keys.tolist(), counts.tolist(), strict=True)))
+        bins = np.stack(np.unique((length.view(np.uint64) >> _SHIFT).astype(np.int64), return_counts=True))
         return cls(origin, np.stack(groups, axis=1), z @ z.T, bins, float(length.max(initial=0.0)))
 
     def __add__(self, other: "ErrorSums") -> "ErrorSums":
         """Return the sums over the errors of both."""
+        (numbers, counts), (others, more) = self.bins, other.bins
+        merged, place = np.unique(np.concatenate((numbers, others)), return_inverse=True)
+        both = np.bincount(place, np.concatenate((counts, more)), merged.size).astype(np.int64)
         return ErrorSums(
             self.origin,
             self.groups + other.groups,
             self.products + other.products,
-            self.bins + other.bins,
+            np.stack((merged, both)),
             max(self.largest, other.largest),
         )
 
@@ -107,12 +108,13 @@ class ErrorSums:
     def above(self, length: float) -> int:
         """Return how many lengths are in bins above that of ``length``."""
         own = int(np.float64(length).view(np.uint64) >> _SHIFT)
-        return sum(count for number, count in self.bins.items() if number > own)
+        numbers, counts = self.bins
+        return int(counts[numbers > own].sum())
 
     @property
     def lengths(self) -> Array:
         """Quantiles of the lengths at equal steps of the probability from 0 to 1, linear within a bin."""
-        numbers, counts = np.array(sorted(self.bins.items())).T
+        numbers, counts = self.bins
         edges = np.stack((numbers, numbers + 1)).astype(np.uint64) << _SHIFT
         below = np.concatenate(([0], np.cumsum(counts)))
         probability = np.linspace(0.0, self.n, _LEVELS)

@@ -12,7 +12,6 @@ import io
 import itertools
 import math
 import os
-import warnings
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, BinaryIO, NamedTuple
@@ -140,8 +139,10 @@ class Table:
 
 MAX_LINE = 1 << 20
 """Largest line, bytes: a file without line ends must not fill the memory before it is refused."""
-_BLOCK = 1 << 18
+_BLOCK = 1 << 16
 """Bytes split at a time: the block, its lines and its numbers fit the second-level cache."""
+_FIRST_BLOCK = 1 << 18
+"""Bytes of the first block, whose lines show the form of the table."""
 _TAIL = 5 * MAX_LINE
 """Bytes behind a block at most up to a line feed: old files end their lines otherwise."""
 BOM = b"\xef\xbb\xbf"
@@ -153,6 +154,8 @@ _UTF16_LIMIT = 1 << 28
 Block = tuple[int, list[str]]
 """1-based number of the first line, and complete lines of the file without their ends."""
 
+_OF_NUMBERS = b"0123456789+-.eE \t"
+"""Characters of numbers and around them."""
 _SKIP = "give `skip_gaps` to leave out rows with a missing value"
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
@@ -176,6 +179,8 @@ class TextTable(Table):
         """Problems and numbers of the first lines with bytes that Windows-1252 does not have either."""
         self._has_grouped = False
         """Whether a number had separators of thousands."""
+        self._is_long = False
+        """Whether the table goes beyond its first block, so that importing orjson takes less time than it saves."""
         self._widths: list[tuple[int, int]] = []
         """Line and number of fields of each row that does not fit the header."""
         self._blocks = self._read_blocks(stream)
@@ -206,7 +211,8 @@ class TextTable(Table):
         Raises:
             InputError: The file is not text, or a line is longer than :data:`MAX_LINE`.
         """
-        while data := stream.read(_BLOCK):
+        while data := stream.read(_BLOCK if number > 1 else _FIRST_BLOCK):
+            self._is_long = number > 1
             tail = b"" if data.endswith(b"\n") else stream.readline(_TAIL)
             data += tail
             if number == 1 and data.startswith(_UTF16):
@@ -293,43 +299,72 @@ class TextTable(Table):
 
     def _parsed(self, first: int, lines: list[str], numbers: Sequence[int], texts: Sequence[int]) -> TableBody:
         """Return the rows among lines, of which the first has the number ``first``."""
-        rows = np.arange(first, first + len(lines), dtype=np.int64)
-        parsed = self._parse_fast(lines, rows, numbers, texts)
-        if parsed is None or parsed.lines.size < rows.size:
-            rows = rows[[self.dialect.is_row(line) for line in lines]]
-            lines = [lines[i - first] for i in rows]
-            parsed = self._parse_fast(lines, rows, numbers, texts) or self._parse_fields(lines, rows, numbers, texts)
+        places = np.arange(first, first + len(lines), dtype=np.int64)
+        parsed = self._parse_fast(lines, places, numbers, texts)
+        if parsed is None:
+            places = places[[self.dialect.is_row(line) for line in lines]]
+            lines = [lines[i - first] for i in places]
+            parsed = self._parse_fast(lines, places, numbers, texts) or self._parse_fields(
+                lines, places, numbers, texts
+            )
         return parsed
 
     def _parse_fast(
-        self, lines: list[str], rows: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
+        self, lines: list[str], places: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
     ) -> TableBody | None:
-        """Return the columns of rows parsed by NumPy; None where it cannot, or a value is empty or not finite."""
-        dialect = self.dialect
-        quotes = (texts or not dialect.is_documented) and any('"' in line for line in lines)
-        if quotes or (texts and dialect.decimal_comma) or not self.cell_units.keys().isdisjoint(numbers):
+        """Return the columns of rows that have no quotes or gaps; None where a line or field needs a closer look."""
+        dialect, width = self.dialect, len(self.labels)
+        separator = dialect.separator or "\t"
+        lines = lines if dialect.separator else ["\t".join(line.split()) for line in lines]
+        text = separator.join(lines)
+        is_quoted = '"' in text and (texts or not dialect.is_documented)
+        is_grouped = dialect.decimal_comma and (texts or "." in text)  # field by field such numbers are refused
+        if is_quoted or is_grouped or not self.cell_units.keys().isdisjoint(numbers):
             return None
-        if dialect.decimal_comma:
-            if any("." in line for line in lines):  # a point may separate thousands: field by field it is refused
-                return None
-            lines = [line.replace(",", ".") for line in lines]
-        # Without a type for every column a row with too many fields would pass unnoticed.
-        kinds = {**dict.fromkeys(texts, "O"), **dict.fromkeys(numbers, "f8")}
-        dtype = np.dtype([(f"f{i}", kinds.get(i, "U1")) for i in range(len(self.labels))])
+        count = len(numbers)
         try:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore")  # NumPy warns of a block without rows
-                table: NDArray[Any] = np.loadtxt(
-                    lines, dtype, comments=None, delimiter=dialect.separator, ndmin=1, encoding="utf-8"
-                )
+            if count and {*numbers} == {*range(count)}:
+                # Numbers in front of all texts are converted at once, without a text for each field.
+                split = (line.rsplit(separator, width - count) for line in lines)
+                heads, *behind = zip(*split, strict=True) if count < width else [lines]
+                values = self._numbers(heads, separator, count).T[list(numbers)]
+                fields = [behind[i - count] for i in texts]
+                widths = {count + len(behind)}
+            else:
+                cells = text.split(separator)
+                columns = [self._numbers(cells[i::width], separator, 1) for i in numbers]
+                values = np.array(columns).reshape(count, len(lines))
+                fields = [cells[i::width] for i in texts]
+                widths = {line.count(separator) + 1 for line in lines}
         except ValueError:
             return None
-        values = np.array([table[f"f{i}"] for i in numbers], dtype=float).reshape(len(numbers), table.size)
-        columns = [[text.strip() for text in table[f"f{i}"]] for i in texts]
-        sizes = [len(text) for column in columns for text in column]
-        if not np.isfinite(values).all() or not 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT:
+        stripped = [[*map(str.strip, column)] for column in fields]
+        sizes = [*map(len, itertools.chain(*stripped))]
+        is_whole = widths <= {width} and 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT
+        if not is_whole or not np.isfinite(values).all():
             return None
-        return TableBody(values, [np.array(column, dtype=str) for column in columns], rows[: table.size])
+        return TableBody(values, [np.array(column, dtype=str) for column in stripped], places)
+
+    def _numbers(self, fields: Sequence[str], separator: str, count: int) -> Array:
+        """Return the numbers ``(N, count)`` of fields that have so many each, with separators between them.
+
+        Raises:
+            ValueError: A number is no plain number, or a field has more or fewer.
+        """
+        text = "\n".join(fields)
+        text = text.replace(",", ".") if self.dialect.decimal_comma else text
+        rows = text.replace(separator, ",").encode()
+        # What is left without the numbers shows their count, and that there is no null, true or digit of other scripts.
+        if rows.translate(None, _OF_NUMBERS) != b"\n".join([b"," * (count - 1)] * len(fields)):
+            raise ValueError(text)
+        data = rows.replace(b"\n", b",")
+        # JSON has no sign or point before the first digit, and its integers no negative zero.
+        if self._is_long and b"-0," not in data + b",":
+            import orjson
+
+            with contextlib.suppress(orjson.JSONDecodeError):
+                return np.array(orjson.loads(b"[%b]" % data), dtype=float).reshape(-1, count)
+        return np.array([*map(float, data.split(b","))]).reshape(-1, count)
 
     def _parse_fields(
         self, lines: list[str], places: NDArray[np.int64], numbers: Sequence[int], texts: Sequence[int]
@@ -502,7 +537,7 @@ class TablePart(TableRows):
             if (size := stream.seek(0, os.SEEK_END)) < LARGE:
                 return ()
             stream.seek(0)
-            lines = stream.read(4 * _BLOCK).split(b"\n")
+            lines = stream.read(MAX_LINE).split(b"\n")
             names = next(
                 (i for i, line in enumerate(lines) if line.strip() and not line.removeprefix(BOM).startswith(b"#")),
                 None,
@@ -522,14 +557,16 @@ class TablePart(TableRows):
             places = {len(head): (len(head), names + 2)}
             wanted = np.unique((*ends, *samples, *(samples + _SAMPLE))).tolist()[1:]
             digest, position, number = hashlib.sha256(), 0, 1
-            while block := stream.read(4 * _BLOCK):
+            while block := stream.read(MAX_LINE):
                 digest.update(block)
+                counted = 0
                 while wanted and wanted[0] <= position + len(block):
                     end = block.find(b"\n", max(wanted[0] - position - 1, 0)) + 1
                     if not end:
                         break
-                    places[wanted.pop(0)] = position + end, number + block.count(b"\n", 0, end)
-                position, number = position + len(block), number + block.count(b"\n")
+                    number, counted = number + block.count(b"\n", counted, end), end
+                    places[wanted.pop(0)] = position + end, number
+                position, number = position + len(block), number + block.count(b"\n", counted)
             places |= dict.fromkeys(wanted, (position, number))
 
         def part(first: np.int64, last: np.int64) -> tuple[int, int, int]:

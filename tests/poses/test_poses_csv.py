@@ -137,7 +137,8 @@ def test_layout_of_the_text_changes_nothing(read: Reader, name: str) -> None:
 def test_line_numbers_behind_comments_and_blank_lines_in_a_long_file(
     read: Reader, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(table, "_BLOCK", 300)  # so that faults lie in some blocks and not in others
+    monkeypatch.setattr(table, "_FIRST_BLOCK", 300)  # so that faults lie in some blocks and not in others
+    monkeypatch.setattr(table, "_BLOCK", 300)
     text = ["# first", "q1,x,y,z,pose"]
     expected = []
     for i in range(400):

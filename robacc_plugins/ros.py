@@ -18,11 +18,11 @@ from robacc.exporters import Written
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.yaml_nodes import Source, compose
 from robacc.robots.description import Frame, Joint, Robot
-from robacc.robots.urdf import MEASURING_FRAME, TOOL_LINK
 from robacc.robots.yaml_robot import read_fields
 from robacc.version import __version__
 from robacc_plugins.denavit_hartenberg import FULL_TURN, joint_frames, steps
 from robacc_plugins.universal_robots import UR_JOINTS
+from robacc_plugins.urdf import MEASURING_FRAME, TOOL_LINK
 
 # Kinematics files.
 

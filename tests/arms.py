@@ -12,7 +12,8 @@ from robacc.effects.specification import build, parse_requests
 from robacc.modelling.model import Model
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.urdf import parse_urdf
+from robacc_plugins.urdf import robot_to_urdf
 
 CONFIGS = Path(__file__).resolve().parents[1] / "configs" / "robots"
 CONFIGURED = tuple(sorted(path.stem for path in CONFIGS.glob("*.yaml")))

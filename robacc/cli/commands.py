@@ -308,10 +308,10 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
-    from robacc.robots.urdf import robot_to_urdf
+    from robacc.plug_ins import plug_in
 
     inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
-    text, losses = robot_to_urdf(absorb_constants(inputs.robot(call.keywords["model"])))
+    text, losses = plug_in("robacc.exporters", "urdf")(absorb_constants(inputs.robot(call.keywords["model"])))
     write(urdf, text)
     say_warnings(f"a URDF cannot represent {loss}" for loss in losses)
     if is_json:

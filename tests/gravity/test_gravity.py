@@ -19,9 +19,10 @@ from robacc.gravity import (
 )
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 from robacc.tracing.search import search
+from robacc_plugins.urdf import robot_to_urdf
 
 ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
 N = 5

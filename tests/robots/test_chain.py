@@ -29,8 +29,9 @@ from robacc.geometry import (
 )
 from robacc.robots.arm import BLOCK, Arm, Chain, build_chain, find_reach, inverse_kinematics, pose_jacobian
 from robacc.robots.description import Frame, Joint, Mimic
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc_plugins.urdf import robot_to_urdf
 
 CONFIGS = sorted((Path(__file__).resolve().parents[2] / "configs" / "robots").glob("*.yaml"))
 """The arms that come with the project."""

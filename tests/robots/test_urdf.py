@@ -20,8 +20,9 @@ from robacc import InputError, Robot, UsageError, read_robot
 from robacc.geometry import Array
 from robacc.robots.arm import build_chain
 from robacc.robots.description import ORIGIN_PARAMETERS, Frame, Joint, Mimic
-from robacc.robots.urdf import parse_urdf, robot_to_urdf
+from robacc.robots.urdf import parse_urdf
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
+from robacc_plugins.urdf import robot_to_urdf
 
 TREE = """<robot name="tree">
   <link name="world"/>

@@ -20,7 +20,7 @@ from robacc.errors import InputError, Problem, UsageError, install_advice, refus
 from robacc.geometry import Array
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import top_section
-from robacc.poses.cameras import FEWEST_POINTS
+from robacc_plugins.cameras import FEWEST_POINTS
 
 Verdict = Literal[
     "board",

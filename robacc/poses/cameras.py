@@ -1,134 +1,50 @@
-"""Cameras: the rays of pixels, and the pose of a board from its points in one photo.
+"""Photos of boards: what the reader of poses and the model know of them; the rest is a plug-in of ``robacc.boards``."""
 
-A camera file (YAML) has ``fx``, ``fy``, ``cx``, ``cy`` (px), ``distortion`` (``[k1, k2, p1, p2, k3]``, zero by
-default), ``size`` (px) and ``mount``: ``world`` for a camera beside the arm, ``hand`` for one that the arm moves. With
-the mount only, the photos are to show the lens. For several cameras, ``cameras`` has these keys under each name.
-"""
-
-import os
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import replace
 from typing import Any, NamedTuple
 
 import numpy as np
-import yaml
 
-from robacc.errors import Note, refuse
-from robacc.geometry import Array, NDArray, Poses, compose, exp_so3, log_so3, nearest_rotation, skew, transpose
-from robacc.io.files import read_text
-from robacc.io.yaml_nodes import YamlSection, join, top_section
+from robacc.errors import Note
+from robacc.geometry import Array, NDArray, Poses, compose, log_so3, nearest_rotation, transpose
 from robacc.measurements import Measurements, even_rows
 from robacc.plug_ins import plug_in
 from robacc.poses.reshaped_tables import unit_of_positions
 
-_KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
-_MOST = 1e6
-"""px: no lens is longer, and no picture wider."""
-_STEPS = 100
-"""Steps at most; distortion of usual lenses takes ten, the pose of a board five."""
-_SETTLED = 1e-12
 PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
 """End of the name of a photo, in small letters."""
-FEWEST_POINTS = 4
-"""Points of a plane that a photo must show for the pose of the board."""
+BOARDS = "robacc.boards"
+"""Group of entry points of what finds boards in photos, reads the cameras, and gives the poses that images show."""
 
 
-class Camera(NamedTuple):
-    """Pinhole camera with the distortion of D. C. Brown (1971), as OpenCV numbers it."""
-
-    focal: tuple[float, float]
-    """Focal lengths along x and y, px; zero where the file states the mount only."""
-    centre: tuple[float, float]
-    """Principal point, px."""
-    distortion: tuple[float, ...] = (0.0,) * 5
-    """k1, k2, p1, p2, k3."""
-    size: tuple[float, ...] | None = None
-    """Width and height, px."""
-    is_on_hand: bool = False
-    """The arm moves the camera; otherwise it stands beside the arm, and the arm moves the board."""
-
-    def rays(self, pixels: Array) -> Array:
-        """Return the directions x/z, y/z ``(2, N)`` of pixels ``(2, N)``; NaN where the distortion has no inverse."""
-        seen = ((pixels.T - self.centre) / self.focal).T
-        ray = seen
-        for _ in range(_STEPS):
-            before = ray
-            radius, shift = self._distortion(ray)
-            with np.errstate(all="ignore"):
-                ray = (seen - shift) / radius
-            if np.max(np.abs(ray - before), initial=0.0) < _SETTLED:
-                break
-        radius, shift = self._distortion(ray)
-        return np.where(np.abs(radius * ray + shift - seen).max(axis=0) < _SETTLED**0.5, ray, np.nan)
-
-    def _distortion(self, ray: Array) -> tuple[Array, Array]:
-        """Return the factor ``(N,)`` and the shift ``(2, N)`` by which the lens moves rays."""
-        k1, k2, p1, p2, k3 = self.distortion
-        # Tangent of the angle to the axis of a camera: that of no lens is near 100.
-        ray = np.where(np.abs(ray) < 100.0, ray, np.nan)
-        (x, y), square = ray, np.sum(np.square(ray), axis=0)
-        shift = np.stack((2 * p1 * x * y + p2 * (square + 2 * x * x), p1 * (square + 2 * y * y) + 2 * p2 * x * y))
-        return 1 + square * (k1 + square * (k2 + square * k3)), shift
+def projection(position: Array) -> Array:
+    """Return the derivative ``(2, 3, N)`` of the rays x/z, y/z of positions ``(3, N)`` in the camera."""
+    x, y, z = position
+    zero = np.zeros_like(z)
+    return np.stack((np.stack((1 / z, zero, -x / z**2)), np.stack((zero, 1 / z, -y / z**2))))
 
 
-def read_cameras(path: str | os.PathLike[str]) -> dict[str, Camera]:
-    """Return the cameras of a file by their names; the only one has the name ``""``.
+class ImageRows(NamedTuple):
+    """Points of a board in photos, as the rows of kind image of a file give them."""
 
-    Raises:
-        InputError: The file cannot be read or is wrong; with every problem.
-    """
-    name = os.fspath(path)
-    top = top_section(read_text(name), name, (*_KEYS, "cameras"))
-    sections = {"": top}
-    several = top.get("cameras")
-    for key in (key for key in _KEYS if several is not None and top.get(key) is not None):
-        top.report(key, "stands beside cameras", "write it under the name of each")
-    if several is not None:
-        entries = top.source.entries(several, "cameras") if isinstance(several, yaml.MappingNode) else ()
-        if not isinstance(several, yaml.MappingNode):
-            top.report("cameras", "expected names with the keys of each camera")
-        parts = {key: top.source.section(node, join("cameras", key), _KEYS) for key, _, node in entries}
-        sections = {key: part for key, part in parts.items() if part is not None}
-    cameras = {key: _camera(section) for key, section in sections.items()}
-    top.source.raise_if_any()
-    return cameras
-
-
-def calibrated(camera: Camera, pixels: Array, points: Array, photo: NDArray[Any]) -> Camera:
-    """Return a camera whose file states its mount only with the lens that shows a flat board best (Z. Zhang 2000).
-
-    ``pixels`` ``(2, N)`` are images of ``points`` ``(3, N)`` of each ``photo`` ``(N,)``.
-
-    Raises:
-        UsageError: The extra ``camera`` is not installed.
-        ValueError: The photos do not show the lens.
-    """
-    if camera.focal[0] > 0.0:
-        return camera
-    photos = [rows for rows in _rows_of_each(photo) if rows.size >= FEWEST_POINTS]
-    size = camera.size or tuple(np.ceil(pixels.max(axis=1) + pixels.min(axis=1)).tolist())
-    boards, images = ([part[:, rows].T for rows in photos] for part in (points, pixels))
-    focal, centre, distortion = plug_in("robacc.boards", "lens")(boards, images, size)
-    return camera._replace(focal=focal, centre=centre, distortion=distortion)
-
-
-def _camera(section: YamlSection) -> Camera:
-    is_known = any(section.get(key) is not None for key in _KEYS[:5])
-    fx, fy, cx, cy = (
-        section.number(key, lambda value: 0 < value < _MOST, f"pixels, above 0 and below {_MOST:g}")
-        if is_known
-        else 0.0
-        for key in _KEYS[:4]
-    )
-    distortion, size = (
-        None if (node := section.get(key)) is None else section.source.numbers(node, section.at(key), count)
-        for key, count in (("distortion", 5), ("size", 2))
-    )
-    mount = section.text("mount", ("hand", "world"), needed=True)
-    if size is not None and min(size) <= 0:
-        section.report("size", "expected a width and a height above 0 px")
-    return Camera((fx, fy), (cx, cy), distortion or (0.0,) * 5, size, mount == "hand")
+    rows: NDArray[np.bool_]
+    """``(N,)`` rows of this kind."""
+    cameras: Mapping[str, Any]
+    """Cameras by their names, as the plug-in read them."""
+    file: str
+    """File of the cameras."""
+    names: NDArray[np.str_]
+    """``(N,)`` camera of each row."""
+    pixels: Array
+    """``(2, N)`` px."""
+    points: Array
+    """``(3, N)`` points in the frame of the board, m."""
+    noise: Array | None
+    """``(N,)`` standard deviation of a pixel, px; None if it is not stated."""
+    sizes: Mapping[str, tuple[int, ...]]
+    """Width and height, px, of the photos of each camera."""
 
 
 # Poses of a board in a camera on the hand, as hand-eye calibrations write them.
@@ -148,7 +64,7 @@ def seen_from_board(
     """
     if data.rotation is None:
         return data
-    is_on_hand = camera is not None and all(each.is_on_hand for each in read_cameras(camera).values())
+    is_on_hand = camera is not None and all(each.is_on_hand for each in plug_in(BOARDS, "cameras")(camera).values())
     # Three turns determine the axes and test them; a thousand decide well enough.
     rows = even_rows(data.n, 1000)
     place, turn = poses_of(data.subset(rows))
@@ -176,123 +92,3 @@ def seen_from_board(
 def _turns(rotation: Array) -> Array:
     """Return the rotation vectors ``(3, N - 1)`` of the turns to each next pose, in the axes of what turns."""
     return log_so3(compose(transpose(rotation[..., :-1]), rotation[..., 1:]))
-
-
-# Pose of a board from its points: a homography of their plane, improved to the least squares of the rays.
-
-
-class Photo(NamedTuple):
-    """Pose of a board in the camera, as one photo shows it."""
-
-    rows: NDArray[np.int64]
-    """``(K,)`` its points, without those far off."""
-    pose: Poses
-    covariance: Array
-    """``(6, 6)`` of the shift and the turn of the pose in the axes of the camera, for rays of unit noise."""
-    squares: float
-    """Sum of squares of the remaining errors of the rays."""
-
-    def of_camera(self) -> "Photo":
-        """Return the pose of the camera in the board: it stands at -R' t, which a turn of the board moves too."""
-        back = self.pose.rotation.T
-        moves = np.block([[-back, -back @ skew(self.pose.translation)], [np.zeros((3, 3)), -back]])
-        return self._replace(
-            pose=Poses(back, -back @ self.pose.translation), covariance=np.asarray(moves @ self.covariance @ moves.T)
-        )
-
-
-def _rows_of_each(photo: NDArray[Any]) -> list[NDArray[np.int64]]:
-    """Return the rows of each photo, in their order."""
-    which = np.unique(photo, return_inverse=True)[1]
-    return np.split(np.argsort(which, kind="stable"), np.cumsum(np.bincount(which))[:-1])
-
-
-def photos_of(rays: Array, points: Array, photo: NDArray[Any]) -> tuple[list[Photo], float]:
-    """Return the photos that show the pose of the board, and the RMS of what remains of their rays.
-
-    Args:
-        rays: ``(2, N)`` directions x/z, y/z without distortion.
-        points: ``(3, N)`` points in the frame of the board, those of a photo near a plane, m.
-        photo: ``(N,)`` the photo of each.
-
-    Raises:
-        ValueError: No photo shows the pose of the board.
-    """
-    found = []
-    for rows in _rows_of_each(photo):
-        each = _fitted(rays, points, rows)
-        if each is not None:
-            errors = np.linalg.norm(rays[:, rows] - rays_of(each.pose, points[:, rows]), axis=0)
-            # Six median errors off, a point is no image of its board, as a wrong corner is.
-            near = rows[errors <= max(6.0 * float(np.median(errors)), _SETTLED)]
-            each = each if near.size == rows.size else _fitted(rays, points, near)
-        if each is not None:
-            found.append(each)
-    refuse((not found, f"no photo shows {FEWEST_POINTS} points of a board that are not in a line"), error=ValueError)
-    spare = sum(2 * each.rows.size - 6 for each in found)
-    return found, float(np.sqrt(sum(each.squares for each in found) / max(spare, 1)))
-
-
-def three_points(points: Array) -> Array:
-    """Return three points ``(3, 3)`` that show a board's pose nearly as its points ``(3, K)`` do, each K/3 times.
-
-    They have the same mean and the same spread in the plane of the board (sigma points; Julier and Uhlmann 1997), on
-    which shifts, the distance and the turn in the plane depend. A tilt depends on higher moments too, so that its
-    variance is off by up to a third.
-    """
-    centre = points.mean(axis=1, keepdims=True)
-    axes, spread, _ = np.linalg.svd((points - centre) / np.sqrt(points.shape[1]), full_matrices=False)
-    angle = 2.0 * np.pi / 3.0 * np.arange(3)
-    return np.asarray(centre + np.sqrt(2.0) * (axes[:, :2] * spread[:2]) @ np.stack((np.cos(angle), np.sin(angle))))
-
-
-def rays_of(pose: Poses, points: Array) -> Array:
-    """Return the rays ``(2, K)`` of points ``(3, K)`` of a board at a pose in the camera."""
-    at = pose.rotation @ points + pose.translation[:, None]
-    return np.asarray(at[:2] / at[2])
-
-
-def _fitted(rays: Array, points: Array, rows: NDArray[np.int64]) -> Photo | None:
-    """Return the pose of a board by Gauss-Newton from its homography; None if the points do not show it."""
-    if rows.size < FEWEST_POINTS:
-        return None
-    rays, points = rays[:, rows], points[:, rows]
-    pose = _start(rays, points)
-    for _ in range(_STEPS):
-        lever = pose.rotation @ points
-        at = lever + pose.translation[:, None]
-        if not np.all(at[2] > 0.0):
-            return None
-        ahead = projection(at)
-        moved = np.concatenate((ahead, -compose(ahead, skew(lever))), axis=1)
-        jacobian, error = moved.transpose(2, 0, 1).reshape(2 * rows.size, 6), (rays - at[:2] / at[2]).T.ravel()
-        if np.linalg.matrix_rank(jacobian) < 6:
-            return None
-        step = np.linalg.lstsq(jacobian, error, rcond=None)[0]
-        if np.max(np.abs(step)) < _SETTLED:
-            return Photo(rows, pose, np.asarray(np.linalg.inv(jacobian.T @ jacobian)), float(error @ error))
-        pose = Poses(exp_so3(step[3:]) @ pose.rotation, pose.translation + step[:3])
-    return None
-
-
-def projection(position: Array) -> Array:
-    """Return the derivative ``(2, 3, N)`` of the rays x/z, y/z of positions ``(3, N)`` in the camera."""
-    x, y, z = position
-    zero = np.zeros_like(z)
-    return np.stack((np.stack((1 / z, zero, -x / z**2)), np.stack((zero, 1 / z, -y / z**2))))
-
-
-def _start(rays: Array, points: Array) -> Poses:
-    """Return the pose of a board from the homography of its plane (Z. Zhang 2000, section 3.1)."""
-    centre = points.mean(axis=1)
-    axes = np.linalg.svd(points - centre[:, None])[0]
-    axes[:, 2] = np.cross(axes[:, 0], axes[:, 1])
-    scale = np.sqrt(np.mean(np.square(points - centre[:, None]))) or 1.0
-    plane = np.concatenate(((axes[:, :2].T @ (points - centre[:, None])) / scale, np.ones((1, points.shape[1]))))
-    rows = [np.kron((0.0, -1.0, y), each) for (_, y), each in zip(rays.T, plane.T, strict=True)]
-    rows += [np.kron((1.0, 0.0, -x), each) for (x, _), each in zip(rays.T, plane.T, strict=True)]
-    first, second, origin = np.linalg.svd(np.array(rows))[2][-1].reshape(3, 3).T
-    size = (np.linalg.norm(first) + np.linalg.norm(second)) / 2 * np.copysign(1.0, origin[2])
-    first, second, origin = first / size, second / size, origin * scale / size
-    rotation = nearest_rotation(np.column_stack((first, second, np.cross(first, second)))) @ axes.T
-    return Poses(rotation, origin - rotation @ centre)

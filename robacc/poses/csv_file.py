@@ -4,7 +4,6 @@ import datetime as dt
 import math
 import os
 import re
-import statistics
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
@@ -18,8 +17,9 @@ from robacc.io.column_table import open_table
 from robacc.io.dialect import cell, from_spreadsheet, number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
-from robacc.measurements import IMAGES, Measurements, numbered, numbered_visits
-from robacc.poses.cameras import calibrated, photos_of, rays_of, read_cameras, three_points
+from robacc.measurements import Measurements
+from robacc.plug_ins import plug_in
+from robacc.poses.cameras import BOARDS, ImageRows
 from robacc.poses.checks import (
     READ_BACK_TOLERANCE,
     SMALLEST_SIGMA,
@@ -475,8 +475,6 @@ _SOCKETS = frozenset({"hole", "hole_id", "cone", "nest", "socket_id", "socket_na
 _PIXELS = ("u_px", "v_px")
 _BOARD = ("board_x", "board_y", "board_z")
 _LENGTHS = ("distance", "reading", "radius", "sigma", *AXES, *_BOARD)
-_FAR_OFF = 1.0
-"""px; points that are found well lie a tenth to a third of it off the board that the lens shows."""
 
 
 def _key(heading: Heading) -> str:
@@ -543,16 +541,16 @@ class KindTable(ReshapedTable):
             given = [key for key in names if key in cells and cells[key][row]]
             if len(given) != 1:
                 found = "both" if given else "none"
-                self._add(f"a row of kind {kinds[row]} needs {' or '.join(names)}, found {found}", data, row)
+                self._add(data, f"a row of kind {kinds[row]} needs {' or '.join(names)}, found {found}", row)
             elif given == ["from"]:
                 before = np.flatnonzero(poses[:row] == cells["from"][row])
                 earlier[row] = int(before[-1]) if before.size else row
                 if not before.size:
                     fix = "name the rows in a column pose" if data.pose is None else None
-                    self._add(f"no earlier row is of the pose {clip(cells['from'][row])}", data, row, "from", fix)
+                    self._add(data, f"no earlier row is of the pose {clip(cells['from'][row])}", row, "from", fix)
             elif owners.setdefault(cells[given[0]][row], given[0]) != given[0]:
                 name, fix = cells[given[0]][row], "give everything that is measured from its own name"
-                self._add(f"{name} is also the name of a {owners[name]}", data, row, given[0], fix)
+                self._add(data, f"{name} is also the name of a {owners[name]}", row, given[0], fix)
             else:
                 fixture[row] = cells[given[0]][row]
         for axis, key in enumerate(AXES):
@@ -563,7 +561,7 @@ class KindTable(ReshapedTable):
         position[2] += self._numbers("radius", has_radius, data, least=0.0)
         kinds = np.where(has_radius, "distance", kinds)
         for row in np.flatnonzero((kinds == "sphere") & np.isin(fixture, np.array(fixture)[has_radius])).tolist():
-            self._add(f"other rows of sphere {fixture[row]} have a radius", data, row, "radius", "give all or none")
+            self._add(data, f"other rows of sphere {fixture[row]} have a radius", row, "radius", "give all or none")
         sigma = (
             self._numbers("sigma", ~is_start & (kinds != "image"), data, least=SMALLEST_SIGMA)
             if "sigma" in cells
@@ -603,7 +601,7 @@ class KindTable(ReshapedTable):
                 fix = (
                     "beside other kinds, name the row position: its orientation is not used" if kind == "pose" else None
                 )
-                self._add(f"found {kind!r}, expected one of {', '.join(known)}", data, row, "kind", fix)
+                self._add(data, f"found {kind!r}, expected one of {', '.join(known)}", row, "kind", fix)
         return np.array(kinds, dtype=str)
 
     def _with_images(self, data: Measurements) -> Measurements:
@@ -622,98 +620,15 @@ class KindTable(ReshapedTable):
         if "sigma" in self._cells and heading_of(self._names["sigma"]).unit is not None:
             self.log.add("the sigma of images is in px", self.line, self._names["sigma"], "name the column sigma")
         self.log.raise_if_any()
-        known, names = read_cameras(self._cameras or ""), np.array(self._column("camera"))
+        known, names = plug_in(BOARDS, "cameras")(self._cameras or ""), np.array(self._column("camera"))
         pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
         points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
         # px; no corner is found as well.
         noise = self._numbers("sigma", rows, data, least=1e-3, unit="px") if "sigma" in self._cells else None
         self.log.raise_if_any()
-        values = np.vstack((pixels, points, *([] if data.q is None else [data.q])))
-        first = np.zeros(data.n, dtype=bool)
-        first[np.unique(values, axis=1, return_index=True)[1]] = True
-        if copied := int(np.count_nonzero(rows & ~first)):
-            self.log.warn(f"{copied} points repeat pixel and joints of earlier rows and are left out", of_file=True)
-        stay, rows = ~rows, rows & first
-        photo = data.visit
-        if photo is None:
-            poses = data.groups() if data.cycle is None else numbered(data.groups(), data.cycle)
-            photo = numbered_visits(poses, None, None, numbered(names, *points), ordered=False).astype(str)
-        seen, place, spread = (np.zeros((count, data.n)) for count in (5, 3, 6))
-        turn, position = np.zeros((3, 3, data.n)), data.position.copy()
-        sigma = np.zeros((3, data.n)) if data.sigma_position is None else data.sigma_position.copy()
-        kind, fixture = data.kind.astype(object), data.fixture.astype(object)
-        for name in np.unique(names[rows]).tolist():
-            mine = np.flatnonzero(rows & (names == name))
-            only = next(iter(known.values())) if len(known) == 1 and name == "" else known.get("")
-            if (camera := known.get(name, only)) is None:
-                expected = f"expected a camera of {self._cameras}: {', '.join(known)}"
-                self._add(f"found {name!r}, {expected}", data, int(mine[0]), "camera")
-                continue
-            of_board, size = (points[:, mine], photo[mine]), self._image_sizes.get(name)
-            if size and camera.size and camera.size != size:
-                sizes = [f"{width:g} x {height:g} px" for width, height in (size, camera.size)]
-                fix, scale = "give the lens as photos of this size show it", size[0] / camera.size[0]
-                if size[1] == scale * camera.size[1]:
-                    fix += f", or multiply fx, fy, cx, cy and size by {scale:.6g}"
-                self.log.add(f"the photos are {sizes[0]}, the camera file states {sizes[1]}", fix=fix)
-                continue
-            try:
-                camera = calibrated(camera, pixels[:, mine], *of_board)
-                rays = camera.rays(pixels[:, mine])
-                for row in mine[np.isnan(rays).any(axis=0)].tolist():
-                    self._add("the lens of the camera cannot show anything at this pixel", data, row, "u_px")
-                self.log.raise_if_any()
-                photos, rest = photos_of(rays, *of_board)
-            except ValueError as error:
-                self._add(str(error), data, int(mine[0]), fix="check u_px, v_px, board_x, board_y and the camera")
-                continue
-            depth = statistics.median(float(each.pose.translation[2]) for each in photos)
-            focal, used = float(np.mean(camera.focal)), sum(each.rows.size for each in photos)
-            for each in photos:
-                # Three points stand for the photo: their six numbers are its pose.
-                of_photo = mine[each.rows]
-                three, corners = of_photo[:3], three_points(points[:, of_photo])
-                std = rest if noise is None else math.sqrt(np.mean(np.square(noise[of_photo]))) / focal
-                shown = each.of_camera() if camera.is_on_hand else each
-                stay[three], seen[:3, three], seen[3:, three] = True, corners, [[depth], [focal]]
-                position[:2, three] = depth * rays_of(each.pose, corners)
-                sigma[:, three] = depth * std * math.sqrt(3.0 / of_photo.size)
-                place[:, three], turn[..., three] = shown.pose.translation[:, None], shown.pose.rotation[..., None]
-                spread[:, three] = std * np.sqrt(np.diag(shown.covariance))[:, None]
-            kind[mine], fixture[mine] = IMAGES[camera.is_on_hand], "board" if camera.is_on_hand else name or "camera"
-            taken, lost = np.unique(photo[mine]), {*photo[mine]} - {photo[mine[each.rows[0]]] for each in photos}
-            begins = [data.place(int(mine[photo[mine] == name][0])) for name in sorted(lost)]
-            lens = ", ".join(f"{value:.5g}" for value in (*camera.focal, *camera.centre))
-            text = (
-                f"{f'camera {name}: ' if name else ''}{used} of {mine.size} points in {len(photos)} of {taken.size} "
-                "photos are "
-                f"{rest * focal:.2g} px (rms) off the board, with fx, fy, cx, cy of {lens}"
-                f"{'; photos that do not show the board begin at ' * bool(lost)}{listing(begins)}"
-            )
-            if rest * focal > _FAR_OFF:
-                text += "; usual is a third of a pixel or less: check the lens, its size, and the sizes of the board"
-            self.log.warn(Note(text) if used == mine.size and rest * focal <= _FAR_OFF else text, of_file=True)
-        if data.direction is not None and data.speed is not None:  # The points of a photo were reached by one motion.
-            _, begin, which = np.unique(photo, return_index=True, return_inverse=True)
-            begin = np.where(rows, begin[which], np.arange(data.n))
-            data = replace(data, direction=data.direction[:, begin], speed=data.speed[:, begin])
-        if len(known) > 1 and data.target is None and IMAGES[True] in kind:
-            data = replace(data, target=np.where(kind == IMAGES[True], names, np.where(rows, "board", "")))
-        return replace(
-            data,
-            kind=kind.astype(str),
-            fixture=fixture.astype(str),
-            position=position,
-            sigma_position=sigma,
-            visit=photo,
-            seen=seen,
-            photos=Measurements(
-                place,
-                turn,
-                sigma_position=spread[:3],
-                sigma_rotation=np.sqrt(np.square(spread[3:]).mean(axis=0)),
-            ),
-        ).subset(stay)
+        images = ImageRows(rows, known, self._cameras or "", names, pixels, points, noise, self._image_sizes)
+        of_poses: Measurements = plug_in(BOARDS, "images")(data, images, self.log, partial(self._add, data))
+        return of_poses
 
     def _column(self, key: str) -> list[str]:
         """Return the cells of a column, empty ones where the file has none."""
@@ -737,17 +652,17 @@ class KindTable(ReshapedTable):
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):
                 found = f"found {clip(cells[row])}" if cells[row] else "the value is missing"
-                self._add(f"{found}, expected a number", data, row, key)
+                self._add(data, f"{found}, expected a number", row, key)
             elif not max(least, -most) <= value / divisor <= most:
                 is_bare = unit == "m" and divisor == 1.0 and value > 0.0
                 fix = f"name the column {key}_mm if it is in mm" if is_bare else None
                 found = f"found {value / divisor:.4g} {unit}, expected {max(least, -most):g} to {most:g} {unit}"
-                self._add(found, data, row, key, fix)
+                self._add(data, found, row, key, fix)
             else:
                 values[row] = value / divisor
         return values
 
-    def _add(self, message: str, data: Measurements, row: int, key: str | None = None, fix: str | None = None) -> None:
+    def _add(self, data: Measurements, message: str, row: int, key: str | None = None, fix: str | None = None) -> None:
         """Add a problem of a row to the log."""
         self.log.add(message, data.line(row), None if key is None else self._names.get(key, key), fix)
 

@@ -21,9 +21,9 @@ from robacc.effects.base import effect_class
 from robacc.errors import InputError
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.poses.cameras import Camera, three_points
 from robacc.poses.reading import PoseFile
 from robacc.robots.description import Fixture, Frame
+from robacc_plugins.cameras import Camera, three_points
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
 ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])

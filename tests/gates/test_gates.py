@@ -14,6 +14,7 @@ from commands import missing
 from refusals import problems_of
 from scipy import stats
 
+import robacc
 from robacc.accuracy.error_statistics import error_statistics, length_intervals, satterthwaite
 from robacc.accuracy.grade import default_scale, grade
 from robacc.comparison.stored_results import NoValueError, errors_behind, value_at
@@ -156,7 +157,7 @@ def test_each_mistake_is_named(entry: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (f"{HEAD}  - {{key: position.rms, limit: 1 mm}}\n", "4, criteria[0].reason: is missing"),
+        (f"{HEAD}  - {{name: c, key: position.rms, limit: 1 mm, reason: r}}\n", "4, criteria[0].reason: is missing"),
         (
             f"{HEAD}  - {{key: position.rms, limit: 1 mm, reason: [a]}}\n",
             "4, criteria[0].reason: expected text: the reason for the limit",
@@ -422,6 +423,17 @@ def test_what_makes_a_figure_too_optimistic_is_warned_of() -> None:
         evaluate("key: after.held_out.position.rms, limit: 0.1 mm", document)["instrument_uncertainty_over_limit"]
         is None
     )
+
+
+def test_a_check_has_the_warnings_of_its_gate(tmp_path: Path) -> None:
+    position = np.zeros((3, 12))
+    data = robacc.Measurements(
+        position + 1e-4, commanded_position=position, sigma_position=np.full((3, 12), 1e-3), pose=np.arange(12)
+    )
+    (tmp_path / "gate.yaml").write_text(f"{HEAD}  - {{name: c, key: position.rms, limit: 1 mm, reason: r}}\n")
+    checked = robacc.check(robacc.estimate(data), tmp_path / "gate.yaml")
+    expected = "the instrument's expanded uncertainty (k = 2) is 200 % of the limit"
+    assert any(expected in text for text in checked.warnings)
 
 
 def test_a_baseline_of_the_same_poses_is_compared_pose_by_pose() -> None:

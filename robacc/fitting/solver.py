@@ -6,6 +6,7 @@ number of poses beyond the data and what is predicted for them.
 """
 
 import dataclasses
+import math
 from collections.abc import Mapping, Sequence
 
 import numpy as np
@@ -22,7 +23,6 @@ from robacc.fitting.levels import (
     LARGEST,
     MANY,
     NEGLIGIBLE,
-    NEW,
     ROUNDS,
     SETTLED,
     STEPS,
@@ -51,7 +51,7 @@ from robacc.robots.description import Robot
 # of precision 1 / (b^2 + c^2 / 2) does (iterative reweighting; Holland and Welsch 1977). Given priors are Gaussian.
 #
 # Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-# (MacKay 1992; REML), by MacKay's fixed point and, near it, Fisher's scoring.
+# (MacKay 1992; REML), by Fisher's scoring.
 
 BADLY_MADE = 3.0
 """Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""
@@ -126,46 +126,47 @@ class Priors:
         broad = np.log1p(0.5 * np.square(theta / self._broad))
         return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
 
-    def update(
-        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, settled: float
-    ) -> bool:
-        """Update the groups' standard deviations, and the noise if unknown; return whether one changed by ``settled``.
+    def update(self, normal: NormalEquations, columns: NDArray[np.int64], settled: float) -> bool:
+        """Raise the marginal likelihood of the groups' standard deviations; return whether it rose by ``settled``.
 
-        Each step is the longer of the fixed point's and of Fisher's scoring in the logarithms of the variances: with
+        Fisher's scoring in the logarithms of the variances, damped (Marquardt 1963), and of each at most 4 long: with
         B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups. Weights are
-        estimated between the rounds, so that a few steps are enough for each.
-        ``components`` is the number of residuals of the inliers.
+        estimated between the rounds.
         """
         member, weights = self._member[:, columns], self._weights[columns]
-        stds = before = np.array(list(self.group_stds.values()))
-        noise_var = 1.0
-        for _ in range(ROUNDS):
-            self._set(stds, noise_var)
-            prior, previous = self.precision[columns], stds
+        low, high = 2.0 * np.log(NEGLIGIBLE * SETTLED * self._largest), 2.0 * np.log(self._largest)
+        at = trial = np.clip(2.0 * np.log([*self.group_stds.values()]), low, high)
+        start, best, damping = math.inf, -math.inf, 1.0
+        for _ in range(STEPS):
+            self._set(np.exp(0.5 * trial))
+            prior = self.precision[columns]
             inverse = posterior(normal.gram, prior)
-            theta, determined = inverse @ normal.rhs, 1.0 - prior * np.diag(inverse)
-            of_group = np.maximum(member @ determined, NEW)
-            ratio = np.maximum(member @ np.square(theta / weights) / np.square(previous), NEW**2)
-            block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
-            information = 0.5 * member @ block @ member.T + 1e-300 * np.eye(len(member))
-            scoring = np.clip(np.linalg.solve(information, 0.5 * (ratio - of_group)), -4.0, 4.0)
-            fixed_point = np.log(ratio / of_group)
-            change = np.where(np.abs(scoring) > np.abs(fixed_point), scoring, fixed_point)
-            stds = np.clip(previous * np.exp(0.5 * change), NEGLIGIBLE * SETTLED * self._largest, self._largest)
-            if not noise_known:
-                dof = max(components - float(determined.sum()), 1.0)
-                step = theta - normal.theta
-                cost = normal.cost - 2.0 * step @ normal.gradient + step @ normal.gram @ step
-                noise_var = max(float(cost) / dof, 1e-12)
-            if np.all(np.abs(stds - previous) <= NEGLIGIBLE * settled * stds):
+            theta = inverse @ normal.rhs
+            log_priors = np.log(prior[member.any(axis=0)])
+            found = 0.5 * float(normal.rhs @ theta + log_priors.sum() + np.linalg.slogdet(inverse)[1])
+            if found > best:
+                start, best = min(start, found), found
+                at, damping = trial, damping * NEGLIGIBLE
+                ratio = member @ np.square(theta / weights) / np.exp(at)
+                gradient = 0.5 * (ratio - member @ (1.0 - prior * np.diag(inverse)))
+                block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
+                information = 0.5 * member @ block @ member.T
+            else:
+                damping /= NEGLIGIBLE
+            free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
+            ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
+            if gradient[free] @ ahead < 2.0 * settled:
                 break
-        self._set(stds, noise_var)
-        return bool(np.any(np.abs(stds - before) > settled * stds))
+            trial = at.copy()
+            trial[free] += np.clip(ahead, -4.0, 4.0)
+            trial = np.clip(trial, low, high)
+        self._set(np.exp(0.5 * at))
+        return best - start > settled
 
-    def _set(self, stds: Array, noise_var: float) -> None:
+    def _set(self, stds: Array) -> None:
         self.group_stds = dict(zip(self.group_stds, stds.tolist(), strict=True))
         for std, member in zip(stds.tolist(), self._member > 0.0, strict=True):
-            self.precision[member] = noise_var / np.square(std * self._weights[member])
+            self.precision[member] = 1.0 / np.square(std * self._weights[member])
 
 
 # Gauss-Newton with exact Jacobians: the sum of whitened squares and of Gaussian priors.
@@ -360,9 +361,7 @@ class _Solver:
             linear = self._minimise()
             changed = self.priors.follow(self.theta)
             if self.priors.group_stds:
-                components = float(self.data.count(self.inliers))
-                known, settled = self.options.misfit is not None, 10 * self.options.settled
-                changed |= self.priors.update(linear, self.equations.columns, components, known, settled)
+                changed |= self.priors.update(linear, self.equations.columns, 10 * self.options.settled)
             changed |= self._update_misfit(linear)
             if not changed:
                 return linear

@@ -28,7 +28,6 @@ from robacc.geometry import (
     rpy_from_rotation,
 )
 from robacc.programs.program import (
-    NOT_READ,
     ConfigurationRules,
     Convention,
     Program,
@@ -260,7 +259,7 @@ class Draft:
     notes: list[ProgramNote] = field(default_factory=list)
     dropped: dict[int, str] = field(default_factory=dict)
     """Reasons of targets that are left alone, by index."""
-    configurations: ConfigurationRules = NOT_READ
+    configurations: ConfigurationRules = field(default_factory=ConfigurationRules)
     decimals: Mapping[float, int] = field(default_factory=dict)
     """See :class:`~robacc.programs.program.Program`; likewise the configurations."""
 

@@ -6,7 +6,7 @@ import os
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, replace
-from functools import partial
+from functools import cached_property, partial
 from pathlib import PurePath
 from typing import Annotated, Any, NamedTuple, TypeVar
 
@@ -50,6 +50,7 @@ from robacc.fitting.in_parts import fitted_in_parts
 from robacc.fitting.solver import tolerance_priors
 from robacc.fitting.visits import places
 from robacc.fitting.warnings import image_scales, suspected_mistakes
+from robacc.geometry import NDArray
 from robacc.io.files import write_file
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -88,6 +89,14 @@ class FitResult(Result, Judged):
     """A result with a corrected robot, and its inputs."""
 
     fit_inputs: FitInputs
+
+    @cached_property
+    def places(self) -> dict[str, NDArray[np.int64]]:
+        """Number ``(N,)`` of each row's place, of the poses ``fitted`` and ``held_out``."""
+        return {
+            "fitted": places(self.fit_inputs.data),
+            "held_out": places(self.fit_inputs.holdout or self.fit_inputs.data),
+        }
 
     def view(self, full: bool = False, model: str | None = None) -> Iterable[Section]:
         """Return how good, why, and what now; with ``full`` all that was computed. ``model`` is the written file."""

@@ -61,10 +61,8 @@ def value_at(document: Document, key: str) -> tuple[Any, Document, str]:
         else:
             outside = f"the result has no keys within {path.rpartition('.')[0]}"
             refuse((not isinstance(node, Mapping), outside), error=NoValueError)
-            holder, name = (
-                node,
-                next((full for full in (part, *(f"{part}_{u}" for u in QUANTITIES.values())) if full in node), ""),
-            )
+            names = (part, *(f"{part}_{unit}" for unit in QUANTITIES.values()))
+            holder, name = node, next((full for full in names if full in node), "")
             refuse((not name, f"a result of robacc {document.get('command', '?')} has no {path}"), error=NoValueError)
             node = node[name]
         reason = f": {why}" if isinstance(why := holder.get("why"), str) else ""

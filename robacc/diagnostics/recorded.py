@@ -313,8 +313,7 @@ def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
     ``common`` ``(3, P, N)`` are columns with one coefficient for all rows.
     """
     n, flat = residual.shape[1], residual.ravel()
-    columns = _flat(common)
-    columns = columns / np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    columns = _flat(common / np.maximum(np.linalg.norm(common, axis=(0, 2), keepdims=True), 1e-300))
     lengths, vectors = np.linalg.eigh(columns.T @ columns)
     seen = lengths > DEPENDENT**2 * lengths.max()
     basis = columns @ (vectors[:, seen] / np.sqrt(lengths[seen]))

@@ -39,7 +39,6 @@ from robacc.documents.keys import (
     text,
 )
 from robacc.fitting.priors import weak_kinds
-from robacc.fitting.visits import places
 from robacc.geometry import Array, NDArray
 from robacc.measurements import different
 from robacc.statistics.intervals import Interval
@@ -148,11 +147,7 @@ def _stage(result: Any, key: str) -> Document:
     Intervals on calibration poses ignore the fit to these poses; the metrics on held-out poses are the valid ones.
     """
     stage: Stage = getattr(result, key)
-    inputs, seed = result.fit_inputs, result.made.seed or 0
-    groups = {
-        "fitted": places(inputs.data),
-        "held_out": places(inputs.data if inputs.holdout is None else inputs.holdout),
-    }
+    groups, seed = result.places, result.made.seed or 0
     figures: dict[str, Document | None] = dict.fromkeys(STAGE.keys or ())
     for name in figures:
         metrics, own = getattr(stage, name), groups[name.removesuffix("_inliers")]

@@ -217,10 +217,6 @@ class ConfigurationRules(NamedTuple):
     """Whether nothing of them is unread; else they name the side of axis 5 by a letter or a word."""
 
 
-NOT_READ = ConfigurationRules()
-"""No configuration is read."""
-
-
 @dataclass(frozen=True, slots=True)
 class Program:
     """Robot program that was read."""
@@ -233,7 +229,7 @@ class Program:
     """Index of the target of each motion in the order of the text; loops and branches are not followed."""
     notes: tuple[ProgramNote, ...] = ()
     """Everything that the program computes at run time or that the reader does not know, by line."""
-    configurations: ConfigurationRules = NOT_READ
+    configurations: ConfigurationRules = field(default_factory=ConfigurationRules)
     decimals: Mapping[float, int] = field(default_factory=dict)
     """Decimals of corrected numbers by their unit's size, where these are not what the correction needs."""
 

@@ -26,7 +26,7 @@ from robacc.effects.specification import with_effect_units
 from robacc.errors import MissingColumnError
 from robacc.geometry import Poses
 from robacc.poses.csv_file import format_poses
-from robacc.programs.program import NOT_READ, read_program
+from robacc.programs.program import ConfigurationRules, read_program
 from robacc.programs.targets import (
     allowed_by_window,
     flange_targets,
@@ -475,7 +475,7 @@ def test_the_configuration_of_the_program_decides() -> None:
     }
     for (dialect, text), expected in cases.items():
         assert allowed_by_window(joint_window(dialect.CONFIGURATIONS, text, 6), q).tolist() == expected
-    assert joint_window(NOT_READ, "lefty epositive wpositive", 6) is None
+    assert joint_window(ConfigurationRules(), "lefty epositive wpositive", 6) is None
     # On a rail the bits are of the arm's axes, not of the chain's joints.
     assert (joint_window(krl.CONFIGURATIONS, "T 5", 7), joint_window(krl.CONFIGURATIONS, "", 6)) == (None, None)
 
@@ -505,7 +505,7 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
         0,
         1,
     ]
-    assert [leaves_configuration(NOT_READ, "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
+    assert [leaves_configuration(ConfigurationRules(), "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
     assert not leaves_configuration(fanuc.CONFIGURATIONS, config, on_border, on_border + 1e-4 * np.eye(6)[5])
 

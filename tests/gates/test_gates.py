@@ -157,7 +157,7 @@ def test_each_mistake_is_named(entry: str, message: str) -> None:
 @pytest.mark.parametrize(
     ("text", "problem"),
     [
-        (f"{HEAD}  - {{name: c, key: position.rms, limit: 1 mm, reason: r}}\n", "4, criteria[0].reason: is missing"),
+        (f"{HEAD}  - {{key: position.rms, limit: 1 mm}}\n", "4, criteria[0].reason: is missing"),
         (
             f"{HEAD}  - {{key: position.rms, limit: 1 mm, reason: [a]}}\n",
             "4, criteria[0].reason: expected text: the reason for the limit",

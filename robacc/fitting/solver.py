@@ -126,47 +126,55 @@ class Priors:
         broad = np.log1p(0.5 * np.square(theta / self._broad))
         return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
 
-    def update(self, normal: NormalEquations, columns: NDArray[np.int64], settled: float) -> bool:
-        """Raise the marginal likelihood of the groups' standard deviations; return whether it rose by ``settled``.
+    def update(
+        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool
+    ) -> tuple[float, float]:
+        """Maximise the marginal likelihood of the groups' deviations; return its gain and the factor of the noise.
 
-        Fisher's scoring in the logarithms of the variances, damped (Marquardt 1963), and of each at most 4 long: with
-        B = 1 - P^(1/2) C P^(1/2), the information is half of the squared norm of B's block of two groups. Weights are
-        estimated between the rounds.
+        Fisher's scoring in the logarithms of the variances, among them the noise's unless it is known, damped
+        (Marquardt 1963), each step at most 4 long. With B = 1 - P^(1/2) C P^(1/2), the information of two groups is
+        half of the squared norm of their block of B. ``components`` is the number of residuals of the inliers.
         """
-        member, weights = self._member[:, columns], self._weights[columns]
-        low, high = 2.0 * np.log(NEGLIGIBLE * SETTLED * self._largest), 2.0 * np.log(self._largest)
-        at = trial = np.clip(2.0 * np.log([*self.group_stds.values()]), low, high)
+        member, precision = self._member[:, columns], self.precision[columns]
+        grouped = member.any(axis=0)
+        scales, other = member / np.square(self._weights[columns]), np.where(grouped, 0.0, precision)
+        low = np.append(2.0 * np.log(NEGLIGIBLE * SETTLED * self._largest), 0.0 if noise_known else -np.inf)
+        high = np.append(2.0 * np.log(self._largest), 0.0 if noise_known else np.inf)
+        at = trial = np.clip(2.0 * np.log([*self.group_stds.values(), 1.0]), low, high)
         start, best, damping = math.inf, -math.inf, 1.0
         for _ in range(STEPS):
-            self._set(np.exp(0.5 * trial))
-            prior = self.precision[columns]
+            noise = math.exp(trial[-1])
+            prior = noise * (other + np.exp(-trial[:-1]) @ scales)
             inverse = posterior(normal.gram, prior)
             theta = inverse @ normal.rhs
-            log_priors = np.log(prior[member.any(axis=0)])
-            found = 0.5 * float(normal.rhs @ theta + log_priors.sum() + np.linalg.slogdet(inverse)[1])
+            step, pulls = theta - normal.theta, prior * np.square(theta)
+            squares = normal.cost - step @ (2.0 * normal.gradient - normal.gram @ step)
+            found = (components - np.count_nonzero(~grouped)) * trial[-1] + (squares + pulls.sum()) / noise
+            found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - found)
             if found > best:
                 start, best = min(start, found), found
                 at, damping = trial, damping * NEGLIGIBLE
-                ratio = member @ np.square(theta / weights) / np.exp(at)
-                gradient = 0.5 * (ratio - member @ (1.0 - prior * np.diag(inverse)))
                 block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
-                information = 0.5 * member @ block @ member.T
+                determined, shared = 1.0 - prior * np.diag(inverse), block.sum(axis=1)
+                known = components - determined.sum()
+                gradient = 0.5 * np.append(member @ (pulls / noise - determined), squares / noise - known)
+                with_noise = (member @ (determined - shared))[:, None]
+                noise_own = known - determined.sum() + shared.sum()
+                information = 0.5 * np.block([[member @ block @ member.T, with_noise], [with_noise.T, noise_own]])
             else:
                 damping /= NEGLIGIBLE
             free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
-            ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
-            if gradient[free] @ ahead < 2.0 * settled:
+            scale = np.diag(damping * np.diag(information)[free] + 1e-300)
+            ahead = np.linalg.solve(information[np.ix_(free, free)] + scale, gradient[free])
+            if gradient[free] @ ahead < 2.0 * SETTLED:
                 break
             trial = at.copy()
             trial[free] += np.clip(ahead, -4.0, 4.0)
             trial = np.clip(trial, low, high)
-        self._set(np.exp(0.5 * at))
-        return best - start > settled
-
-    def _set(self, stds: Array) -> None:
+        stds = np.exp(0.5 * at[:-1])
         self.group_stds = dict(zip(self.group_stds, stds.tolist(), strict=True))
-        for std, member in zip(stds.tolist(), self._member > 0.0, strict=True):
-            self.precision[member] = 1.0 / np.square(std * self._weights[member])
+        self.precision[columns] = other + np.exp(-at[:-1]) @ scales
+        return best - start, math.exp(at[-1])
 
 
 # Gauss-Newton with exact Jacobians: the sum of whitened squares and of Gaussian priors.
@@ -278,6 +286,11 @@ class _Solver:
             self.latest = whitening(weight, self.joints, self.scatter, self.visits, noise)
         return self.latest
 
+    @property
+    def _noise_is_known(self) -> bool:
+        """Return whether no misfit is estimated, or the stated uncertainty explains all that the model misses."""
+        return self.options.misfit is not None or (self.data.sigma_position is not None and self.misfit[0] == 0.0)
+
     def _row_weight(self) -> Array:
         """Return ``(M, N)`` reciprocal standard deviations of each row, noise and scatter together."""
         if not self.scatter.size:
@@ -358,14 +371,27 @@ class _Solver:
             self._update_misfit(self._minimise())
         self.priors.follow(self.theta)
         for _ in range(ROUNDS):
+            changed = bool(self.priors.group_stds) and self._update_groups()
             linear = self._minimise()
-            changed = self.priors.follow(self.theta)
-            if self.priors.group_stds:
-                changed |= self.priors.update(linear, self.equations.columns, 10 * self.options.settled)
+            changed |= self.priors.follow(self.theta)
             changed |= self._update_misfit(linear)
             if not changed:
                 return linear
         return self._minimise()
+
+    def _update_groups(self) -> bool:
+        """Estimate the groups' deviations, and the noise at them; return whether the likelihood rose noticeably."""
+        linear = self._linearised(self.whitening(self.inliers))
+        components = float(self.data.count(self.inliers))
+        gain, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known)
+        self.row, self.normal = self.row / noise**0.5, linear.scaled(np.full(2, 1.0 / noise))
+        return gain > 10 * self.options.settled
+
+    def _linearised(self, white: Whitening) -> NormalEquations:
+        """Return the linearisation at the present coefficients, weights and inliers."""
+        if self.normal is None:
+            self.residual, self.normal = self.equations.linearise(self.theta, white)
+        return self.normal
 
     def _minimise(self) -> NormalEquations:
         """Go to the minimum with the present weights and priors; return the last linearisation.
@@ -375,9 +401,7 @@ class _Solver:
         """
         white, columns = self.whitening(self.inliers), self.equations.columns
         prior = self.priors.precision[columns]
-        if self.normal is None:
-            self.residual, self.normal = self.equations.linearise(self.theta, white)
-        normal, previous = self.normal, 0.0
+        normal, previous = self._linearised(white), 0.0
         cost = normal.cost + float(prior @ np.square(normal.theta))
         rounding = 4.0 * EPSILON * float(white.weight.max(initial=0.0))
         self.converged = columns.size == 0
@@ -463,8 +487,7 @@ class _Solver:
         inverse, used = self._inverse(linear)
         chi_square = float(self.whitening(self.inliers).costs(self.residual).sum())
         dof = float(self.data.count(self.inliers)) - used
-        is_known = self.data.sigma_position is not None and self.misfit[0] == 0.0
-        if self.options.misfit is None and dof > 0 and not is_known:
+        if dof > 0 and not self._noise_is_known:
             inverse = inverse * (chi_square / dof)  # The observed noise exceeds the stated one.
         covariance = np.full((count, count), np.nan)
         covariance[np.ix_(columns, columns)] = inverse

@@ -33,7 +33,8 @@ from scipy.linalg.lapack import dpotrf, dpotri
 from scipy.special import bdtrc
 
 from robacc.effects.campaign import sequence_of
-from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS, STEPS
+from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS
+from robacc.fitting.normal_equations import most_likely
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
 from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
@@ -786,32 +787,20 @@ def estimated(
 ) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
-    Beside terms, a random part of many rows is used, unless ``on_all``. Steps of the average information are damped
-    (Marquardt 1963), and of each parameter at most 2 long, beyond which exponentials are far from linear. They end when
-    the next would gain less than ``gains``, or next to nothing of what a likelihood of ``least`` lacks.
+    Beside terms, a random part of many rows is used, unless ``on_all``. For ``least`` and ``gains`` see
+    :func:`most_likely`.
     """
     start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
+
+    def likelihood(packed: Array, best: float) -> tuple[float, Array, Array]:
+        return likelihood_derivatives(start.unpacked(packed), part, best)
+
     low, high = np.array(bounds).T
-    at, damping = np.clip(noise.packed, low, high), 0.1
-    best = likelihood_derivatives(start.unpacked(at), part)
-    for _ in range(STEPS):
-        _, gradient, information = best
-        free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
-        ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
-        expected = 0.5 * gradient[free] @ ahead
-        if expected < max(gains, NEGLIGIBLE * (least - best[0])):
-            break
-        step = at.copy()
-        step[free] += np.clip(ahead, -2.0, 2.0)
-        step = np.clip(step, low, high)
-        found = likelihood_derivatives(start.unpacked(step), part, best[0])
-        if is_better := found[0] > best[0]:
-            at, best = step, found
-        damping *= 0.1 if is_better else 10.0
-    return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(best[0]) else noise
+    at, found = most_likely(likelihood, noise.packed, (low, high), gains, least)
+    return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(found) else noise
 
 
 def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[CovarianceParameters, Linearised]:

@@ -14,12 +14,14 @@ that factor; the normal matrix changes by the order of r^2, which Gauss-Newton n
 unchanged.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 
-from robacc.fitting.levels import BLOCK_NUMBERS, EPSILON
+from robacc.fitting.levels import BLOCK_NUMBERS, EPSILON, NEGLIGIBLE, STEPS
 from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import JacobianByMotion, Model, residuals
@@ -67,6 +69,39 @@ def posterior(gram: Array, prior: Array) -> Array:
         return solved(gram + np.diag(prior), np.eye(len(gram)))
     root = dtrtri(factor, lower=1, overwrite_c=1)[0] * scale
     return np.asarray(root.T @ root)
+
+
+def most_likely(
+    likelihood: Callable[[Array, float], tuple[float, Array, Array]],
+    start: Array,
+    bounds: tuple[Array, Array],
+    gains: float,
+    least: float = -math.inf,
+) -> tuple[Array, float]:
+    """Return the parameters ``(K,)`` between ``bounds`` of largest log likelihood, and that.
+
+    ``likelihood`` returns the log likelihood at parameters, its gradient ``(K,)`` and the information ``(K, K)``; of a
+    likelihood not above its second argument, the others may be anything. Parameters are logarithms of standard
+    deviations: steps of scoring are damped (Marquardt 1963), and of each at most 2 long, beyond which exponentials are
+    far from linear. They end when the next would gain less than ``gains``, or next to nothing of what a likelihood of
+    ``least`` lacks.
+    """
+    low, high = bounds
+    at, damping = np.clip(start, low, high), 0.1
+    best, gradient, information = likelihood(at, -math.inf)
+    for _ in range(STEPS):
+        free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
+        ahead = np.linalg.solve(information[np.ix_(free, free)] + damping * np.eye(free.size), gradient[free])
+        if 0.5 * gradient[free] @ ahead < max(gains, NEGLIGIBLE * (least - best)):
+            break
+        step = at.copy()
+        step[free] += np.clip(ahead, -2.0, 2.0)
+        step = np.clip(step, low, high)
+        found, *derivatives = likelihood(step, best)
+        if is_better := found > best:
+            at, best, (gradient, information) = step, found, derivatives
+        damping *= 0.1 if is_better else 10.0
+    return at, best
 
 
 # Whitening.

@@ -31,6 +31,7 @@ from robacc.fitting.normal_equations import (
     NormalEquations,
     PoseEquations,
     Whitening,
+    most_likely,
     posterior,
     whitening,
 )
@@ -127,54 +128,43 @@ class Priors:
         return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
 
     def update(
-        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool
-    ) -> tuple[float, float]:
-        """Maximise the marginal likelihood of the groups' deviations; return its gain and the factor of the noise.
+        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, gains: float
+    ) -> tuple[bool, float]:
+        """Maximise the marginal likelihood of the groups' deviations; return whether they changed, and the noise.
 
-        Fisher's scoring in the logarithms of the variances, among them the noise's unless it is known, damped
-        (Marquardt 1963), each step at most 4 long. With B = 1 - P^(1/2) C P^(1/2), the information of two groups is
-        half of the squared norm of their block of B. ``components`` is the number of residuals of the inliers.
+        The noise is its variance over the present one, estimated with them unless it is known. Information is the
+        expected one: with B = 1 - P^(1/2) C P^(1/2), that of two groups is twice the squared norm of their block of B.
+        ``components`` is the number of residuals of the inliers; for ``gains`` see :func:`most_likely`.
         """
         member, precision = self._member[:, columns], self.precision[columns]
         grouped = member.any(axis=0)
         scales, other = member / np.square(self._weights[columns]), np.where(grouped, 0.0, precision)
-        low = np.append(2.0 * np.log(NEGLIGIBLE * SETTLED * self._largest), 0.0 if noise_known else -np.inf)
-        high = np.append(2.0 * np.log(self._largest), 0.0 if noise_known else np.inf)
-        at = trial = np.clip(2.0 * np.log([*self.group_stds.values(), 1.0]), low, high)
-        start, best, damping = math.inf, -math.inf, 1.0
-        for _ in range(STEPS):
-            noise = math.exp(trial[-1])
-            prior = noise * (other + np.exp(-trial[:-1]) @ scales)
+
+        def likelihood(log_stds: Array, least: float) -> tuple[float, Array, Array]:
+            noise = math.exp(2.0 * log_stds[-1])
+            prior = noise * (other + np.exp(-2.0 * log_stds[:-1]) @ scales)
             inverse = posterior(normal.gram, prior)
             theta = inverse @ normal.rhs
             step, pulls = theta - normal.theta, prior * np.square(theta)
             squares = normal.cost - step @ (2.0 * normal.gradient - normal.gram @ step)
-            found = (components - np.count_nonzero(~grouped)) * trial[-1] + (squares + pulls.sum()) / noise
-            found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - found)
-            if found > best:
-                start, best = min(start, found), found
-                at, damping = trial, damping * NEGLIGIBLE
-                block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
-                determined, shared = 1.0 - prior * np.diag(inverse), block.sum(axis=1)
-                known = components - determined.sum()
-                gradient = 0.5 * np.append(member @ (pulls / noise - determined), squares / noise - known)
-                with_noise = (member @ (determined - shared))[:, None]
-                noise_own = known - determined.sum() + shared.sum()
-                information = 0.5 * np.block([[member @ block @ member.T, with_noise], [with_noise.T, noise_own]])
-            else:
-                damping /= NEGLIGIBLE
-            free = np.flatnonzero(((at > low) | (gradient > 0.0)) & ((at < high) | (gradient < 0.0)))
-            scale = np.diag(damping * np.diag(information)[free] + 1e-300)
-            ahead = np.linalg.solve(information[np.ix_(free, free)] + scale, gradient[free])
-            if gradient[free] @ ahead < 2.0 * SETTLED:
-                break
-            trial = at.copy()
-            trial[free] += np.clip(ahead, -4.0, 4.0)
-            trial = np.clip(trial, low, high)
-        stds = np.exp(0.5 * at[:-1])
-        self.group_stds = dict(zip(self.group_stds, stds.tolist(), strict=True))
-        self.precision[columns] = other + np.exp(-at[:-1]) @ scales
-        return best - start, math.exp(at[-1])
+            of_noise = (components - np.count_nonzero(~grouped)) * 2.0 * log_stds[-1] + (squares + pulls.sum()) / noise
+            found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - of_noise)
+            block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
+            determined, shared = 1.0 - prior * np.diag(inverse), block.sum(axis=1)
+            freedom = components - determined.sum()
+            with_noise = (member @ (determined - shared))[:, None]
+            of_noise = freedom - determined.sum() + shared.sum()
+            information = 2.0 * np.block([[member @ block @ member.T, with_noise], [with_noise.T, of_noise]])
+            return found, np.append(member @ (pulls / noise - determined), squares / noise - freedom), information
+
+        spread = 0.0 if noise_known else np.inf
+        low, high = np.log(NEGLIGIBLE * SETTLED * self._largest), np.log(self._largest)
+        start = np.clip(np.log([*self.group_stds.values()]), low, high)
+        bounds = np.append(low, -spread), np.append(high, spread)
+        found, _ = most_likely(likelihood, np.append(start, 0.0), bounds, gains)
+        self.group_stds = dict(zip(self.group_stds, np.exp(found[:-1]).tolist(), strict=True))
+        self.precision[columns] = other + np.exp(-2.0 * found[:-1]) @ scales
+        return not np.array_equal(found[:-1], start), math.exp(2.0 * found[-1])
 
 
 # Gauss-Newton with exact Jacobians: the sum of whitened squares and of Gaussian priors.
@@ -380,12 +370,12 @@ class _Solver:
         return self._minimise()
 
     def _update_groups(self) -> bool:
-        """Estimate the groups' deviations, and the noise at them; return whether the likelihood rose noticeably."""
+        """Estimate the groups' deviations, and the noise at them; return whether they changed."""
         linear = self._linearised(self.whitening(self.inliers))
-        components = float(self.data.count(self.inliers))
-        gain, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known)
+        components, gains = float(self.data.count(self.inliers)), 10 * self.options.settled
+        changed, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known, gains)
         self.row, self.normal = self.row / noise**0.5, linear.scaled(np.full(2, 1.0 / noise))
-        return gain > 10 * self.options.settled
+        return changed
 
     def _linearised(self, white: Whitening) -> NormalEquations:
         """Return the linearisation at the present coefficients, weights and inliers."""

@@ -34,7 +34,7 @@ from scipy.special import bdtrc
 
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS
-from robacc.fitting.normal_equations import most_likely
+from robacc.fitting.normal_equations import GAIN, most_likely
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
 from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
@@ -773,8 +773,6 @@ GROSS_FACTORS = np.array([1.0, 6.0, 30.0, 1000.0])
 _LOG_SHARES = np.log([1.0 - GROSS_SHARE, *[GROSS_SHARE / 3.0] * 3])
 _SIZES = (-3.0, 0.0, 0.7)
 """Log factors on a term's start: that of its score statistics, and those of a lower bound of its gain."""
-_GAINS = 0.01
-"""Least gain of a term beyond what it costs: smaller ones are rounding."""
 
 
 def estimated(
@@ -783,7 +781,7 @@ def estimated(
     *,
     on_all: bool = False,
     least: float = -math.inf,
-    gains: float = _GAINS,
+    gains: float = GAIN,
 ) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
@@ -810,7 +808,7 @@ def on_subset(noise: CovarianceParameters, linear: Linearised) -> tuple[Covarian
 
 
 def with_gross_errors(
-    noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS, gains: float = _GAINS
+    noise: CovarianceParameters, linear: Linearised, rounds: int = ROUNDS, gains: float = GAIN
 ) -> CovarianceParameters:
     """Return the noise estimated again, with the factor of each row that is most probable.
 
@@ -867,10 +865,10 @@ def with_terms_that_gain(
     """
     gains = dict.fromkeys((name for name in names if name not in noise.terms), math.inf)
     found: dict[str, CovarianceParameters] = {}
-    while gains and gains[name := max(gains, key=lambda name: gains[name])] > _GAINS:
+    while gains and gains[name := max(gains, key=lambda name: gains[name])] > GAIN:
         if name in found:
             noise = found.pop(name)
-            gains = {other: max(gain, 2.0 * _GAINS) for other, gain in gains.items() if other != name}
+            gains = {other: max(gain, 2.0 * GAIN) for other, gain in gains.items() if other != name}
             found.clear()
         else:
             found[name] = other = with_term_if_worth(noise, linear, name)

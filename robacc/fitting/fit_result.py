@@ -10,7 +10,7 @@ import numpy as np
 from robacc.effects.base import Term
 from robacc.effects.drivers import Validity
 from robacc.errors import RobaccError
-from robacc.fitting.levels import BLOCK_NUMBERS, DEPENDENT, EPSILON, EXAMPLES, FEW, HALF_DIGITS, NEW, SETTLED
+from robacc.fitting.levels import BLOCK_NUMBERS, DEPENDENT, EPSILON, EXAMPLES, FEW, NEW
 from robacc.fitting.normal_equations import Whitening, blocks_of, posterior, solved
 from robacc.fitting.visits import LEAST_PLACES, places
 from robacc.geometry import Array, NDArray, Poses, compose, exp_so3
@@ -121,8 +121,6 @@ class Options:
     constants of the arm."""
     misfit: tuple[float, float] | None = None
     """Misfit of position (m) and orientation (rad), if known; else estimated."""
-    tolerance: float = HALF_DIGITS
-    """Change of the whitened prediction, as a share of the residual, at which a step is the last."""
     start: Array | None = None
     """``(P,)`` coefficients to start from; base and tool are then not registered in closed form first."""
     inliers: NDArray[np.bool_] | None = None
@@ -133,8 +131,6 @@ class Options:
     """Prior standard deviations to start from, by group; default: the usual size of the group's terms."""
     scatter: Array | None = None
     """``(J,)`` standard deviation (rad or m) of the joints' scatter, which rows of one visit share; none if None."""
-    settled: float = SETTLED
-    """Change of the misfits, as a share, at which the fit ends (ten times it for the groups' priors)."""
 
 
 @dataclass(frozen=True)

@@ -71,11 +71,15 @@ def posterior(gram: Array, prior: Array) -> Array:
     return np.asarray(root.T @ root)
 
 
+GAIN = 0.01
+"""Least gain of a log likelihood that is worth a step: smaller ones are rounding."""
+
+
 def most_likely(
     likelihood: Callable[[Array, float], tuple[float, Array, Array]],
     start: Array,
     bounds: tuple[Array, Array],
-    gains: float,
+    gains: float = GAIN,
     least: float = -math.inf,
 ) -> tuple[Array, float]:
     """Return the parameters ``(K,)`` between ``bounds`` of largest log likelihood, and that.

@@ -20,6 +20,7 @@ from robacc.fitting.levels import (
     ENOUGH,
     EPSILON,
     FEW,
+    HALF_DIGITS,
     LARGEST,
     MANY,
     NEGLIGIBLE,
@@ -128,13 +129,13 @@ class Priors:
         return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
 
     def update(
-        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool, gains: float
+        self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool
     ) -> tuple[bool, float]:
         """Maximise the marginal likelihood of the groups' deviations; return whether they changed, and the noise.
 
         The noise is its variance over the present one, estimated with them unless it is known. Information is the
         expected one: with B = 1 - P^(1/2) C P^(1/2), that of two groups is twice the squared norm of their block of B.
-        ``components`` is the number of residuals of the inliers; for ``gains`` see :func:`most_likely`.
+        ``components`` is the number of residuals of the inliers.
         """
         member, precision = self._member[:, columns], self.precision[columns]
         grouped = member.any(axis=0)
@@ -161,7 +162,7 @@ class Priors:
         low, high = np.log(NEGLIGIBLE * SETTLED * self._largest), np.log(self._largest)
         start = np.clip(np.log([*self.group_stds.values()]), low, high)
         bounds = np.append(low, -spread), np.append(high, spread)
-        found, _ = most_likely(likelihood, np.append(start, 0.0), bounds, gains)
+        found, _ = most_likely(likelihood, np.append(start, 0.0), bounds)
         self.group_stds = dict(zip(self.group_stds, np.exp(found[:-1]).tolist(), strict=True))
         self.precision[columns] = other + np.exp(-2.0 * found[:-1]) @ scales
         return not np.array_equal(found[:-1], start), math.exp(2.0 * found[-1])
@@ -372,8 +373,8 @@ class _Solver:
     def _update_groups(self) -> bool:
         """Estimate the groups' deviations, and the noise at them; return whether they changed."""
         linear = self._linearised(self.whitening(self.inliers))
-        components, gains = float(self.data.count(self.inliers)), 10 * self.options.settled
-        changed, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known, gains)
+        components = float(self.data.count(self.inliers))
+        changed, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known)
         self.row, self.normal = self.row / noise**0.5, linear.scaled(np.full(2, 1.0 / noise))
         return changed
 
@@ -402,7 +403,7 @@ class _Solver:
             # Gauss-Newton converges at a constant rate in the end and faster before: a geometric series at most.
             rate = length / previous if previous > 0.0 else np.inf
             remaining = length * rate / (1.0 - rate) if rate <= NEGLIGIBLE else np.inf
-            limit = max(self.options.tolerance * (1.0 + cost**0.5), rounding * columns.size**0.5)
+            limit = max(HALF_DIGITS * (1.0 + cost**0.5), rounding * columns.size**0.5)
             is_last = min(length, remaining) <= limit
             # Near the minimum, rounding decides which of two costs is lower; a full step is then still taken.
             most = cost + 4.0 * rounding * cost**0.5 + rounding**2 * white.weight.size
@@ -448,7 +449,7 @@ class _Solver:
             # One misfit of all rows scales all their squares.
             ratios = np.square(self.row[[0, -1], 0] / before[[0, -1], 0])
             self.normal = self.normal.scaled(ratios) if is_common else None
-        return any(abs(a - b) > self.options.settled * b for a, b in zip(self.misfit, previous, strict=True))
+        return any(abs(a - b) > SETTLED * b for a, b in zip(self.misfit, previous, strict=True))
 
     def _inverse(self, linear: NormalEquations) -> tuple[Array, float]:
         """Return the inverse ``(K, K)`` of the normal matrix, and how many coefficients the data determine."""

@@ -275,7 +275,7 @@ def fitted(seed: int, poses: int) -> tuple[Fit, Measurements]:
     data = robacc.simulate(ROBOT, poses=poses, seed=seed, **noise).data
     model = Model.of(robacc.read_robot(ROBOT))
     model = Model(model.arm, model.known, build(parse_requests(EFFECTS), model.arm, data))
-    return fit(model, data, Options(robust=False, tolerance=1e-10, settled=1e-6)), data
+    return fit(model, data, Options(robust=False)), data
 
 
 def hat_traces(result: Fit, data: Measurements) -> tuple[float, float]:

@@ -175,8 +175,6 @@ class Fit:
     """``(K,)`` right-hand side of the normal equations: ``(gram + precision) theta = rhs`` at the solution."""
     precision: Array
     """``(K,)`` prior precision."""
-    log_prior: float = 0.0
-    """Log density of the coefficients under the priors, up to a constant of the model's kind."""
     group_stds: dict[str, float] = field(default_factory=dict)
     """Prior standard deviation of each group, in units of its terms' weights."""
     validity: tuple[Validity, ...] = ()

@@ -121,13 +121,6 @@ class Priors:
         self.precision = precision
         return True
 
-    def log_density(self, theta: Array) -> float:
-        """Return the log density of coefficients ``(P,)``, up to a constant."""
-        is_gaussian = ~self.is_broad & (self.precision > 0)
-        precision, own = self.precision[is_gaussian], theta[is_gaussian]
-        broad = np.log1p(0.5 * np.square(theta / self._broad))
-        return float(0.5 * np.sum(np.log(precision) - precision * np.square(own)) - np.sum(broad))
-
     def update(
         self, normal: NormalEquations, columns: NDArray[np.int64], components: float, noise_known: bool
     ) -> tuple[bool, float]:
@@ -506,7 +499,6 @@ class _Solver:
             gram=linear.gram,
             rhs=linear.rhs,
             precision=self.priors.precision[columns],
-            log_prior=self.priors.log_density(self.theta),
             group_stds=self.priors.group_stds,
             validity=tuple(effect.validity(self.model.arm, self.data) for effect in self.model.free),
         )

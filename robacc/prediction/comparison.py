@@ -16,7 +16,8 @@ from robacc.accuracy.estimation import check_confidence
 from robacc.effects.base import Part, Term, effect_class
 from robacc.errors import Problem, applying, refuse
 from robacc.fitting import registration
-from robacc.fitting.normal_equations import whitening
+from robacc.fitting.levels import EPSILON
+from robacc.fitting.normal_equations import most_likely, whitening
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict, residuals
@@ -461,18 +462,10 @@ def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelih
 
 def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
     """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood."""
-    from scipy.optimize import minimize
-
-    bounds = [(_LOG_FACTOR_MIN, _LOG_FACTOR_MAX)] * start.size
+    low, high = np.full((2, start.size), [[_LOG_FACTOR_MIN], [_LOG_FACTOR_MAX]])
     if held is not None:
-        bounds[held[0]] = held[1], held[1]
-
-    def cost(eta: Array) -> tuple[float, Array]:
-        value, score, _ = likelihood(eta)
-        return -value, -score
-
-    found = minimize(cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options={"ftol": 1e-14, "gtol": 1e-8})
-    return found.x, -float(found.fun)
+        low[held[0]] = high[held[0]] = held[1]
+    return most_likely(lambda eta, least: likelihood(eta), start, (low, high), gains=EPSILON)
 
 
 def _profile_interval(

@@ -92,7 +92,7 @@ def test_the_solution_is_scipys(name: str, orientation: bool) -> None:
     free = effects(name, "base_frame", "tool_frame", "joint_compliance:2", *SEVERAL)
     robot, _ = truth_for(name, effects(name, "joint_compliance:2", *SEVERAL), blank(name))
     data = simulate(robot, dataclasses.replace(PLAN, orientation=orientation)).data
-    found = fit(Model.of(arm(name).robot, free), data, Options(robust=False, misfit=(NOISE, NOISE), tolerance=1e-13))
+    found = fit(Model.of(arm(name).robot, free), data, Options(robust=False, misfit=(NOISE, NOISE)))
     kept = found.identifiability.columns
     peer, size = by_scipy(found, data, NOISE, method="dogbox", xtol=1e-15, ftol=1e-15, gtol=1e-15)
     assert kept.size > 25
@@ -147,7 +147,7 @@ def test_priors_are_rows_of_their_own() -> None:
     count = len(fit(Model.of(arm("puma560").robot, free), data).terms)
     deviation = np.full(count, np.inf)
     deviation[:3] = 5e-6, 2e-6, 1e-9
-    options = Options(priors=deviation, misfit=(NOISE, NOISE), robust=False, tolerance=1e-12)
+    options = Options(priors=deviation, misfit=(NOISE, NOISE), robust=False)
     found = fit(Model.of(arm("puma560").robot, free), data, options)
     # Linear algebra on the last linearisation: a prior is one more measurement, of zero.
     _, columns = found.model.bind(data).linearise(found.theta)

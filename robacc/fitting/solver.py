@@ -53,7 +53,7 @@ from robacc.robots.description import Robot
 # of precision 1 / (b^2 + c^2 / 2) does (iterative reweighting; Holland and Welsch 1977). Given priors are Gaussian.
 #
 # Terms of a group share a standard deviation, that of the largest marginal likelihood for the present linearisation
-# (MacKay 1992; REML), by Fisher's scoring.
+# (MacKay 1992; REML), by damped scoring.
 
 BADLY_MADE = 3.0
 """Standard deviation of the broad prior near nominal, over the usual size of a constant: 3 mm or 3 mrad."""

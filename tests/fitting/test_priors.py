@@ -13,12 +13,13 @@ from scipy.optimize import minimize
 from robacc.documents.keys import COVARIANCE
 from robacc.effects import REGISTRY
 from robacc.effects.base import Term
+from robacc.effects.periodic import TransmissionError
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import LARGEST
 from robacc.fitting.normal_equations import GAIN, NormalEquations, posterior
 from robacc.fitting.parameters import apply_fit, parameter_covariance
 from robacc.fitting.priors import shrink_to_nominal, weak_kinds
-from robacc.fitting.solver import Priors, fit
+from robacc.fitting.solver import Priors, fit, refit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.geometry import Array, exp_so3
 from robacc.io.json_text import json_text
@@ -98,6 +99,27 @@ def test_group_stds_have_the_largest_marginal_likelihood(seed: int, start: float
 NOISE = 2e-5
 PLAN = Plan(60, noise_position=NOISE, orientation=False)
 CONSTANTS = ("joint_offset", "link_geometry")
+
+
+@pytest.mark.parametrize("size", [2e-5, 3e-3])
+def test_deviations_and_an_unknown_noise_end_where_a_refit_leaves_them(size: float) -> None:
+    """A profile of the usual size and of a hundred times that, which the start takes for noise."""
+    one = arm("puma560")
+    orders = tuple(float(order) for order in range(1, 13))
+    rng = np.random.default_rng(7)
+    values = {f"j2.{wave}{order:g}": size * rng.normal() for order in orders for wave in ("cos", "sin")}
+    entry = {"effect": "transmission_error", "joints": ["j2"], "orders": list(orders), "values": values}
+    robot = dataclasses.replace(one.robot, effects=(entry,), effect_units=(1.0, 1.0))
+    data = simulate(robot, dataclasses.replace(PLAN, poses=200)).data
+    frames = [REGISTRY[name].default(one, data) for name in ("base_frame", "tool_frame")]
+    model = Model.of(one.robot, [*frames, TransmissionError(("j2",), orders, shrunk=True)])
+    found = fit(model, data, Options(robust=False))
+    assert found.misfit[0] == pytest.approx(NOISE, rel=0.1)
+    again = refit(found, model.free, data, Options(robust=False))
+    assert again.misfit == pytest.approx(found.misfit, rel=2e-3)
+    np.testing.assert_allclose(list(again.group_stds.values()), list(found.group_stds.values()), rtol=0.05)
+
+
 ONE = ({"effect": "link_geometry", "joints": ["j2"], "values": {"j2.a": 5e-4}},)
 
 

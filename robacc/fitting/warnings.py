@@ -145,9 +145,9 @@ def fit_warnings(
         yield from filter(None, (outlier_pattern(data, ~fit.inliers, fit.model.arm.names),))
     yield from suspected_mistakes(fit)
     absent = [name for name in ALIGNABLE if name not in {effect.name for effect in without_findings.model.free}]
-    size = np.sqrt(np.sum(np.var(data.position[:, without_findings.inliers], axis=1)))
+    size = np.sqrt(np.sum(np.var(data.position[:, fit.inliers], axis=1)))
     far = (FEW if absent else GROSS) * size
-    if data.kind is None and rms_length(without_findings.residual[:3, without_findings.inliers]) > far:
+    if data.kind is None and rms_length(fit.residual[:3, fit.inliers]) > far:
         cause = "units, joint signs, exchanged columns or an instrument that was moved"
         advice = f"; declare {','.join(absent)}" * bool(absent)
         cause = "frames that do not agree" if absent else cause

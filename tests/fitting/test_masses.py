@@ -9,6 +9,7 @@ from independent_arm import DH, Matrix, link_frames, measured, run, targets
 from searched import ARM, model
 
 from robacc import InputError, Measurements, Robot
+from robacc.effects import REGISTRY
 from robacc.effects.elastic import JointCompliance
 from robacc.effects.specification import parse_requests
 from robacc.fitting.fit_result import Fit
@@ -114,6 +115,20 @@ def test_the_spring_of_a_soft_arm_is_found_in_equilibrium(known: bool) -> None:
     assert found.after.held_out.position.rms < 1.15 * np.sqrt(3) * noise
     again = predict(parse_robot(robot_to_yaml(found.robot), "model.yaml"), data)
     np.testing.assert_allclose(again.translation, found.fit.poses.translation, rtol=0, atol=1e-12)
+
+
+@pytest.mark.parametrize("names_springs", [False, True])
+def test_what_springs_explain_is_no_mistake_of_units(names_springs: bool) -> None:
+    entry = {"effect": "joint_compliance", "joints": ["j2", "j3"], "values": {"j2": 4e-4, "j3": 8e-4}}
+    robot = arm("puma560").robot
+    data = simulate(dataclasses.replace(robot, effects=(entry,)), Plan(60, seed=1, orientation=False)).data
+    frames = [REGISTRY[name].default(Arm.of(robot), data) for name in ("base_frame", "tool_frame")]
+    rigid, springs = (
+        fit(Model(Arm.of(robot), (), (*frames, *more)), data) for more in ((), (JointCompliance(("j2", "j3")),))
+    )
+    found = springs if names_springs else rigid
+    texts = list(fit_warnings(found, data, lack_of_fit(found, data), rigid, (1.0, 1.0)))
+    assert any("rather than from the arm" in text for text in texts) is not names_springs
 
 
 JOINTS = ("j2", "j3")

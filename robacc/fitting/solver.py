@@ -151,7 +151,7 @@ class Priors:
             information = 2.0 * np.block([[member @ block @ member.T, with_noise], [with_noise.T, of_noise]])
             return found, np.append(member @ (pulls / noise - determined), squares / noise - freedom), information
 
-        spread = 0.0 if noise_known else np.inf
+        spread = 0.0 if noise_known else -math.log(HALF_DIGITS)
         low, high = np.log(NEGLIGIBLE * SETTLED * self._largest), np.log(self._largest)
         start = np.clip(np.log([*self.group_stds.values()]), low, high)
         bounds = np.append(low, -spread), np.append(high, spread)

@@ -210,6 +210,7 @@ def _with_covariance(
         else share * np.einsum("nkm,nlm->kl", by_column * variance[:, None], by_column, optimize=True)
         + share * np.einsum("nka,nab,nlb->kl", by_column, linear.rows.between, by_column, optimize=True)
     )
+    shared = np.zeros_like(meat)
     for name in terms:
         term = TERMS[name]
         for number, kernel in enumerate(term.kernels(noise.terms[name], linear.rows)):
@@ -217,7 +218,12 @@ def _with_covariance(
                 np.einsum("nkm,mn->nk", by_column, linear.joints[number]) if term.of_joints else by_column[..., number]
             )
             own = carried * np.diag(kernel)[:, None]
-            meat += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
+            shared += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
+    # It is a covariance, but its estimate by a part of the rows may have negative eigenvalues.
+    scale = np.sqrt(np.diag(fitted.gram) + fitted.precision)
+    values, vectors = np.linalg.eigh(shared / scale / scale[:, None])
+    root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
+    meat += root @ root.T
     inverse = posterior(fitted.gram, fitted.precision)
     return with_covariance(fitted, inverse @ (meat + np.diag(fitted.precision)) @ inverse)
 

@@ -10,6 +10,8 @@ import pytest
 from arms import arm
 from scipy.stats import multivariate_normal
 
+from robacc.effects.base import Effect
+from robacc.effects.periodic import TransmissionError
 from robacc.effects.specification import build, parse_requests
 from robacc.error_model.covariance import (
     GROSS_FACTORS,
@@ -153,17 +155,17 @@ def test_gross_errors_are_told_from_noise() -> None:
 NOISE_OF_STRUCTURE, N = 2e-5, 80
 
 
-def drawn(kind: str, seed: int) -> Measurements:
-    """Poses of the nominal arm in the order of joint 2, with errors of a kind."""
+def drawn(kind: str, seed: int, n: int = N, ordered: bool = True) -> Measurements:
+    """Poses of the nominal arm, in the order of joint 2 if ``ordered``, with errors of a kind."""
     rng = np.random.default_rng(seed)
-    q = rng.uniform(-1.2, 1.2, (6, N))
-    q = q[:, np.argsort(q[1])]
-    error = NOISE_OF_STRUCTURE * rng.standard_normal((3, N))
+    q = rng.uniform(-1.2, 1.2, (6, n))
+    q = q[:, np.argsort(q[1])] if ordered else q
+    error = NOISE_OF_STRUCTURE * rng.standard_normal((3, n))
     moved = q.copy()
     if kind == "wander":
-        steps = rng.standard_normal((3, N))
-        walk = np.zeros((3, N))
-        for i in range(N):
+        steps = rng.standard_normal((3, n))
+        walk = np.zeros((3, n))
+        for i in range(n):
             walk[:, i] = steps[:, i] if i == 0 else 0.85 * walk[:, i - 1] + np.sqrt(1 - 0.85**2) * steps[:, i]
         error += 3 * NOISE_OF_STRUCTURE * walk
     if kind == "process":
@@ -173,11 +175,11 @@ def drawn(kind: str, seed: int) -> Measurements:
     return Measurements(position=independent_arm.targets(moved) + error, q=q)
 
 
-def fits(data: Measurements) -> tuple[Fit, Fit]:
+def fits(data: Measurements, *more: Effect) -> tuple[Fit, Fit]:
     """The fit that takes errors as independent, and the one that allows for their structure."""
     robot = independent_arm.robot()
     effects = build(parse_requests("base_frame,tool_frame,joint_offset[j2,j3,j4,j5]"), Arm.of(robot), data)
-    model = Model.of(robot, effects)
+    model = Model.of(robot, [*effects, *more])
     plain = fit(model, data)
     return plain, with_error_structure(plain, data, Options(), functools.partial(fit, model, data)).fit
 
@@ -195,3 +197,14 @@ def test_standard_errors_are_those_of_many_draws(kind: str) -> None:
     # 64 scores, not all independent: their root mean square is within 25 % of that of Gaussians.
     assert 0.75 < structured < 1.3
     assert plain < 1.3 if kind == "white" else plain > 1.4
+
+
+def test_no_variance_is_negative_where_a_part_of_the_rows_shows_what_they_share() -> None:
+    """Waves that change from row to row: what pairs of rows share may look indefinite."""
+    waves = TransmissionError(("j2", "j4"), tuple(float(order) for order in range(1, 60)), shrunk=True)
+    plain, structured = fits(drawn("process", 1, 1500, ordered=False), waves)
+    columns = plain.identifiability.columns
+    usual = np.sqrt(np.diag(plain.covariance)[columns])
+    relative = structured.covariance[np.ix_(columns, columns)] / usual / usual[:, None]
+    assert not np.allclose(relative, plain.covariance[np.ix_(columns, columns)] / usual / usual[:, None], rtol=0.1)
+    assert np.linalg.eigvalsh(relative).min() > 0.0

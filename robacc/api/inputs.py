@@ -49,9 +49,7 @@ from robacc.poses import csv_file
 from robacc.poses.cameras import PHOTO, seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.reading import (
-    AXES,
     READING,
-    RPY,
     UNKNOWN_ROBOT,
     KnownRobot,
     PoseFile,
@@ -592,12 +590,9 @@ def _read_with_commands(
     path: str, commands: str, robot: Robot | None, reading: Reading, ordered: bool, ignore_limits: bool
 ) -> tuple[Measurements, dict[str, Any]]:
     """Return measured poses with commands, whose open units and angles are as stated, and the record of these."""
-    from robacc.programs.program import is_program
+    from robacc.programs.program import LISTINGS, is_program
 
-    if commands.lower().endswith(".jbi") and (job := _job(commands)) is not None:
-        planned = _table(PoseFile(job), reading, robot, ignore_limits)
-        planned = replace(planned, source=commands, sha256=sha256_of(commands))
-    elif is_program(commands):
+    if is_program(commands) and not commands.lower().endswith(LISTINGS):
         planned = _program(commands)
     else:
         planned = _table(commands, reading, robot, ignore_limits)
@@ -654,22 +649,6 @@ def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_l
         # A table of poses alone, such as a TUM trajectory: they are the commanded ones.
         return replace(data, commanded_position=data.position, commanded_rotation=data.rotation, rotation=None)
     return data if data.commands is not None else csv_file.read_poses(path, attained=False)
-
-
-def _job(path: str) -> dict[str, list[Any]] | None:
-    """Return the positions of a Yaskawa job in the order of its moves, as columns; None for pulses of the motors."""
-    text = read_text(path)
-    names = {
-        "///ANGLE": [f"q{i}_deg" for i in range(1, 7)],
-        "///RECTAN": [*(f"cmd_{axis}_mm" for axis in AXES), *(f"cmd_{angle}_deg" for angle in RPY)],
-    }
-    form = next((form for form in names if form in text), None)
-    points = {name: values.split(",") for name, values in re.findall(r"^(C\d+)=(\S+)", text, re.M)}
-    moves = [move for move in re.findall(r"^MOV\w*\s+(C\d+)\b[^'\n]*'?[ \t]*(\S*)", text, re.M) if move[0] in points]
-    if form is None or not moves:
-        return None
-    columns = {key: [float(points[name][i]) for name, _ in moves] for i, key in enumerate(names[form])}
-    return {"pose": [label or name for name, label in moves], **columns}
 
 
 def _program(path: str) -> Measurements:

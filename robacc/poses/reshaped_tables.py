@@ -11,8 +11,9 @@ import numpy as np
 from robacc.errors import Note, Problem, refuse
 from robacc.geometry import Array, NDArray, nearest_rotation, quaternion_from_rotation
 from robacc.io.dialect import number_of
-from robacc.io.files import ProblemLog, clip
+from robacc.io.files import ProblemLog
 from robacc.io.table import Table, TableBody
+from robacc.plug_ins import plug_in
 from robacc.poses.reading import (
     AXES,
     QUATERNION,
@@ -21,7 +22,6 @@ from robacc.poses.reading import (
     UNKNOWN_ROBOT,
     KnownRobot,
     heading_of,
-    is_point_name,
     labelled,
     source_of,
 )
@@ -221,12 +221,9 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> "Rows":
     return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion_from_rotation(np.moveaxis(rotation, 0, 2))])
 
 
-_AXIS_NAMES = frozenset(
-    {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
-)
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
-_MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
-_NOMINAL = frozenset({"nominal", "nom", "soll", "sollwert", "commanded", "cmd", "reference", "ref"})
+MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
+"""Words of a column of measured values in a report with a row for each axis of a point."""
 
 
 def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) -> Table:
@@ -251,7 +248,10 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
     table = with_poses_of_matrices(table)
     # Any target may have columns of its own.
     targets = None if robot.target_names == "any" else robot.targets
-    return _axes_in_rows(table) or _targets_in_rows(table, targets) or table
+    words = {heading_of(name).words for name in table.names}
+    if any(texts and MEASURED.issuperset(texts) for texts in words) and not {("x",), ("y",), ("z",)} & words:
+        table = plug_in("robacc.readers", "reports").by_axes(table) or table
+    return _targets_in_rows(table, targets) or table
 
 
 def with_named_quaternion(table: Table) -> tuple[str, ...]:
@@ -350,7 +350,7 @@ class ReshapedTable(Table):
         return TableBody(table, [by_index[i] for i in texts], lines)
 
 
-def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
+def coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
     """Return the names of coordinates with the units in the names of their columns, and these columns."""
     units = (heading_of(table.names[index]).unit for index in columns)
     names = (
@@ -358,66 +358,6 @@ def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, 
         for axis, unit in zip(AXES, units, strict=True)
     )
     return dict(zip(names, columns, strict=True))
-
-
-def _axes_in_rows(table: Table) -> Table | None:
-    """Return a table of points that has one row for each axis of a point: point, axis, value."""
-    words = [heading_of(name).words for name in table.names]
-    axis = [i for i, texts in enumerate(words) if len(texts) == 1 and texts[0] in _AXIS_NAMES]
-    measured = [i for i, texts in enumerate(words) if texts and set(texts) <= _MEASURED]
-    nominal = [i for i, texts in enumerate(words) if _NOMINAL & set(texts) and set(texts) <= _NOMINAL | _MEASURED]
-    if len(axis) != 1 or len(measured) != 1 or len(nominal) > 1 or {("x",), ("y",), ("z",)} & set(words):
-        return None
-    values = [*measured, *nominal]
-    names = [table.names[i] for i in (*axis, *values)]
-    others = (i for i in range(len(words)) if i not in (*axis, *values))
-    texts = [*axis, *itertools.islice((i for i in others if is_point_name(table.names[i])), 1)]
-    new = _coordinates(table, "", measured * 3) | (_coordinates(table, "Nominal", nominal * 3) if nominal else {})
-    remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
-    remark += f" and {names[2]} the commanded value" if nominal else " value"
-
-    def make(old: TableBody) -> Rows:
-        rows = _rows_of_points(old, table, names[0])
-        return rows, [value[row] for value in old.numbers for row in rows]
-
-    table.sparse = frozenset(texts)
-    return ReshapedTable(table, {*axis, *values}, new, (values, texts), make, remark)
-
-
-def _rows_of_points(old: TableBody, table: Table, name: str) -> NDArray[np.int64]:
-    """Return the rows ``(3, P)`` of the x, y and z of each point without a gap.
-
-    A remark names rows of other axes; ``name`` is the column of axes.
-    """
-    axes = [text.strip().lower() for text in old.texts[0].tolist()]
-    labels = old.texts[1].tolist() if len(old.texts) > 1 else [""] * len(axes)
-    # A name may stand in the first row of its point only.
-    labels = [*itertools.accumulate(labels, lambda above, label: label or above)]
-    points: list[tuple[str, dict[str, int]]] = []
-    for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
-        if axis in AXES and not (points and points[-1][0] == label and axis not in points[-1][1]):
-            points.append((label, {}))
-        if axis in AXES:
-            points[-1][1][axis] = row
-    for label, by_axis in points:
-        missing = [axis.upper() for axis in AXES if axis not in by_axis]
-        line = int(old.lines[min(by_axis.values())])
-        if missing and table.log.gaps:
-            table.log.gaps.add(line)
-        elif missing:
-            point = f"point {clip(label)}" if label else "the point"
-            table.log.add(
-                f"{point} has no row for {' and '.join(missing)}",
-                line,
-                fix="the rows of one point stand below each other, one for each of X, Y and Z",
-            )
-    unused = ", ".join(dict.fromkeys(clip(axis.upper()) for axis in axes if axis not in AXES))
-    if not points:
-        table.log.add(f"found {unused or 'no rows'}, expected rows for X, Y and Z", None, name)
-    elif unused:
-        table.log.remarks.append(f"rows of {unused} not used")
-    complete = [[by_axis[axis] for axis in AXES] for _, by_axis in points if len(by_axis) == len(AXES)]
-    return np.array(complete, dtype=np.int64).reshape(-1, 3).T
 
 
 def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
@@ -435,7 +375,7 @@ def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table 
     words = {heading_of(name).text for name in table.names}
     if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
         return None
-    new = {**_coordinates(table, "", points[0]), "target": None}
+    new = {**coordinates(table, "", points[0]), "target": None}
     new |= {} if words & {"visit", "arrival"} else {"visit": None}
     parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
 

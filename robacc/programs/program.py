@@ -272,6 +272,8 @@ _BINARY = {
     ".pjx": ("is a VAL3 project, whose points are in its data files", "give the .dtx file beside it"),
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
+LISTINGS = (".jbi", ".va")
+"""Suffixes of files among these whose positions are read as a table of commands."""
 
 
 def is_program(path: str | os.PathLike[str]) -> bool:

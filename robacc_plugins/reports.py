@@ -1,0 +1,201 @@
+"""Reports of coordinate measuring machines: a line for each axis of a point, with nominal and measured values.
+
+Tables of such lines become tables of points (:func:`by_axes`). Texts of PC-DMIS and DMIS, which are no tables, are read
+too.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import itertools
+import re
+from collections.abc import Sequence
+from typing import BinaryIO
+
+import numpy as np
+
+from robacc.geometry import NDArray
+from robacc.io.column_table import ColumnTable
+from robacc.io.files import TEXT_LIMIT, clip, decode
+from robacc.io.table import Table, TableBody, TableOptions, TextTable
+from robacc.poses.reading import AXES, heading_of, is_point_name
+from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, coordinates
+
+_AXIS_NAMES = frozenset(
+    {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
+)
+_NOMINAL = frozenset(
+    {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmass", "commanded", "cmd", "reference", "ref"}
+)
+_POINT_NAMES = frozenset({"featureid", "feature id", "id"})
+"""Names of columns of points in a report that are none in other tables."""
+_AXIS = re.compile(
+    r"(?:m|pos(?:ition)?|act|ist)?[\W_]*([xyz])(?:[\W_]*(?:value|wert|achse|axis|coord\w*|koord\w*))?\d?", re.IGNORECASE
+)
+"""Text of an axis: ``X``, ``MX``, ``xValue``, ``X1``."""
+_AXIS_BEHIND = re.compile(r"(.*[^\W_].*?)[\W_]+([xyz])", re.IGNORECASE)
+"""Name of a point with its axis: ``Point1_X``, ``P1.Y``."""
+
+
+def by_axes(table: Table) -> Table | None:
+    """Return a table of points for one that has a row for each axis of a point; None for another table.
+
+    The axis is in a column of its own, or at the end of the names.
+    """
+    words = [heading_of(name).words for name in table.names]
+    measured = [i for i, texts in enumerate(words) if texts and set(texts) <= MEASURED]
+    nominal = [i for i, texts in enumerate(words) if _NOMINAL & set(texts) and set(texts) <= _NOMINAL | MEASURED]
+    axis = [i for i, texts in enumerate(words) if len(texts) == 1 and texts[0] in _AXIS_NAMES]
+    axis = axis or [i for i, texts in enumerate(_sampled(table)) if all(map(_axis_of, texts))][:1]
+    if len(axis) != 1 or len(measured) != 1 or len(nominal) > 1:
+        return None
+    values = [*measured, *nominal]
+    names = [table.names[i] for i in (*axis, *values)]
+    points = [i for i, name in enumerate(table.names) if is_point_name(name) or heading_of(name).text in _POINT_NAMES]
+    texts = [*axis, *[i for i in points if i not in (*axis, *values)][:1]] if axis[0] not in points else axis
+    new: dict[str, int | None] = {**coordinates(table, "", measured * 3)}
+    new |= coordinates(table, "Nominal", nominal * 3) if nominal else {}
+    new |= {"Name": None} if len(texts) > 1 or axis[0] in points else {}
+    remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
+    remark += f" and {names[2]} the commanded value" if nominal else " value"
+
+    def make(old: TableBody) -> Rows:
+        rows, labels = _rows_of_points(old, table, names[0])
+        return rows, [*(value[row] for value in old.numbers for row in rows), *[labels[rows[0]]] * ("Name" in new)]
+
+    table.sparse = frozenset(texts)
+    return ReshapedTable(table, {*texts, *values}, new, (values, texts), make, remark)
+
+
+def _sampled(table: Table) -> list[list[str]]:
+    """Return the texts of the first rows in each column of a table."""
+    width = len(table.names)
+    rows = [row for row in table.dialect.sample if len(row) == width]
+    return [[row[i] for row in rows if row[i]] or [""] for i in range(width)]
+
+
+def _axis_of(text: str) -> str | None:
+    """Return the axis that a text stands for, or that a name ends in; None for another text."""
+    if match := _AXIS.fullmatch(text.strip()):
+        return match[1].lower()
+    match = _AXIS_BEHIND.fullmatch(text.strip())
+    return match[2].lower() if match else None
+
+
+def _rows_of_points(old: TableBody, table: Table, name: str) -> tuple[NDArray[np.int64], NDArray[np.str_]]:
+    """Return the rows ``(3, P)`` of the x, y and z of each point without a gap, and the name of the point of each row.
+
+    A remark names rows of other axes; ``name`` is the column of axes.
+    """
+    texts = old.texts[0].tolist()
+    axes = [_axis_of(text) or text.strip().lower() for text in texts]
+    labels = [*old.texts[-1].tolist()]
+    # A name may stand in the first row of its point only.
+    labels = [*itertools.accumulate(labels, lambda above, label: label or above)]
+    named = [(label, axis) for label, axis in zip(labels, axes, strict=True) if axis in AXES]
+    if all((match := _AXIS_BEHIND.fullmatch(label)) and match[2].lower() == axis for label, axis in named):
+        labels = [_AXIS_BEHIND.sub(r"\1", label) for label in labels]
+    elif len(old.texts) == 1:
+        labels = [""] * len(axes)
+    points: list[tuple[str, dict[str, int]]] = []
+    for row, (axis, label) in enumerate(zip(axes, labels, strict=True)):
+        if axis in AXES and not (points and points[-1][0] == label and axis not in points[-1][1]):
+            points.append((label, {}))
+        if axis in AXES:
+            points[-1][1][axis] = row
+    for label, by_axis in points:
+        missing = [axis.upper() for axis in AXES if axis not in by_axis]
+        line = int(old.lines[min(by_axis.values())])
+        if missing and table.log.gaps:
+            table.log.gaps.add(line)
+        elif missing:
+            point = f"point {clip(label)}" if label else "the point"
+            table.log.add(
+                f"{point} has no row for {' and '.join(missing)}",
+                line,
+                fix="the rows of one point stand below each other, one for each of X, Y and Z",
+            )
+    others = (text for text, axis in zip(texts, axes, strict=True) if axis not in AXES)
+    unused = ", ".join(dict.fromkeys(clip(text.upper()) for text in others))
+    if not points:
+        table.log.add(f"found {unused or 'no rows'}, expected rows for X, Y and Z", None, name)
+    elif unused:
+        table.log.remarks.append(f"rows of {unused} not used")
+    complete = [[by_axis[axis] for axis in AXES] for _, by_axis in points if len(by_axis) == len(AXES)]
+    return np.array(complete, dtype=np.int64).reshape(-1, 3).T, np.array(labels, dtype=str)
+
+
+# Texts of PC-DMIS, with a block for each dimension, and of DMIS (ISO 22093), with a line for each feature.
+
+_DIMENSION = re.compile(r"^[ \t]*DIM [^\n=]+=.*?(\S+)\s+(?:UNITS|EINHEITEN|UNIT\S+)\s*=\s*(\w+)", re.MULTILINE)
+"""Beginning of a block: the name of the feature, and its unit."""
+_HEAD = re.compile(r"AX\s+\S+.*")
+_FEATURE = re.compile(
+    r"^(FA?)\(([^)]+)\)\s*=\s*FEAT/\w+,(?:\w+,)*CART,\s*(\S+?)\s*,\s*(\S+?)\s*,\s*([^,\s]+)", re.MULTILINE
+)
+"""Nominal (F) or measured (FA) point of a feature."""
+_COLUMNS = (("nom", "nenn", "soll"), ("meas", "mess", "act", "ist", "mis"))
+"""Beginnings of the names of nominal and of measured values in several languages."""
+_UNITS = re.compile(r"^UNITS/(\w+)", re.MULTILINE)
+
+
+def takes(path: str, first: bytes) -> bool:
+    """Return whether a text is a report of PC-DMIS or the output of DMIS."""
+    text = first.decode(errors="replace")
+    return bool(_DIMENSION.search(text) or _FEATURE.search(text))
+
+
+def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
+    """Return the points of a report as a table.
+
+    Raises:
+        InputError: The file is not text.
+    """
+    data = stream.read(TEXT_LIMIT)
+    text, digest = decode(data, file), hashlib.sha256(data).hexdigest()
+    if features := _FEATURE.findall(text):
+        table: Table = _of_features(features, text, file, options, digest)
+    else:
+        # Each row stays in its line.
+        lines = "\n".join(_rows_of_blocks(text))
+        table = TextTable(io.BytesIO(lines.encode()), file, options)
+        table.sha256 = digest
+    return table
+
+
+def _of_features(
+    features: Sequence[tuple[str, ...]], text: str, file: str, options: TableOptions, digest: str
+) -> ColumnTable:
+    unit = match[1].lower() if (match := _UNITS.search(text)) else "mm"
+    by_kind = {kind: {name: point for found, name, *point in features if found == kind} for kind in ("F", "FA")}
+    names = list(by_kind["FA"])
+    columns = [("Name", np.array(names))]
+    for kind, label in (("FA", ""), ("F", "Nominal ")):
+        if {*names} <= by_kind[kind].keys():
+            points = np.array([by_kind[kind][name] for name in names], dtype=object)
+            columns += [(f"{label}{axis} [{unit}]", points[:, i].astype(float)) for i, axis in enumerate("XYZ")]
+    return ColumnTable(columns, file, options.skip_gaps, digest, "features of DMIS")
+
+
+def _rows_of_blocks(text: str) -> list[str]:
+    """Return a line of a table, or an empty one, for each line of a report of PC-DMIS."""
+    name, unit, head, has_names = "", "", list[str](), False
+    rows = []
+    for line in text.splitlines():
+        row, fields = "", line.split()
+        if dimension := _DIMENSION.match(line):
+            name, unit = dimension[1], dimension[2].lower()
+        elif _HEAD.match(line.strip()):
+            head = [field.lower() for field in fields]
+            if not has_names:
+                row = "\t".join(["Feature", "Axis", "Nominal", "Measured"])
+                has_names = True
+        elif head and name and fields and _AXIS.fullmatch(fields[0]) and len(fields) >= len(head):
+            values = dict(zip(head, fields, strict=False))
+            nominal, measured = (
+                next((value for key, value in values.items() if key.startswith(stems)), "") for stems in _COLUMNS
+            )
+            row = "\t".join([name, fields[0], f"{nominal} {unit}", f"{measured} {unit}"])
+        rows.append(row)
+    return rows

@@ -1,4 +1,4 @@
-"""Reader of the records of JSON, JSON Lines and YAML documents, and of arrays that NumPy saved by name.
+"""Reader of the records of JSON, JSON Lines and YAML documents, and of arrays that NumPy or MATLAB saved by name.
 
 A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``.
 """
@@ -25,11 +25,13 @@ from robacc.errors import InputError, Problem, refuse
 from robacc.io.column_table import ColumnTable
 from robacc.io.dialect import number_of
 from robacc.io.files import TEXT_LIMIT, decode
-from robacc.io.table import TableOptions
+from robacc.io.table import Table, TableOptions, TextTable
 
 _SOCKET = re.compile(r"(?i)(hole|socket|cone|nest)s?[_ -]?\w*$")
 """Names of lists of the joints at which the tip was in one socket."""
 _YAML = (".yaml", ".yml")
+_MATLAB = b"MATLAB"
+"""First bytes of a file of MATLAB's variables."""
 _CELL = re.compile(r'(?m)(^|[,;\t])"\[[\s\[]*[-+.\d]')
 """Beginning of a cell of a CSV that is a list."""
 _FILES = 10_000
@@ -52,7 +54,8 @@ def takes(path: str, first: bytes) -> bool:
 
 
 def _are_arrays(file: str, first: bytes) -> bool:
-    return first.startswith(b"\x93NUMPY") or (file.lower().endswith(".npz") and first.startswith(b"PK"))
+    is_zipped = file.lower().endswith(".npz") and first.startswith(b"PK")
+    return first.startswith((b"\x93NUMPY", _MATLAB)) or is_zipped
 
 
 def read(path: str, options: TableOptions) -> ColumnTable:
@@ -85,6 +88,7 @@ def _records_of(path: str) -> list[tuple[str, dict[str, Any], bytes]]:
         if row := _record(content, str(file)):
             place = file.relative_to(path).with_suffix("")
             found.append((place, row, content))
+    found = _joined(found)
     forms = Counter(tuple(row) for _, row, _ in found)
     form, count = max(forms.items(), key=lambda item: item[1], default=((), 0))
     if count < 2 or 2 * count < len(found):
@@ -93,6 +97,21 @@ def _records_of(path: str) -> list[tuple[str, dict[str, Any], bytes]]:
     is_same = len({place.name for place in places}) == 1 and len(places[0].parts) > 1
     rows = ((row, content) for _, row, content in found if tuple(row) == form)
     return [(str(place.parent if is_same else place), *row) for place, row in zip(places, rows, strict=True)]
+
+
+def _joined(found: list[tuple[Path, dict[str, Any], bytes]]) -> list[tuple[Path, dict[str, Any], bytes]]:
+    """Return the records of a folder; those of ``3_robotpose.txt`` and ``3_markerpose.txt`` are one."""
+    parts = [re.fullmatch(r"(\d+)[_-]?(\D+)|(\D+?)[_-]?(\d+)", place.name) for place, _, _ in found]
+    numbers = [part and (part[1] or part[4]) for part in parts]
+    words = [part and re.sub(r"[_-]?pose$", "", part[2] or part[3]) for part in parts]
+    if None in parts or len({*words}) != 2 or {*Counter(numbers).values()} != {2}:
+        return found
+    by_number: dict[str | None, tuple[Path, dict[str, Any], bytes]] = {}
+    for number, word, (place, row, content) in zip(numbers, words, found, strict=True):
+        _, values, before = by_number.get(number, (place, {}, b""))
+        values |= {f"{word}_{name}": value for name, value in row.items()}
+        by_number[number] = place.with_name(str(number)), values, before + content
+    return list(by_number.values())
 
 
 def _counted(file: Path) -> list[int | str]:
@@ -105,8 +124,8 @@ def _record(content: bytes, file: str) -> dict[str, Any] | None:
     try:
         if file.endswith(".txt"):
             rows = [line.replace(",", " ").split() for line in content.decode().splitlines() if line.strip()]
-            values: Any = {"T": [[float(cell) for cell in row] for row in rows]}
-            is_matrix = [len(row) for row in rows] == [4] * 4 and values["T"][3] == [0, 0, 0, 1]
+            values: Any = {"pose": [[float(cell) for cell in row] for row in rows]}
+            is_matrix = [len(row) for row in rows] == [4] * 4 and values["pose"][3] == [0, 0, 0, 1]
             record = dict(_leaves(values, ())) if is_matrix else {}
         else:
             document = _document(content, file)
@@ -119,7 +138,7 @@ def _record(content: bytes, file: str) -> dict[str, Any] | None:
     return record if len(numbers) >= _FEWEST else None
 
 
-def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTable:
+def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     """Return the records of a document, which are its longest list, as a table.
 
     A record gives one row. Its columns are named by its keys, then the place in a list, then a unit at a key's end.
@@ -143,10 +162,19 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
             values = [[dict(zip(keys, row, strict=True)) for row in items]]
     lists = [items for items in ([document] if isinstance(document, list) else values) if isinstance(items, list)]
     longest = max(lists, key=len, default=[])
+    if longest is document and all(isinstance(row, list) and _are_numbers(row) for row in longest):
+        # Without names, as in a text: the motion of the arm shows which columns are which.
+        text = "".join(" ".join(map(repr, row)) + "\n" for row in longest)
+        return TextTable(io.BytesIO(text.encode()), file, options)
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
     no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
     refuse((not rows or len(rows) < len(longest), no_list))
     return ColumnTable(_columns(rows), file, options.skip_gaps, hashlib.sha256(data).hexdigest())
+
+
+def _are_numbers(row: list[Any]) -> bool:
+    """Return whether a row holds a pose as numbers."""
+    return len(row) >= _FEWEST and all(isinstance(value, int | float) for value in row)
 
 
 def _columns(rows: list[dict[str, Any]]) -> list[tuple[str, Any]]:
@@ -175,7 +203,7 @@ def _document(data: bytes, file: str) -> Any:
         if len(lines) > 1 and all(line[0] + line[-1] == "{}" for line in lines):
             document = [json.loads(line) for line in lines]
         elif text.lstrip()[:1] in ("{", "[") and not file.lower().endswith(_YAML):
-            document = json.loads(text)
+            document = _of_json(text)
         elif any(isinstance(event, yaml.AliasEvent) for event in yaml.parse(text, Loader=yaml.CSafeLoader)):
             raise ValueError("it has aliases")  # they could stand for more records than the memory holds
         else:
@@ -185,6 +213,33 @@ def _document(data: bytes, file: str) -> Any:
     except (ValueError, RecursionError, yaml.YAMLError, zipfile.BadZipFile, EOFError, OSError) as error:
         kind, why = "arrays" if is_of_arrays else "JSON or YAML", " ".join(str(error).split())[:200]
         raise InputError(Problem(f"cannot be read as {kind} ({why})", file, fix="export it again")) from None
+    return document
+
+
+def _of_json(text: str) -> Any:
+    """Return the document of a text, or the list of those that stand one behind the other.
+
+    A table by its columns, as pandas writes it, has the same rows in each: ``{"q1": {"0": 0.5, "1": 0.7}, …}``. A table
+    by its rows has the same columns in each: ``{"0": {"q1": 0.5, …}, …}``.
+
+    Raises:
+        ValueError: The text is no such document.
+    """
+    decoder, documents = json.JSONDecoder(), []
+    text = text.lstrip("\ufeff").strip()
+    while text:
+        document, end = decoder.raw_decode(text)
+        documents.append(document)
+        text = text[end:].lstrip()
+    document = documents[0] if len(documents) == 1 else documents
+    parts = list(document.values()) if isinstance(document, dict) else []
+    if len(parts) > 1 and all(isinstance(part, dict) and part.keys() == parts[0].keys() for part in parts):
+        if all(key.isdecimal() for key in parts[0]):
+            return [
+                dict(zip(document, row, strict=True)) for row in zip(*(part.values() for part in parts), strict=True)
+            ]
+        if all(key.isdecimal() for key in document):
+            return parts
     return document
 
 
@@ -214,12 +269,49 @@ def _cell(text: str) -> Any:
     return text if number is None else number
 
 
-def _arrays(data: bytes) -> dict[str, Any]:
+def _variables(data: bytes) -> Any:
+    """Return the arrays of a file of MATLAB by their names, of an array of structures a record for each.
+
+    Arrays may stand in a structure. Of arrays that have a column for each pose, the rows are those of the others.
+
+    Raises:
+        ValueError: The file has another format, such as that of version 7.3.
+    """
+    from scipy.io import loadmat
+
+    try:
+        variables = loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type]
+    except NotImplementedError:
+        raise ValueError("it is of version 7.3; save it with -v7") from None
+    found = {name: value for name, value in variables.items() if not name.startswith("__")}
+    while len(found) == 1 and isinstance(value := next(iter(found.values())), dict):
+        found = value
+    kinds = {name: getattr(getattr(value, "dtype", None), "kind", "") for name, value in found.items()}
+    records = [value for name, value in found.items() if isinstance(value, list) or kinds[name] == "O"]
+    if records:
+        return [_plain(record) for record in max(records, key=len)]
+    arrays = {name: np.squeeze(value) for name, value in found.items() if isinstance(value, np.ndarray)}
+    sizes = Counter(size for array in arrays.values() for size in {*array.shape[:1], *array.shape[-1:]})
+    length = max(sizes, key=lambda size: (sizes[size], size), default=0)
+    rows = {name: array if array.shape[0] == length else array.T for name, array in arrays.items() if array.ndim}
+    return {name: array.tolist() for name, array in rows.items() if array.shape[0] == length}
+
+
+def _plain(value: Any) -> Any:
+    """Return a record with lists in place of arrays."""
+    if isinstance(value, dict):
+        return {name: _plain(item) for name, item in value.items()}
+    return value.tolist() if isinstance(value, np.ndarray) else value
+
+
+def _arrays(data: bytes) -> Any:
     """Return the rows of each array of a ``.npz`` file, or of each field of a ``.npy`` file, by its name.
 
     Raises:
         ValueError: An array has Python objects.
     """
+    if data.startswith(_MATLAB):
+        return _variables(data)
     loaded = np.load(io.BytesIO(data), allow_pickle=False)
     names = loaded.dtype.names or () if isinstance(loaded, np.ndarray) else loaded.files
     arrays = {name: np.asarray(loaded[name]) for name in names}

@@ -258,7 +258,8 @@ def _table(
     lines: list[str], separator: str | None, is_known: Callable[[str], bool], fewest: int
 ) -> tuple[tuple[int, bool, int], TableDialect] | None:
     """Return the longest table with this separator, and its score; None where no line has ``fewest`` numbers."""
-    dialect = TableDialect(separator, comments=("#", "//", "%", "!"))
+    # A line below the names of a table with bars.
+    dialect = TableDialect(separator, comments=("#", "//", "%", "!", "|--", "| --", "|:-", "| :-", "+--"))
     grid = [dialect.fields(line) for line in lines]
     if separator != ",":
         rows = (fields for line, fields in zip(lines, grid, strict=True) if dialect.is_row(line))

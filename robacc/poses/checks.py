@@ -279,7 +279,7 @@ def with_units(
     columns = [
         column
         for column in layout.columns.values()
-        if column.unit is None and column.kind in QUANTITY
+        if column.unit is None and column.kind in QUANTITY and column.key in values.row_index
         if QUANTITY[column.kind] not in foreign or column in layout.without_unit
     ]
 
@@ -441,6 +441,13 @@ def conventions(
         options = layout.angles.get(prefix) or _OPTIONS[keys[0].removeprefix("cmd_")]
         known = known_orientations(prefix)
         trial = None if known is None else try_conventions(columns[:, rows], known, options)
+        others = values.column_set(orientations.get("" if prefix else "cmd_", ()))
+        if known is None and known_poses is None and others is not None and len(others) == len(columns):
+            # Both may be of one convention, under which the turns between poses agree.
+            alike = {
+                name: try_conventions(columns[:, rows], CONVENTIONS[name](others[:, rows]), (name,)) for name in options
+            }
+            trial = None if None in alike.values() else {name: found[name] for name, found in alike.items() if found}
         if is_documented_set and (trial is None or not is_ruled_out(chosen[prefix], trial)):
             continue
         names = [layout.columns[key].name for key in keys]

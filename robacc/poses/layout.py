@@ -72,6 +72,9 @@ class Names(NamedTuple):
         # A robot whose joints are called q0 … q5 has a q1 that is the second of them. The documented numbering goes
         # first where the file has all of it; then the joints' names, where the file has all of those.
         bare = {text for name in header if name for text in (name, split_unit(name)[0])}
+        from_zero = [f"q{i}" for i in range(len(names))]
+        if {*from_zero} <= bare and f"q{len(names)}" not in bare:
+            names = tuple(from_zero)
         by_name = set(names) <= bare and not {f"q{i + 1}" for i in range(len(names))} <= bare
         labels = {branch.name: (f"branch_q{i + 1}", False) for i, branch in enumerate(robot.branches)}
         for (i, name), prefix in itertools.product(enumerate(names), ("", "dir_", "speed_", "read_")):
@@ -370,7 +373,8 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
         if part == "turn":
             turned.setdefault(label, []).append(i)
         elif part:
-            label = (*label, "repeated") if part in places.get(label, ()) else label
+            while part in places.get(label, ()):
+                label = (*label, "repeated")
             places.setdefault(label, {})[part] = i
     ranks = {label: source_of(label) for label, axes in places.items() if len(axes) == len(AXES)}
     if joints and max(ranks.values(), default=0) == 1:
@@ -396,10 +400,13 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
     for label, i in ((of, i) for of in said for i in (*places[of].values(), *turned.get(of, ()))):
         words = tuple(word.replace("phi", "r") for word in headings[i].words if word not in label)
         result[i] = headings[i]._replace(words=words)
-    if best[0]:  # an axis alone, such as X_Value, is none of a position
-        alone = [i for label, axes in places.items() if label not in ranks for i in axes.values()]
-        result = [item._replace(words=()) if i in alone and source_of(item.words) > 0 else item
-                  for i, item in enumerate(result)]  # fmt: skip
+    # An axis alone, such as X_Value, is none of a position, and stray markers are no commands.
+    alone = [label for label in places if label not in ranks and best[0]]
+    strays = [label for label in rivals if "repeated" in label]
+    unread = [i for label in (*alone, *strays) for i in places[label].values()]
+    result = [item._replace(words=()) if i in unread and source_of(item.words) > 0 else item
+              for i, item in enumerate(result)]  # fmt: skip
+    rivals = [label for label in rivals if label not in strays]
     return result, {i for label in rivals for i in (*places[label].values(), *turned.get(label, ()))}
 
 

@@ -23,6 +23,7 @@ from robacc.measurements import Measurements
 # Meaning of column names that instruments and robots write: ``X [mm]``, ``J1``, ``pose.position.x``, ``Nominal Y``.
 
 _WITH_UNIT = (
+    re.compile(r"(.*?)\s+in\s+(\S+)"),
     re.compile(r"(.*?)\s*[\[(<{]\s*([^\])>}]*?)\s*[\])>}]"),
     re.compile(r"(.*?[^\s_/])\s*[_/ ]\s*(µm|μm|[a-zA-Z°]{2,}|[ms°])"),
     re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?"),
@@ -245,6 +246,8 @@ class Meaning(NamedTuple):
 
 _FAMILIES = {"abc": ("a", "b", "c"), "abg": ("alpha", "beta", "gamma"), "wpr": ("w", "p", "r"), "oat": ("o", "a", "t")}
 """Names of three angles that mean an orientation together."""
+_OF_REPORTS = {f"{sign}{axis}": Meaning(axis, sign == "n") for sign in "nm" for axis in AXES}
+"""Meaning of the names NX … MZ of nominal and measured coordinates, where a file has both."""
 _COORDINATES: Mapping[str, Meaning] = {
     **{f"{prefix}{axis}": Meaning(axis) for prefix in ("", "t", "p") for axis in AXES},
     **{name: Meaning(name) for name in (*QUATERNION, *RPY)},
@@ -283,6 +286,8 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning(key)
     if _REFUSED & set(words) or not words:
         return None
+    if text in _OF_REPORTS and _OF_REPORTS.keys() <= siblings:
+        return _OF_REPORTS[text]
     # Universal Robots' data exchange: target_q_0, target_TCP_pose_3.
     if match := re.fullmatch(r"(target|actual) q (\d+)", text):
         return Meaning(f"q{match[2]}", match[1] == "target", "ur")

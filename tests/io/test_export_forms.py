@@ -297,6 +297,28 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
         "scan.csv": Text("Name:,Scan\n\nScan,101 <Trk X> (mm),102 <Trk Y> (mm),103 <Trk Z> (mm)", "mm", "{0}", ","),
         **IN_ORDER,
     },
+    "units_behind_in": {
+        "lab.csv": Text(
+            "Punkt;" + ";".join(f"A{i} in °" for i in range(1, 7)) + ";X in mm;Y in mm;Z in mm",
+            "deg mm",
+            "P{0}",
+            comma=True,
+        )
+    },
+    "joints_from_zero": {**POINTS, "log.csv": Text("q0,q1,q2,q3,q4,q5", "q", sep=",")},
+    "nominal_and_measured": {
+        "cmm.csv": Text("Feature;NX;NY;NZ;MX;MY;MZ;DX;DY;DZ", "cmd_mm mm off_mm", "P{0}"),
+        "joints.csv": Text(f"Name;{JOINTS}", "deg", "P{0}"),
+    },
+    "bars": {
+        "run.md": Text(
+            "| Point | "
+            + " | ".join(f"{name} [deg]" for name in J.split(","))
+            + " | X [mm] | Y [mm] | Z [mm] |\n|"
+            + "---|" * 10,
+            *("deg mm", "| P{0}", " | ", "|"),
+        )
+    },
     "french": translated("Axe {} (°)", "{} mesuré (mm)"),
     "spanish": translated("Articulación {}", "{} medido"),
     "italian": translated("Asse {}", "{} misurato", "\n;" + ";".join(["gradi"] * 6 + ["mm"] * 3)),
@@ -368,6 +390,13 @@ TABLES_OF_POSES: dict[str, dict[str, Text]] = {
         "port.csv": Text(
             "Tools,Port 1,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers",
             *("wxyz mm", "1,344,{0},1,OK", ",", "0.05,4"),
+        ),
+        "joints.csv": Text(J, "deg", sep=","),
+    },
+    "ndi_stray_markers": {
+        "port.csv": Text(
+            "Tools,Port 1,Frame,Face,State,Q0,Qx,Qy,Qz,Tx,Ty,Tz,Error,Markers" + ",State,Tx,Ty,Tz" * 2,
+            *("wxyz mm", "1,344,{0},1,OK", ",", "0.05,4,OK,{0},5,6,OK,7,8,{0}"),
         ),
         "joints.csv": Text(J, "deg", sep=","),
     },
@@ -657,22 +686,205 @@ def le_robot(c: Campaign) -> dict[str, str]:
     return {"episode.jsonl": "".join(f"{json.dumps(row)}\n" for row in rows)}
 
 
+def numbers(values: Iterable[float], pattern: str = "{:.7f}", sep: str = ",") -> str:
+    return sep.join(map(pattern.format, values))
+
+
+def logged(form: str, column: str) -> Form:
+    """A log of the controller, a line for each pose, beside the points of an instrument."""
+
+    def files(c: Campaign) -> dict[str, str]:
+        text = "".join(form.format(i, numbers(row)) + "\n" for i, row in enumerate(columns_of(c)[column].tolist(), 1))
+        return {"points.csv": table("Name;X;Y;Z", c.position * MM, name="P{}"), "robot.log": "Log of cell 3\n" + text}
+
+    return files
+
+
+NO_AXES = "[9E+09,9E+09,9E+09,9E+09,9E+09,9E+09]"
+LOGS: dict[str, Form] = {
+    "abb_jointtargets": logged("22-11-2026 14:05:{0:02d} P{0}: CJointT = [[{1}]," + NO_AXES + "] ok", "deg"),
+    "abb_targets_in_order": logged("jPos:=[[{1}]," + NO_AXES + "]", "deg"),
+    "universal_robots_messages": logged("INFO 14:05:{0:02d} joints: [{1}] pose: p[0.1, 0.2, 0.3, 0.0, 3.1, 0.0]", "q"),
+    "doosan": logged("movej(posj({1}), v=30, a=30)", "deg"),
+    "xarm": logged("arm.set_servo_angle(angle=[{1}], speed=20, wait=True)", "deg"),
+}
+
+
+def kuka_axes(c: Campaign) -> dict[str, str]:
+    rows = (numbers(q, "{:.6f}").split(",") for q in np.degrees(c.q))
+    axes = (", ".join(f"A{k} {v}" for k, v in enumerate(row, 1)) for row in rows)
+    text = "".join(f"14:05:{i:02d} XP{i} $AXIS_ACT={{E6AXIS: {row}, E1 0.0}}\n" for i, row in enumerate(axes, 1))
+    return {"points.csv": table("Name;X;Y;Z", c.position * MM, name="XP{}"), "kuka.log": text}
+
+
+def fanuc_registers(c: Campaign) -> dict[str, str]:
+    """POSREG.VA of a backup; its registers are rounded to 0.001 degree."""
+    text = "[*POSREG*]$POSREG  Storage: SHADOW  Access: RW  : ARRAY[1,200] OF Position Reg\n"
+    for i, q in enumerate(np.degrees(c.q), 1):
+        halves = ["   ".join(f"J{k + 1} = {q[k]:12.6f} deg" for k in part) for part in ((0, 1, 2), (3, 4, 5))]
+        text += f"    [1,{i}] =   'P{i}'   Group: 1\n  {halves[0]} \n  {halves[1]} \n\n"
+    points = table("Name;X;Y;Z", c.position * MM, name="P{}")
+    return {"points.csv": points, "posreg.va": f"{text}    [1,99] =   '' Uninitialized\n"}
+
+
+def named_values(c: Campaign) -> dict[str, str]:
+    """Names before the values on each line, of a joint and a coordinate."""
+    names = [*(f"J{i}" for i in range(1, 7)), *"XYZ"]
+    rows = np.hstack((np.degrees(c.q), c.position * MM)).tolist()
+    pairs = (" ".join(f"{name}={v:.7f}" for name, v in zip(names, row, strict=True)) for row in rows)
+    return {"run.log": "".join(f"[14:05:{i:02d}] INFO {text}\n" for i, text in enumerate(pairs))}
+
+
+def blocks_of_lists(c: Campaign) -> dict[str, str]:
+    block = "Point: P{}\nJoints (deg): {}\nMeasured (mm): {}\n\n".format
+    rows = enumerate(zip(np.degrees(c.q), c.position * MM, strict=True), 1)
+    return {"run.txt": "".join(block(i, numbers(q, sep=", "), numbers(p, sep=", ")) for i, (q, p) in rows)}
+
+
+def python_lists(c: Campaign) -> dict[str, str]:
+    rows = zip(np.degrees(c.q), c.position * MM, strict=True)
+    return {"run.txt": "".join(f"[{numbers(q, sep=', ')}] [{numbers(p, sep=', ')}]\n" for q, p in rows)}
+
+
+def abb_with_tracker(c: Campaign) -> dict[str, str]:
+    """Joints, the controller's position and that of an instrument on each line."""
+    rows = zip(np.degrees(c.q), c.commanded * MM, c.position * MM, strict=True)
+    texts = (f"[[{numbers(q)}],{NO_AXES}] at [[{numbers(r)}],[1,0,0,0],[0,0,0,0],{NO_AXES}] tracker [{numbers(p)}]"
+             for q, r, p in rows)  # fmt: skip
+    return {"abb.log": "".join(f"Pose {i} joints {text}\n" for i, text in enumerate(texts, 1))}
+
+
+def robtargets(c: Campaign) -> dict[str, str]:
+    """As TPWrite and Write of RAPID print them, beside a tracker of 6 degrees of freedom."""
+    rows = zip(c.commanded * MM, np.roll(c.commanded_turn.as_quat(), 1, axis=1), strict=True)
+    text = "".join(
+        f"Print{i}=[[{numbers(p)}],[{numbers(q, '{:.9f}')}],[0,-1,0,1],{NO_AXES}]\n" for i, (p, q) in enumerate(rows, 1)
+    )
+    head = "Name;" + ";".join((*(f"{axis} [mm]" for axis in "XYZ"), *(f"Q{axis}" for axis in "xyzw")))
+    return {"points.csv": table(head, c.position * MM, c.turn.as_quat(), name="Print{}"), "log.txt": text}
+
+
+def kuka_poses(c: Campaign) -> dict[str, str]:
+    rows = np.hstack((c.commanded * MM, c.commanded_turn.as_euler("ZYX", degrees=True))).tolist()
+    pairs = (", ".join(f"{k} {v:.7f}" for k, v in zip("XYZABC", row, strict=True)) for row in rows)
+    text = "".join(f"P{i} $POS_ACT={{E6POS: {pair}, S 2, T 35, E1 0.0}}\n" for i, pair in enumerate(pairs, 1))
+    return {"points.csv": robtargets(c)["points.csv"].replace("Print", "P"), "kuka.log": text}
+
+
+def calypso(c: Campaign) -> dict[str, str]:
+    head = "planid\tpartnb\tid\ttype\tidsymbol\tactual\tnominal\tuppertol\tdeviation\tfeatureid\tcomment\tunit\n"
+    return in_rows(
+        c,
+        head,
+        "\t",
+        lambda i, a, v: f"c\t1\tP{i}_{a}\t{a}1\t{a.lower()}Value\t{v:.7f}\t{v + 1:.7f}\t1\t-1\tP{i}\t\tmm\n",
+    )
+
+
+def names_with_axes(c: Campaign) -> dict[str, str]:
+    """No column says which axis a line is of."""
+    head = "Messplan: Zelle\n\nName   Istwert   Nennwert   Abweichung\n"
+    return in_rows(c, head, " ", lambda i, a, v: f"Punkt{i}_{a}   {v:.6f}   {v + 1:.6f}   -1.0000\n")
+
+
+def axes_of_measured_values(c: Campaign) -> dict[str, str]:
+    head = "Feature\tAxis\tNominal\tMeasured\tDeviation\n"
+    return in_rows(c, head, "\t", lambda i, a, v: f"P{i}\tM{a}\t{v + 1:.6f}\t{v:.6f}\t-1\n")
+
+
+def pc_dmis_with_graphs(c: Campaign) -> dict[str, str]:
+    above = "\nDIM LOC{0}= LOCATION OF POINT P{0}  UNITS=MM ,$\nGRAPH=OFF  TEXT=OFF  MULT=10.00  OUTPUT=BOTH\n"
+    above += "AX    NOMINAL       +TOL       -TOL       MEAS        DEV     OUTTOL\n"
+    row = "{} {:.4f} 0.5 0.5 {:.6f} -1.0 0.0 ----#----\n".format
+    return in_rows(c, "PART NAME  : CELL\n", " ", lambda i, a, v: row(a, v + 1, v), above)
+
+
+def dmis(c: Campaign) -> dict[str, str]:
+    rows = enumerate(c.position * MM, 1)
+    text = "".join(f"FA(P{i})=FEAT/POINT,CART,{numbers(row)},0.0,0.0,1.0\n" for i, row in rows)
+    return {
+        "out.dmo": f"DMISMN/'CELL',05.2\nUNITS/MM,ANGDEC\n{text}ENDFIL\n",
+        "joints.csv": table(JOINTS, np.degrees(c.q)),
+    }
+
+
+def stacked_matrices(c: Campaign) -> dict[str, str]:
+    def text(matrices: np.ndarray) -> str:
+        return "\n".join(lines(matrix, " ") for matrix in matrices)
+
+    return {
+        "board.txt": text(homogeneous(c.position, c.turn)),
+        "robot.txt": text(homogeneous(c.commanded, c.commanded_turn)),
+    }
+
+
+def matrices_side_by_side(c: Campaign) -> dict[str, str]:
+    return {
+        "board.csv": lines(np.hstack(homogeneous(c.position, c.turn))),
+        "RobotToolPose.csv": lines(np.hstack(homogeneous(c.commanded, c.commanded_turn))),
+    }
+
+
+def pairs_with_euler_angles(c: Campaign) -> dict[str, str]:
+    """Both poses in one convention, which no name says."""
+    columns = [c.commanded * MM, c.commanded_turn.as_euler("xyz", degrees=True), c.position * MM]
+    names = (f"{who}_{key}" for who in ("robot", "cam") for key in ("x", "y", "z", "rx", "ry", "rz"))
+    return {"pairs.csv": table(",".join(names), *columns, c.turn.as_euler("xyz", degrees=True), sep=",")}
+
+
+def franka_states(c: Campaign) -> dict[str, str]:
+    """States one behind the other, as libfranka prints them."""
+    states = (f'{{\n  "q": {q},\n "dq": {[0.0] * 6},\n  "robot_mode": "Idle"\n}}\n' for q in c.q.tolist())
+    return mm(c) | {"states.txt": "".join(states)}
+
+
+PANDAS = {
+    "columns": lambda names, rows: {k: {str(i): row[j] for i, row in enumerate(rows)} for j, k in enumerate(names)},
+    "index": lambda names, rows: {str(i): dict(zip(names, row, strict=True)) for i, row in enumerate(rows)},
+    "split": lambda names, rows: {"columns": names, "index": [*range(len(rows))], "data": rows},
+    "values": lambda _, rows: rows,
+}
+"""Documents of the orientations of ``DataFrame.to_json``."""
+
+
+def pandas(orient: str) -> Form:
+    def files(c: Campaign) -> dict[str, str]:
+        rows = np.hstack((c.q, c.position)).round(9).tolist()
+        return {"log.json": json.dumps(PANDAS[orient]([*(f"q{i}" for i in range(1, 7)), "x", "y", "z"], rows))}
+
+    return files
+
+
 POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
-    *(yaskawa_job, lists_in_cells),
+    *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
+    *(abb_with_tracker, calypso, names_with_axes, axes_of_measured_values, pc_dmis_with_graphs, dmis, franka_states),
 )
 POSES: tuple[Form, ...] = (
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
-    *(tool_and_stray, le_robot),
+    *(
+        tool_and_stray,
+        le_robot,
+        robtargets,
+        kuka_poses,
+        stacked_matrices,
+        matrices_side_by_side,
+        pairs_with_euler_angles,
+    ),
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
     **TABLES_OF_POSES,
     **{form.__name__: form for form in (*POSITIONS, *POSES)},
+    **LOGS,
+    **{f"pandas_{orient}": pandas(orient) for orient in PANDAS},
 }
 WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
-WITHOUT_ROBOT = ("hand_eye_matrices", "hand_eye_transforms", "trajectories")
+WITHOUT_ROBOT = (
+    *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
+    *("matrices_side_by_side", "pairs_with_euler_angles"),
+)
 
 
 def made(form: str, c: Campaign) -> dict[str, str]:

@@ -19,6 +19,7 @@ from robacc.geometry import NDArray
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import TEXT_LIMIT, clip, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
+from robacc.poses.layout import listing
 from robacc.poses.reading import AXES, heading_of, is_point_name
 from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, coordinates
 
@@ -47,7 +48,7 @@ def by_axes(table: Table) -> Table | None:
     measured = [i for i, texts in enumerate(words) if texts and set(texts) <= MEASURED]
     nominal = [i for i, texts in enumerate(words) if _NOMINAL & set(texts) and set(texts) <= _NOMINAL | MEASURED]
     axis = [i for i, texts in enumerate(words) if len(texts) == 1 and texts[0] in _AXIS_NAMES]
-    axis = axis or [i for i, texts in enumerate(_sampled(table)) if all(map(_axis_of, texts))][:1]
+    axis = axis or [i for i, texts in enumerate(_sampled(table)) if _are_axes(texts)][:1]
     if len(axis) != 1 or len(measured) != 1 or len(nominal) > 1:
         return None
     values = [*measured, *nominal]
@@ -73,6 +74,12 @@ def _sampled(table: Table) -> list[list[str]]:
     width = len(table.names)
     rows = [row for row in table.dialect.sample if len(row) == width]
     return [[row[i] for row in rows if row[i]] or [""] for i in range(width)]
+
+
+def _are_axes(texts: Sequence[str]) -> bool:
+    """Return whether most of the texts stand for an axis; other characteristics of points, such as a diameter, may not."""
+    axes = [_axis_of(text) for text in texts]
+    return {*AXES} <= {*axes} and 2 * axes.count(None) < len(axes)
 
 
 def _axis_of(text: str) -> str | None:
@@ -117,7 +124,7 @@ def _rows_of_points(old: TableBody, table: Table, name: str) -> tuple[NDArray[np
                 fix="the rows of one point stand below each other, one for each of X, Y and Z",
             )
     others = (text for text, axis in zip(texts, axes, strict=True) if axis not in AXES)
-    unused = ", ".join(dict.fromkeys(clip(text.upper()) for text in others))
+    unused = listing([*dict.fromkeys(clip(text.upper()) for text in others)])
     if not points:
         table.log.add(f"found {unused or 'no rows'}, expected rows for X, Y and Z", None, name)
     elif unused:

@@ -11,6 +11,7 @@ import pytest
 import yaml
 from commands import document, one_line, output, refused, run
 from sample_files import saved
+from scipy.io import savemat
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -832,6 +833,14 @@ def pairs_with_euler_angles(c: Campaign) -> dict[str, str]:
     return {"pairs.csv": table(",".join(names), *columns, c.turn.as_euler("xyz", degrees=True), sep=",")}
 
 
+def lines_of_hand_and_eye(c: Campaign) -> dict[str, str]:
+    """As handeye-calib writes them for aubo, elfin and JAKA."""
+    turns = (turn.as_euler("xyz", degrees=True) for turn in (c.commanded_turn, c.turn))
+    hand, eye = (np.hstack((p, angles)) for p, angles in zip((c.commanded, c.position), turns, strict=True))
+    pairs = zip(hand, eye, strict=True)
+    return {"pairs.csv": "".join(f"hand,{numbers(a, sep=', ')}\neye,{numbers(b, sep=', ')}\n" for a, b in pairs)}
+
+
 def franka_states(c: Campaign) -> dict[str, str]:
     """States one behind the other, as libfranka prints them."""
     states = (f'{{\n  "q": {q},\n "dq": {[0.0] * 6},\n  "robot_mode": "Idle"\n}}\n' for q in c.q.tolist())
@@ -863,15 +872,8 @@ POSITIONS: tuple[Form, ...] = (
 )
 POSES: tuple[Form, ...] = (
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
-    *(
-        tool_and_stray,
-        le_robot,
-        robtargets,
-        kuka_poses,
-        stacked_matrices,
-        matrices_side_by_side,
-        pairs_with_euler_angles,
-    ),
+    *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
+    *(pairs_with_euler_angles, lines_of_hand_and_eye),
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
@@ -883,7 +885,7 @@ FORMS: dict[str, Form | dict[str, Text]] = {
 WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
-    *("matrices_side_by_side", "pairs_with_euler_angles"),
+    *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye"),
 )
 
 
@@ -1183,3 +1185,67 @@ def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -
     text = table(f"{JOINTS};dX;dY;dZ", np.degrees(campaign.q), campaign.position)
     with pytest.raises(InputError, match="columns x, y, z are missing"):
         robacc.read_poses(written({"deviations.csv": text}, tmp_path)[0], robot=ROBOT)
+
+
+@pytest.mark.parametrize(
+    ("form", "old", "new", "said"),
+    [
+        ("abb_with_tracker", " tracker [", " lost (", r"abb\.log:1, tracker X \[mm\]: the value is missing"),
+        ("pc_dmis_with_graphs", "UNITS=MM", "UNITS=IN", "but the first cell is in in"),
+        ("names_with_axes", "Punkt1_Y", "Punkt1_D", r"report\.txt:5: point 'Punkt1' has no row for Y"),
+        ("lines_of_hand_and_eye", "eye,", "eye;", r"pairs\.csv:2: the line is not one of a pair"),
+        ("lines_of_hand_and_eye", "\neye,", "\nhand,", r"pairs\.csv:2: the line is not one of a pair"),
+    ],
+)
+def test_a_log_or_report_that_lacks_a_value_names_its_line(
+    form: str, old: str, new: str, said: str, campaign: Campaign, tmp_path: Path
+) -> None:
+    name, text = next(iter(made(form, campaign).items()))
+    path = saved(tmp_path / name, text.replace(old, new, 1))
+    with pytest.raises(InputError, match=said):
+        robacc.read_poses(path, robot=ROBOT)
+
+
+def test_joints_that_a_line_lacks_are_not_those_of_another(campaign: Campaign, tmp_path: Path) -> None:
+    rows = abb_with_tracker(campaign)["abb.log"].splitlines(keepends=True)
+    rows[5] = "Pose 6 tracker" + rows[5].partition("tracker")[2]
+    path = saved(tmp_path / "abb.log", "".join(rows))
+    with pytest.raises(InputError, match=r"abb\.log:6, J1 \[deg\]: the value is missing"):
+        robacc.read_poses(path, robot=ROBOT)
+    data = robacc.read_poses(path, robot=ROBOT, skip_gaps=True)
+    np.testing.assert_allclose(data.q.T, np.delete(campaign.q, 5, axis=0), atol=1e-8)
+
+
+def test_a_joint_that_the_arm_lacks_is_named_where_units_are_open(campaign: Campaign, tmp_path: Path) -> None:
+    text = table("J1;J2;J3;J4;J5;J7;X;Y;Z", np.degrees(campaign.q), campaign.position * MM)
+    with pytest.raises(InputError, match="J7: the column belongs to joint 7, but the robot has 6 joints"):
+        robacc.read_poses(saved(tmp_path / "log.csv", text), robot=ROBOT)
+
+
+def test_pulses_of_a_job_and_other_variables_are_refused(campaign: Campaign, tmp_path: Path) -> None:
+    points = written(mm(campaign), tmp_path)[0]
+    job = saved(tmp_path / "calib.JBI", "/JOB\n//POS\n///PULSE\nC00000=12034,-3323,9921,0,-22001,11\n//INST\nEND\n")
+    said = refused("estimate", points, "--commanded", job, "--robot", ROBOT, status=3)
+    assert "calib.JBI: is a job of Yaskawa, whose positions count pulses of the motors" in said
+    large = tmp_path / "run.mat"
+    large.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))
+    with pytest.raises(InputError, match=r"it is of version 7\.3; save it with -v7"):
+        robacc.read_poses(large, robot=ROBOT)
+
+
+@pytest.mark.parametrize("form", ["arrays", "columns", "structure", "structures"])
+def test_variables_of_matlab_are_read(form: str, campaign: Campaign, tmp_path: Path) -> None:
+    q, position = campaign.q, campaign.position
+    structures = np.zeros(N, dtype=[("name", "O"), ("q", "O"), ("position", "O")])
+    for i in range(N):
+        structures[i] = (f"P{i}", q[i], position[i])
+    variables = {
+        "arrays": {"q": q, "p": position},
+        "columns": {"joints": q.T, "position": position.T, "rate": 100.0},
+        "structure": {"data": {"q": q, "pos": position, "name": "run 7"}},
+        "structures": {"poses": structures},
+    }
+    savemat(tmp_path / "run.mat", variables[form])
+    data = robacc.read_poses(tmp_path / "run.mat", robot=ROBOT)
+    np.testing.assert_allclose(data.q.T, q, rtol=1e-12)
+    np.testing.assert_allclose(data.position.T, position, rtol=1e-12)

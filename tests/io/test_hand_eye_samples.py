@@ -120,6 +120,14 @@ def test_matrices_in_files_of_text_are_the_commands(tmp_path: Path) -> None:
     assert 1e-3 * 0.5 < robacc.estimate(robacc.PoseFile(measured, commanded=commanded)).position.rms < 1.6e-3
 
 
+def test_two_files_of_a_number_are_one_pose(tmp_path: Path) -> None:
+    _, hands, seen = samples("world")
+    for i, (hand, board) in enumerate(zip(hands, seen, strict=True)):
+        np.savetxt(tmp_path / f"{i}_robotpose.txt", hand)
+        np.savetxt(tmp_path / f"{i}_markerpose.txt", board)
+    assert 1e-3 * 0.5 < robacc.estimate(robacc.PoseFile(tmp_path, units="m")).position.rms < 1.6e-3
+
+
 def test_files_that_hold_no_poses_are_none_of_a_folder(tmp_path: Path) -> None:
     saved(tmp_path / "one.json", '{"joints": [0, 0, 0, 0, 0, 0]}')
     saved(tmp_path / "a.txt", "1 2 3\n")

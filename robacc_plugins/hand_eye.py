@@ -1,0 +1,92 @@
+"""Reader of what programs of hand-eye calibration write without the names of columns.
+
+Poses are 4 x 4 matrices below each other, or side by side in four lines, a file of the hand and one of the board; or
+lines of the hand and of the eye in turn, ``hand,x,y,z,rx,ry,rz`` and ``eye,…``, in m and degrees about fixed axes.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import re
+from typing import BinaryIO
+
+import numpy as np
+
+from robacc.errors import Problem, refuse
+from robacc.geometry import Array
+from robacc.io.column_table import ColumnTable
+from robacc.io.table import Table, TableOptions, TextTable
+
+_NUMBERS = re.compile(r"[-+.\deE,;\s]*")
+_SIZE = 4
+_LAST = (0.0, 0.0, 0.0, 1.0)
+_PAIR = re.compile(r"^(hand|eye)((?:\s*,\s*[-+.\deE]+){6})\s*$", re.MULTILINE)
+_PARTS = {"hand": "robot", "eye": "camera"}
+"""Words of the names of columns for the parts of a pair."""
+_COORDINATES = ("X [m]", "Y [m]", "Z [m]", "roll [deg]", "pitch [deg]", "yaw [deg]")
+_WIDE = 1000
+"""Characters of a line that may be the first of many matrices side by side."""
+
+
+def takes(path: str, first: bytes) -> bool:
+    """Return whether a text has pairs, or numbers alone: matrices of four lines, or lines as long as those of many."""
+    text = first.decode(errors="replace").lstrip("\ufeff")
+    if _PAIR.match(text):
+        return True
+    if not first or not _NUMBERS.fullmatch(text):
+        return False
+    # The last line may be cut off.
+    lines = [line for line in f"{text}\n".splitlines() if line.strip()]
+    matrix = _matrices("\n".join(lines[:_SIZE])) if len(lines) >= _SIZE else None
+    return matrix is not None or (len(lines) <= _SIZE and len(lines[0]) >= _WIDE)
+
+
+def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
+    """Return a row for each pair, or of 16 entries for each matrix; a table of numbers where the text has neither.
+
+    Raises:
+        InputError: A line is of none of the two parts of a pair, or a part is missing.
+    """
+    data = stream.read()
+    text = data.decode(errors="replace").lstrip("\ufeff")
+    if _PAIR.match(text):
+        return _pairs(text, file, options, hashlib.sha256(data).hexdigest())
+    matrices = _matrices(text)
+    if matrices is None:
+        return TextTable(io.BytesIO(data), file, options)
+    entries = [(f"m_{row}{column}", matrices[:, row, column]) for row in range(_SIZE) for column in range(_SIZE)]
+    digest = hashlib.sha256(data).hexdigest()
+    table = ColumnTable(entries, file, options.skip_gaps, digest, f"{len(matrices)} matrices of {_SIZE} lines")
+    table.log.counted = "pose"
+    return table
+
+
+def _pairs(text: str, file: str, options: TableOptions, digest: str) -> ColumnTable:
+    lines = [(i, line) for i, line in enumerate(text.splitlines(), 1) if line.strip()]
+    found = [(i, _PAIR.fullmatch(line.strip())) for i, line in lines]
+    expected = [*_PARTS] * (len(lines) // 2 + 1)
+    wrong = next((i for (i, pair), part in zip(found, expected, strict=False) if not pair or pair[1] != part), None)
+    wrong = lines[-1][0] if wrong is None and len(lines) % 2 else wrong
+    form = "expected hand,x,y,z,rx,ry,rz and eye,x,y,z,rx,ry,rz in turn"
+    refuse((wrong is not None, Problem("the line is not one of a pair", file, wrong, fix=form)))
+    names = [f"{word} {name}" for word in _PARTS.values() for name in _COORDINATES]
+    values = np.array([[float(cell) for cell in pair[2].split(",")[1:]] for _, pair in found if pair])
+    columns = [*zip(names, values.reshape(-1, len(names)).T, strict=True)]
+    table = ColumnTable(columns, file, options.skip_gaps, digest, "lines of hand and eye in turn")
+    table.log.counted = "pose"
+    return table
+
+
+def _matrices(text: str) -> Array | None:
+    """Return the matrices ``(N, 4, 4)``; None for other numbers."""
+    lines = [re.split(r"[,;\s]+", line.strip(" \t,;")) for line in text.splitlines() if line.strip()]
+    widths = {len(line) for line in lines}
+    if len(lines) % _SIZE or len(widths) != 1 or widths.pop() % _SIZE or (len(lines) > _SIZE and len(lines[0]) > _SIZE):
+        return None
+    try:
+        values = np.array(lines, dtype=float)
+    except ValueError:
+        return None
+    matrices = values.reshape(len(lines) // _SIZE, _SIZE, -1, _SIZE).swapaxes(1, 2).reshape(-1, _SIZE, _SIZE)
+    return matrices if (matrices[:, 3] == _LAST).all() else None

@@ -38,6 +38,7 @@ _LABEL = re.compile(r"(?P<word>[A-Za-z_]\w*)\s*(?:[(\[]\s*(?P<unit>m|mm|rad|deg|
 _POSE = re.compile(r"'([^']+)'|\b([A-Za-z]\w*?[ _]?\d+)\b")
 """Name of a pose: a text in quotes, or a word with a number at its end."""
 _JOINTS = re.compile(r"joint|axis|axes|angle|movej|posj|jpos|\bq\b", re.IGNORECASE)
+_TURN = re.compile(r"rpy|euler|rotation|orient|quat|angle", re.IGNORECASE)
 _COORDINATES = ("X", "Y", "Z")
 _QUATERNION = ("Qw", "Qx", "Qy", "Qz")
 _RAPID = re.compile(r"\b9E\+?0?9\b")
@@ -174,6 +175,8 @@ def _listed(text: str, before: str, name: str, units: tuple[str, str] | None) ->
         keys = [f"target_TCP_pose_{i}" for i in range(6)]
     elif _JOINTS.search(word) and sizes[0] <= _MOST_JOINTS:
         keys = [f"J{i + 1}{angle}" for i in range(sizes[0])]
-    elif word and sizes == [3]:
+    elif _TURN.search(word) and sizes == [4]:
+        keys = [f"Orientation {i}" for i in range(1, 5)]
+    elif word and sizes == [3] and not _TURN.search(word):
         keys = [f"{word} {key}{length}" for key in _COORDINATES]
     return dict(zip(map(str.strip, keys), [value for part in lists for value in part], strict=False))

@@ -27,7 +27,7 @@ _AXIS_NAMES = frozenset(
     {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
 )
 _NOMINAL = frozenset(
-    {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmass", "commanded", "cmd", "reference", "ref"}
+    {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmaß", "commanded", "cmd", "reference", "ref"}
 )
 _POINT_NAMES = frozenset({"featureid", "feature id", "id"})
 """Names of columns of points in a report that are none in other tables."""
@@ -35,14 +35,17 @@ _AXIS = re.compile(
     r"(?:m|pos(?:ition)?|act|ist)?[\W_]*([xyz])(?:[\W_]*(?:value|wert|achse|axis|coord\w*|koord\w*))?\d?", re.IGNORECASE
 )
 """Text of an axis: ``X``, ``MX``, ``xValue``, ``X1``."""
-_AXIS_BEHIND = re.compile(r"(.*[^\W_].*?)[\W_]+([xyz])", re.IGNORECASE)
-"""Name of a point with its axis: ``Point1_X``, ``P1.Y``."""
+_POINT_AND_AXIS = (
+    re.compile(r"(?P<point>.*[^\W_].*?)[\W_]+(?P<axis>[xyz])", re.IGNORECASE),
+    re.compile(r"(?P<axis>[xyz])[\W_]*(?:value|wert)[\W_]+(?P<point>.+)", re.IGNORECASE),
+)
+"""Name of a point with its axis: ``Point1_X``, ``P1.Y``, ``X-Value_Point1``."""
 
 
 def by_axes(table: Table) -> Table | None:
     """Return a table of points for one that has a row for each axis of a point; None for another table.
 
-    The axis is in a column of its own, or at the end of the names.
+    The axis is in a column of its own, or in the names.
     """
     words = [heading_of(name).words for name in table.names]
     measured = [i for i, texts in enumerate(words) if texts and set(texts) <= MEASURED]
@@ -77,17 +80,21 @@ def _sampled(table: Table) -> list[list[str]]:
 
 
 def _are_axes(texts: Sequence[str]) -> bool:
-    """Return whether most of the texts stand for an axis; other characteristics of points, such as a diameter, may not."""
+    """Return whether most of the texts stand for an axis; others may be of a diameter or another characteristic."""
     axes = [_axis_of(text) for text in texts]
     return {*AXES} <= {*axes} and 2 * axes.count(None) < len(axes)
 
 
 def _axis_of(text: str) -> str | None:
-    """Return the axis that a text stands for, or that a name ends in; None for another text."""
-    if match := _AXIS.fullmatch(text.strip()):
-        return match[1].lower()
-    match = _AXIS_BEHIND.fullmatch(text.strip())
-    return match[2].lower() if match else None
+    """Return the axis that a text stands for, or that a name has; None for another text."""
+    match = _AXIS.fullmatch(text.strip())
+    return match[1].lower() if match else _point_and_axis(text)[1]
+
+
+def _point_and_axis(text: str) -> tuple[str, str | None]:
+    """Return the name of a point without its axis, and the axis; the text and None where it has none."""
+    matches = filter(None, (form.fullmatch(text.strip()) for form in _POINT_AND_AXIS))
+    return next(((match["point"], match["axis"].lower()) for match in matches), (text, None))
 
 
 def _rows_of_points(old: TableBody, table: Table, name: str) -> tuple[NDArray[np.int64], NDArray[np.str_]]:
@@ -100,9 +107,9 @@ def _rows_of_points(old: TableBody, table: Table, name: str) -> tuple[NDArray[np
     labels = [*old.texts[-1].tolist()]
     # A name may stand in the first row of its point only.
     labels = [*itertools.accumulate(labels, lambda above, label: label or above)]
-    named = [(label, axis) for label, axis in zip(labels, axes, strict=True) if axis in AXES]
-    if all((match := _AXIS_BEHIND.fullmatch(label)) and match[2].lower() == axis for label, axis in named):
-        labels = [_AXIS_BEHIND.sub(r"\1", label) for label in labels]
+    split = [*map(_point_and_axis, labels)]
+    if all(found == axis for (_, found), axis in zip(split, axes, strict=True) if axis in AXES):
+        labels = [point for point, _ in split]
     elif len(old.texts) == 1:
         labels = [""] * len(axes)
     points: list[tuple[str, dict[str, int]]] = []

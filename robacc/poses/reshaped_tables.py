@@ -222,7 +222,9 @@ def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> "Rows":
 
 
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
-MEASURED = frozenset({"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "act", "meas", "result"})
+MEASURED = frozenset(
+    {"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "istmaß", "act", "meas", "result"}
+)
 """Words of a column of measured values in a report with a row for each axis of a point."""
 
 

@@ -788,6 +788,11 @@ def names_with_axes(c: Campaign) -> dict[str, str]:
     return in_rows(c, head, " ", lambda i, a, v: f"Punkt{i}_{a}   {v:.6f}   {v + 1:.6f}   -1.0000\n")
 
 
+def names_of_calypso(c: Campaign) -> dict[str, str]:
+    head = "Merkmal\tNennmaß\tIstmaß\tAbw.\n"
+    return in_rows(c, head, "\t", lambda i, a, v: f"{a}-Wert_Punkt{i}\t{v + 1:.6f}\t{v:.6f}\t-1.0\n")
+
+
 def axes_of_measured_values(c: Campaign) -> dict[str, str]:
     head = "Feature\tAxis\tNominal\tMeasured\tDeviation\n"
     return in_rows(c, head, "\t", lambda i, a, v: f"P{i}\tM{a}\t{v + 1:.6f}\t{v:.6f}\t-1\n")
@@ -841,6 +846,16 @@ def lines_of_hand_and_eye(c: Campaign) -> dict[str, str]:
     return {"pairs.csv": "".join(f"hand,{numbers(a, sep=', ')}\neye,{numbers(b, sep=', ')}\n" for a, b in pairs)}
 
 
+def tf_echo(c: Campaign) -> dict[str, str]:
+    """As tf of ROS prints a transform; the angles repeat the quaternion."""
+    block = (
+        "At time {}.5\n- Translation: [{}]\n- Rotation: in Quaternion [{}]\n            in RPY (radian) [{}]\n".format
+    )
+    rows = zip(c.position, c.turn.as_quat(), c.turn.as_euler("xyz"), strict=True)
+    texts = (block(1763635600 + i, *(numbers(v, "{:.8f}", ", ") for v in row)) for i, row in enumerate(rows))
+    return {"tf.txt": "".join(texts), "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+
 def franka_states(c: Campaign) -> dict[str, str]:
     """States one behind the other, as libfranka prints them."""
     states = (f'{{\n  "q": {q},\n "dq": {[0.0] * 6},\n  "robot_mode": "Idle"\n}}\n' for q in c.q.tolist())
@@ -868,12 +883,21 @@ POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
-    *(abb_with_tracker, calypso, names_with_axes, axes_of_measured_values, pc_dmis_with_graphs, dmis, franka_states),
+    *(
+        abb_with_tracker,
+        calypso,
+        names_with_axes,
+        names_of_calypso,
+        axes_of_measured_values,
+        pc_dmis_with_graphs,
+        dmis,
+        franka_states,
+    ),
 )
 POSES: tuple[Form, ...] = (
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
-    *(pairs_with_euler_angles, lines_of_hand_and_eye),
+    *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo),
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
@@ -1192,7 +1216,7 @@ def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -
     [
         ("abb_with_tracker", " tracker [", " lost (", r"abb\.log:1, tracker X \[mm\]: the value is missing"),
         ("pc_dmis_with_graphs", "UNITS=MM", "UNITS=IN", "but the first cell is in in"),
-        ("names_with_axes", "Punkt1_Y", "Punkt1_D", r"report\.txt:5: point 'Punkt1' has no row for Y"),
+        ("names_with_axes", "Punkt1_Y", "Punkt1_D", r"report\.txt:4: point 'Punkt1' has no row for Y"),
         ("lines_of_hand_and_eye", "eye,", "eye;", r"pairs\.csv:2: the line is not one of a pair"),
         ("lines_of_hand_and_eye", "\neye,", "\nhand,", r"pairs\.csv:2: the line is not one of a pair"),
     ],

@@ -204,7 +204,7 @@ _OF_TEXT = frozenset({"", ".csv", ".txt", ".tsv", ".tab", ".prn", ".dat", ".asc"
 """Ends of the names of text files. No plug-in is asked about these, unless they look like a document of records: the
 search takes a tenth of a second."""
 _OF_RECORDS = re.compile(
-    rb"""(?xsm) [{\[] | --- | header: | hand, | [-+.\deE,;\s]{1000}
+    rb"""(?xsm) [{\[] | --- | header: | hand, | [-+.\deE,;\ \t]{1000}
     | [-+.\deE,;\s]*?\n\s*(0(\.0*)?(e[-+]?0+)?[,;\s]+){3}1(\.0*)?(e[-+]?0+)?\s*?\n
     | .*( [\n,;\t]"\[ | [\[(]\s*[-+.\d]+\s*,\s*[-+.\d] | :\s*[-+.\d]+,\s | \b(X|[AJ]1)\s*[:=\ ]\s*[-+.\d]
         | ^\s*DIM\s )"""

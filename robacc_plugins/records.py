@@ -283,6 +283,8 @@ def _variables(data: bytes) -> Any:
         variables = loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type]
     except NotImplementedError:
         raise ValueError("it is of version 7.3; save it with -v7") from None
+    except Exception as error:  # SciPy has no kind of its own for damage.
+        raise ValueError(f"it is damaged: {error}") from None
     found = {name: value for name, value in variables.items() if not name.startswith("__")}
     while len(found) == 1 and isinstance(value := next(iter(found.values())), dict):
         found = value

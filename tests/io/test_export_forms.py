@@ -1255,6 +1255,11 @@ def test_pulses_of_a_job_and_other_variables_are_refused(campaign: Campaign, tmp
     large.write_bytes(b"MATLAB 7.3 MAT-file".ljust(124) + b"\x00\x02IM" + bytes(512))
     with pytest.raises(InputError, match=r"it is of version 7\.3; save it with -v7"):
         robacc.read_poses(large, robot=ROBOT)
+    savemat(tmp_path / "cut.mat", {"q": campaign.q})
+    cut = tmp_path / "cut.mat"
+    cut.write_bytes(cut.read_bytes()[:130])
+    with pytest.raises(InputError, match="cannot be read as arrays"):
+        robacc.read_poses(cut, robot=ROBOT)
 
 
 @pytest.mark.parametrize("form", ["arrays", "columns", "structure", "structures"])

@@ -21,6 +21,9 @@ _GROUPED_BEFORE_COMMA = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|('\d{3})+(,\d*)
 _SIGNS = str.maketrans({"\u2212": "-", "\u2019": "'", "\u00a0": " ", "\u202f": " "})
 """Minus, apostrophe and unbreakable blanks of typesetting."""
 
+_SPLITTING = frozenset(',"\n\r')
+"""Signs at which a reader of a CSV would split a text without quotes."""
+
 
 def is_grouped(field: str, decimal_comma: bool) -> bool:
     """Return whether a number has separators of thousands that cannot be its decimal sign: ``1,903.5``, ``1'903``."""
@@ -51,7 +54,7 @@ def for_spreadsheet(text: str) -> str:
 def cell(text: str) -> str:
     """Return a text as a field of a CSV, in quotes where a reader would split it; a spreadsheet runs none."""
     text = for_spreadsheet(text)
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+    return text if _SPLITTING.isdisjoint(text) else '"' + text.replace('"', '""') + '"'
 
 
 def from_spreadsheet(text: str) -> str:

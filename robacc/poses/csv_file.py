@@ -338,8 +338,8 @@ def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array 
 # Dates and times of day as seconds.
 
 _DAY = 86400.0
-_PLAIN_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
-_STAMP = re.compile(
+_PLAIN_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?"
+_STAMP = (
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
     r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
@@ -380,7 +380,7 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         )
         return np.full(lines.size, np.nan)
     column = texts[key]
-    if "date" not in texts and all(_PLAIN_NUMBER.fullmatch(text) for text in column[:20]):
+    if "date" not in texts and all(re.fullmatch(_PLAIN_NUMBER, text) for text in column[:20]):
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = (
@@ -425,12 +425,12 @@ def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Arra
 
 
 def _number(text: str) -> float | None:
-    return float(text.replace(",", ".")) if _PLAIN_NUMBER.fullmatch(text) else None
+    return float(text.replace(",", ".")) if re.fullmatch(_PLAIN_NUMBER, text) else None
 
 
 def _seconds(text: str, day_first: bool) -> float | None:
     """Return seconds since 1970, or since midnight where the text has no date; None for another text."""
-    if (match := _STAMP.fullmatch(text)) is None:
+    if (match := re.fullmatch(_STAMP, text)) is None:
         return None
     year, month, day, first, second, last, *clock, fraction, half, zone_h, zone_min = match.groups()
     hour, minute, second_ = (int(part or 0) for part in clock)

@@ -5,6 +5,7 @@ does for the place of a step in the sequence of poses.
 """
 
 import abc
+import functools
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -85,8 +86,9 @@ class LineOfSight(Effect):
         return f"{1e3 * size:.2g}", ", ".join(f"{value:.2g}" for value in self.place)
 
 
+@functools.lru_cache(maxsize=2)
 def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Array]:
-    """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses."""
+    """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses; kept for reuse."""
     poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
     return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
 
@@ -595,8 +597,9 @@ class Step(Effect):
         return f"{self.name}[{joints or self.target or self.part}]"
 
 
+@functools.lru_cache(maxsize=2)
 def unit_torques(arm: Arm, data: Measurements) -> Array:
-    """Return ``(J, N)`` torque of gravity (N m) or force (N) on each joint by a payload of 1 kg."""
+    """Return ``(J, N)`` torque of gravity (N m) or force (N) on each joint by a payload of 1 kg; kept for reuse."""
     return gravity_torques(arm, commanded(data, Step.name), payload(arm, np.ones(data.n)))
 
 

@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -88,15 +88,20 @@ class Candidate:
         """
         low, high = self.effect.about.usual_range
         first = self.terms[0].typical / self.terms[0].stretch
-        # Sizes that the evidence is averaged over, a factor of 3 to 5 apart.
-        scales = np.geomspace(low / first, 1e3 * high / first, 12)
-        weight = np.minimum(1.0, np.sqrt(2.0 * high / first / scales))
-        return scales, np.log(weight / weight.sum())
+        return _sizes_averaged(low / first, high / first)
 
     @property
     def log_prior_of_size(self) -> float:
         """Return the log prior probability of the candidate at its most probable size."""
         return self.log_prior + float(np.max(self.scales[1]))
+
+
+@lru_cache(maxsize=64)
+def _sizes_averaged(low: float, high: float) -> tuple[Array, Array]:
+    """Return the multiples of :attr:`Candidate.scales`, a factor of 3 to 5 apart; kept for forms of the same effect."""
+    scales = np.geomspace(low, 1e3 * high, 12)
+    weight = np.minimum(1.0, np.sqrt(2.0 * high / scales))
+    return scales, np.log(weight / weight.sum())
 
 
 def named_candidates(

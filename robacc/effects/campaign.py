@@ -33,7 +33,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.frames import frame_terms
-from robacc.geometry import Array, NDArray
+from robacc.geometry import Array, NDArray, Poses
 from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, Arm
@@ -67,8 +67,8 @@ class LineOfSight(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients, each of which moves the base along x, y and z of the measuring frame."""
-        position, rotation = lines_of_sight(arm, data, self.name)
-        offset = position - np.array(self.place)[:, None]
+        targets = lines_of_sight(arm, data, self.name)
+        offset = targets.translation - np.array(self.place)[:, None]
         distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=0)), 1e-9)
         return tuple(
             Term(
@@ -77,7 +77,7 @@ class LineOfSight(Effect):
                 1e-5,
                 tuple(Part(arm.chain.index(BASE, axis), shift[i]) for i, axis in enumerate("xyz")),
             )
-            for label, shift in self.shifts(offset / distance, distance, rotation).items()
+            for label, shift in self.shifts(offset / distance, distance, targets.rotation).items()
         )
 
     def stated(self, values: Mapping[str, float]) -> tuple[str, str]:
@@ -87,10 +87,9 @@ class LineOfSight(Effect):
 
 
 @functools.lru_cache(maxsize=2)
-def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Array]:
-    """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses; kept for reuse."""
-    poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
-    return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
+def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> Poses:
+    """Return the targets, and the orientations of the tool, at the commanded poses; kept for reuse."""
+    return arm.chain.forward(commanded(data, effect))
 
 
 def first_places(position: Array) -> Array:

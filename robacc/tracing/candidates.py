@@ -227,7 +227,7 @@ class Pool:
                 few = possible[np.unique(chosen)].tolist()
                 log_prior = -math.log(3.0 * max(units, 1) * len(few))
                 yield from ((form.starting(place, self.data), log_prior) for place in few)
-        grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
+        grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight").translation)
         for name, cls in REGISTRY.items():
             if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
                 forms = [
@@ -268,7 +268,7 @@ class Pool:
         """Yield the effect with other settings near its own: its order, its place in time or in space."""
         yield from effect.refinements(self.arm, self.data)
         if isinstance(effect, LineOfSight):
-            centre = lines_of_sight(self.arm, self.data, effect.name)[0].mean(axis=1)
+            centre = lines_of_sight(self.arm, self.data, effect.name).translation.mean(axis=1)
             # rad and log distance; the grid's spacing is twice the first.
             for step in 0.25 ** np.arange(1, 4):
                 near_places = neighbours(np.array(effect.place), centre, step)

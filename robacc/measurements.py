@@ -34,7 +34,7 @@ class Grouping(NamedTuple):
     """``(N,)`` rows whose commands contradict their id; None if there are none."""
 
 
-@dataclasses.dataclass(frozen=True, slots=True)
+@dataclasses.dataclass(frozen=True, slots=True, eq=False)
 class Measurements:
     """N measured poses. A column that the file lacks is None; the others have no missing value."""
 

@@ -50,6 +50,7 @@ from robacc.poses.cameras import PHOTO, seen_from_board
 from robacc.poses.checks import degrees_likely, doubtful_sigma, lengths_too_large
 from robacc.poses.reading import (
     READING,
+    TEXTS,
     UNKNOWN_ROBOT,
     KnownRobot,
     PoseFile,
@@ -415,7 +416,6 @@ _LEADING_AXES: dict[str, tuple[int, ...]] = {
 }
 """Lengths of all axes but the last, which is over poses, for each field of numbers."""
 _JOINT_FIELDS = ("q", "direction", "speed", "read_back", "branches")
-_TEXT_FIELDS = ("pose", "cycle", "visit", "target", "payload_group")
 
 
 def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units: bool = True) -> Measurements:
@@ -430,14 +430,14 @@ def checked_poses(data: Measurements, robot: Robot | None = None, *, check_units
         InputError: An array has the wrong shape or a value that is not finite, a matrix is not a rotation, or the
             number of joints is not the robot's; with every problem.
     """
-    columns = {name: getattr(data, name) for name in (*_LEADING_AXES, *_JOINT_FIELDS, *_TEXT_FIELDS)}
+    columns = {name: getattr(data, name) for name in (*_LEADING_AXES, *_JOINT_FIELDS, *TEXTS)}
     arrays = {name: np.asarray(column) for name, column in columns.items() if column is not None}
     # A units check of columns of a file was made with the units that the file states.
     units = _wrong_units(arrays, robot) if check_units and data.source is None else ()
     found = [*_wrong_arrays(arrays, robot)] or [*units]
     refuse((found, [Problem(text, data.source, column=name, fix=fix) for name, text, fix in found]))
     fields: dict[str, Any] = {
-        name: array.astype(str if name in _TEXT_FIELDS else float, copy=False) for name, array in arrays.items()
+        name: array.astype(str if name in TEXTS else float, copy=False) for name, array in arrays.items()
     }
     if "noise_covariance" in fields:
         fields["sigma_position"] = np.sqrt(np.einsum("iin->in", fields["noise_covariance"]))
@@ -460,7 +460,7 @@ def _wrong_arrays(arrays: Mapping[str, NDArray[Any]], robot: Robot | None) -> It
             fix = f"components come first and poses last, so give {transposed}"
             text = f"expected an array of shape ({', '.join(map(str, (*leading, n)))}), found {array.shape}"
             yield name, text, fix if array.ndim > 1 and array.shape == (n, *leading) else None
-        elif name in _TEXT_FIELDS:
+        elif name in TEXTS:
             continue
         elif array.dtype.kind not in "fiu":
             yield name, f"expected numbers, found {array.dtype}", None

@@ -5,6 +5,7 @@ does for the place of a step in the sequence of poses.
 """
 
 import abc
+import functools
 import itertools
 import math
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -32,7 +33,7 @@ from robacc.effects.base import (
     varies,
 )
 from robacc.effects.frames import frame_terms
-from robacc.geometry import Array, NDArray
+from robacc.geometry import Array, NDArray, Poses
 from robacc.gravity import gravity_torques, payload
 from robacc.measurements import Measurements
 from robacc.robots.arm import BASE, TOOL, Arm
@@ -66,8 +67,8 @@ class LineOfSight(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return the coefficients, each of which moves the base along x, y and z of the measuring frame."""
-        position, rotation = lines_of_sight(arm, data, self.name)
-        offset = position - np.array(self.place)[:, None]
+        targets = lines_of_sight(arm, data, self.name)
+        offset = targets.translation - np.array(self.place)[:, None]
         distance = np.maximum(np.sqrt(np.sum(np.square(offset), axis=0)), 1e-9)
         return tuple(
             Term(
@@ -76,7 +77,7 @@ class LineOfSight(Effect):
                 1e-5,
                 tuple(Part(arm.chain.index(BASE, axis), shift[i]) for i, axis in enumerate("xyz")),
             )
-            for label, shift in self.shifts(offset / distance, distance, rotation).items()
+            for label, shift in self.shifts(offset / distance, distance, targets.rotation).items()
         )
 
     def stated(self, values: Mapping[str, float]) -> tuple[str, str]:
@@ -85,10 +86,10 @@ class LineOfSight(Effect):
         return f"{1e3 * size:.2g}", ", ".join(f"{value:.2g}" for value in self.place)
 
 
-def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> tuple[Array, Array]:
-    """Return ``(3, N)`` targets and ``(3, 3, N)`` orientations of the tool at the commanded poses."""
-    poses = arm.chain.poses(arm.chain.scalars(commanded(data, effect)), data.n)
-    return np.broadcast_to(poses.translation, (3, data.n)), np.broadcast_to(poses.rotation, (3, 3, data.n))
+@functools.lru_cache(maxsize=2)
+def lines_of_sight(arm: Arm, data: Measurements, effect: str) -> Poses:
+    """Return the targets, and the orientations of the tool, at the commanded poses; kept for reuse."""
+    return arm.chain.forward(commanded(data, effect))
 
 
 def first_places(position: Array) -> Array:
@@ -595,8 +596,9 @@ class Step(Effect):
         return f"{self.name}[{joints or self.target or self.part}]"
 
 
+@functools.lru_cache(maxsize=2)
 def unit_torques(arm: Arm, data: Measurements) -> Array:
-    """Return ``(J, N)`` torque of gravity (N m) or force (N) on each joint by a payload of 1 kg."""
+    """Return ``(J, N)`` torque of gravity (N m) or force (N) on each joint by a payload of 1 kg; kept for reuse."""
     return gravity_torques(arm, commanded(data, Step.name), payload(arm, np.ones(data.n)))
 
 

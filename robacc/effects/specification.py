@@ -328,7 +328,7 @@ def _moved_frame(frame: Frame, changes: Mapping[str, float]) -> Frame:
 # Requests, the baseline where none are declared, and the catalogue.
 
 
-_ITEM = re.compile(r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)")
+_ITEM = r"\s*([^,\[\]]+?)\s*(?:\[([^\[\]]*)\])?\s*(?:,|$)"
 
 
 class Request(NamedTuple):
@@ -351,16 +351,16 @@ def parse_requests(text: str) -> tuple[Request, ...]:
     """
     from robacc.effects import REGISTRY
 
-    requests, position = [], 0
-    while position < len(text):
-        unreadable = f"cannot read {text[position:]!r}; write effects like base_frame,joint_offset[j2,j3]"
-        match = given(_ITEM.match(text, position), unreadable)
+    requests = []
+    while text:
+        unreadable = f"cannot read {text!r}; write effects like base_frame,joint_offset[j2,j3]"
+        match = given(re.match(_ITEM, text), unreadable)
         name, inside = match.groups()
         effect_class(name)
         joints = None if inside is None else tuple(part.strip() for part in inside.split(",") if part.strip())
         refuse((joints == (), f"{name}[] names no joint; leave the brackets out, or write {name}[all]"))
         requests.append(Request(name, joints))
-        position = match.end()
+        text = text[match.end() :]
     return tuple(sorted(dict.fromkeys(requests), key=lambda request: list(REGISTRY).index(request.name)))
 
 

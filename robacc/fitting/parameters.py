@@ -13,7 +13,7 @@ from robacc.fitting.fit_result import Fit
 from robacc.fitting.normal_equations import posterior
 from robacc.geometry import Array
 from robacc.robots.arm import BLOCK
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import FRAME_PARAMETERS, Frame, Robot
 
 # Write a fit into a robot: constants into its own numbers, other effects into its list of effects.
 
@@ -84,7 +84,6 @@ def high_leverage(fit: Fit) -> tuple[tuple[int, float], ...]:
     return tuple((int(row), float(share[row])) for row in high[np.argsort(-share[high])])
 
 
-_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 _POLE = 1e-3
 """Cosine of the pitch below which roll and yaw turn about the same axis: the poses determine their sum alone."""
 CORRELATED = 0.9
@@ -128,7 +127,7 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     values |= {f"base_frame.{name}.radius": each.radius for name, each in apply_fit(fit).fixtures.items()}
     why = dict.fromkeys(fit.names, "not identifiable")
     for prefix, frame in frames.items():
-        names = [f"{prefix}.{label}" for label in _COORDINATES]
+        names = [f"{prefix}.{label}" for label in FRAME_PARAMETERS]
         values |= dict(zip(names, (*frame.xyz, *frame.rpy), strict=True))
         if _is_at_pole(frame):
             reason = "the pitch is 90 degrees, where roll and yaw turn about the same axis"
@@ -181,7 +180,7 @@ def _coordinate_covariance(fit: Fit, frames: Mapping[str, Frame]) -> Array:
     for prefix, frame in frames.items():
         if f"{prefix}.roll" not in fit.names:
             continue
-        angles = [fit.names.index(f"{prefix}.{label}") for label in _COORDINATES[3:]]
+        angles = [fit.names.index(f"{prefix}.{label}") for label in FRAME_PARAMETERS[3:]]
         # The matrix from turns about a frame's axes to rates of its angles; at a pole the pitch's.
         (sr, sp, _), (cr, cp, _) = np.sin(frame.rpy), np.cos(frame.rpy)
         if _is_at_pole(frame):

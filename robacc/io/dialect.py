@@ -16,16 +16,19 @@ GAPS = frozenset(
     {"", "-", "--", "---", "----", "nan", "-nan", "inf", "-inf", "+inf", "n/a", "#n/a", "na", "null", "none"}
 )
 """Entries for a value that was not measured, in small letters."""
-_GROUPED_BEFORE_POINT = re.compile(r"[+-]?\d{1,3}((,\d{3})+\.\d*|('\d{3})+(\.\d*)?|( \d{3})+\.\d*)")
-_GROUPED_BEFORE_COMMA = re.compile(r"[+-]?\d{1,3}((\.\d{3})+,\d*|('\d{3})+(,\d*)?|( \d{3})+,\d*)")
+_GROUPED_BEFORE_POINT = r"[+-]?\d{1,3}((,\d{3})+\.\d*|('\d{3})+(\.\d*)?|( \d{3})+\.\d*)"
+_GROUPED_BEFORE_COMMA = r"[+-]?\d{1,3}((\.\d{3})+,\d*|('\d{3})+(,\d*)?|( \d{3})+,\d*)"
 _SIGNS = str.maketrans({"\u2212": "-", "\u2019": "'", "\u00a0": " ", "\u202f": " "})
 """Minus, apostrophe and unbreakable blanks of typesetting."""
+
+_SPLITTING = frozenset(',"\n\r')
+"""Signs at which a reader of a CSV would split a text without quotes."""
 
 
 def is_grouped(field: str, decimal_comma: bool) -> bool:
     """Return whether a number has separators of thousands that cannot be its decimal sign: ``1,903.5``, ``1'903``."""
     grouped = _GROUPED_BEFORE_COMMA if decimal_comma else _GROUPED_BEFORE_POINT
-    return bool(grouped.fullmatch(field.translate(_SIGNS)))
+    return bool(re.fullmatch(grouped, field.translate(_SIGNS)))
 
 
 def number_of(field: str, decimal_comma: bool) -> float | None:
@@ -51,7 +54,7 @@ def for_spreadsheet(text: str) -> str:
 def cell(text: str) -> str:
     """Return a text as a field of a CSV, in quotes where a reader would split it; a spreadsheet runs none."""
     text = for_spreadsheet(text)
-    return '"' + text.replace('"', '""') + '"' if any(sign in text for sign in ',"\n\r') else text
+    return text if _SPLITTING.isdisjoint(text) else '"' + text.replace('"', '""') + '"'
 
 
 def from_spreadsheet(text: str) -> str:
@@ -121,25 +124,23 @@ def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
     return {i: unit for i, unit in first.items() if unit is not None}
 
 
-NUMBER_POINT = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
-_NUMBER_COMMA = re.compile(r"[+-]?(\d+,\d*|,\d+)([eE][+-]?\d+)?")
-_MARK = re.compile(r"^\s*(#+|//+|%+|!+)\s*")
+_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+_MARK = r"^\s*(#+|//+|%+|!+)\s*"
 """Beginning of a comment."""
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
 """None: one or more blanks. Of separators that fit equally well the first is taken."""
-_STATISTIC = re.compile(
-    r"(mittelwert|mittel|mean|average|avg|std\.?( ?dev\.?)?|standardabweichung|sigma|rms|min\.?|max\.?|minimum"
-    r"|maximum|median|range|spannweite|sum|summe|total|count|anzahl)\W*",
-    re.IGNORECASE,
+_STATISTIC = (
+    r"(?i)(mittelwert|mittel|mean|average|avg|std\.?( ?dev\.?)?|standardabweichung|sigma|rms|min\.?|max\.?|minimum"
+    r"|maximum|median|range|spannweite|sum|summe|total|count|anzahl)\W*"
 )
 """First field of a line below a table that sums it up."""
 _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
 _ABOVE = 3
 """Lines above the first row in which its header is looked for: names, and units in a line of their own."""
-_UNIT_BEHIND = re.compile(r"\s*[\[(<{][^\])>}]*[\])>}]\s*$")
+_UNIT_BEHIND = r"\s*[\[(<{][^\])>}]*[\])>}]\s*$"
 """Unit in brackets at the end of a name."""
-_UNIT_FIELD = re.compile(
+_UNIT_FIELD = (
     r"[\[(<{]?\s*(m|mm|cm|um|µm|μm|in|inch|(milli)?met(er|re)s?|rad|mrad|radians?|deg|degrees?|Grad|grados?|gradi|degrés?|°|s|ms|sec|kg|°C|degC|C|-|)"
     r"\s*[\])>}]?"
 )
@@ -213,12 +214,12 @@ class TableDialect(NamedTuple):
                 or any(self.is_number(first.get(i, "")) for i in texts)
                 or all(text.count(" ") > max(1, first.get(i, "").count(" ")) for i, text in texts.items())  # prose
             )
-        ) or bool(_STATISTIC.fullmatch(next(iter(texts.values()), "")))
+        ) or bool(re.fullmatch(_STATISTIC, next(iter(texts.values()), "")))
 
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""
         text = split_cell(text)[0]
-        return bool(NUMBER_POINT.fullmatch(text) or (self.decimal_comma and _NUMBER_COMMA.fullmatch(text)))
+        return bool(_NUMBER.fullmatch(text) or (self.decimal_comma and _NUMBER.fullmatch(text.replace(",", "."))))
 
 
 PLAIN = TableDialect(is_documented=True)
@@ -264,8 +265,8 @@ def _table(
     if separator != ",":
         rows = (fields for line, fields in zip(lines, grid, strict=True) if dialect.is_row(line))
         texts = [split_cell(text)[0] for text in itertools.chain.from_iterable(rows)]
-        points = sum("." in text and NUMBER_POINT.fullmatch(text) is not None for text in texts)
-        commas = sum(_NUMBER_COMMA.fullmatch(text) is not None for text in texts)
+        points = sum("." in text and _NUMBER.fullmatch(text) is not None for text in texts)
+        commas = sum("," in text and _NUMBER.fullmatch(text.replace(",", ".")) is not None for text in texts)
         dialect = dialect._replace(decimal_comma=commas > points)
     tables: dict[tuple[int, int], list[int]] = {}  # rows by the line without numbers above them, and their width
     above = 0
@@ -302,7 +303,7 @@ def _with_header(
         fields = _names_in(lines[i], grid[i], grid[start], dialect, is_known)
         if len(fields) != width or _is_gap(fields) or any(re.fullmatch(r"[+-]?\d*[.,]\d+", text) for text in fields):
             continue
-        if units is None and all(_UNIT_FIELD.fullmatch(text) for text in fields) and any(fields):
+        if units is None and all(re.fullmatch(_UNIT_FIELD, text) for text in fields) and any(fields):
             units = fields
         elif sum(bool(text) and not dialect.is_number(text) for text in fields) > width / 2:
             names, header_line = _with_groups(tuple(fields), grid[:i]), i
@@ -330,9 +331,9 @@ def _names_in(
     """
     width = len(row)
     if len(marked) != width or marked[0] != "#":  # else the name of a count
-        line = _MARK.sub("", line).strip() if _MARK.match(line) else line
+        line = re.sub(_MARK, "", line).strip() if re.match(_MARK, line) else line
     fields = dialect.fields(line if dialect.separator else re.sub(r"\s+(?=[\[(])", "", line))
-    if len(fields) > width and sum(is_known(_UNIT_BEHIND.sub("", text).lower()) for text in fields) > 1:
+    if len(fields) > width and sum(is_known(re.sub(_UNIT_BEHIND, "", text).lower()) for text in fields) > 1:
         # Words of the first name, or a last column that every row leaves out.
         extra = 0 if dialect.separator else len(fields) - width
         fields = [" ".join(fields[: extra + 1]), *fields[extra + 1 :]][:width]
@@ -356,7 +357,7 @@ def _is_measured(fields: Sequence[str], width: int, dialect: TableDialect) -> bo
 def _is_gap(fields: Sequence[str]) -> bool:
     """Return whether a row has missing values, such as ``---``, and is no line of units (``-`` is a unit too)."""
     marks = sum(text.lower() in GAPS for text in fields if text)
-    return marks >= _FEWEST_NUMBERS and not all(map(_UNIT_FIELD.fullmatch, fields))
+    return marks >= _FEWEST_NUMBERS and not all(re.fullmatch(_UNIT_FIELD, text) for text in fields)
 
 
 def _with_groups(names: tuple[str, ...], above: Sequence[Sequence[str]]) -> tuple[str, ...]:
@@ -365,7 +366,7 @@ def _with_groups(names: tuple[str, ...], above: Sequence[Sequence[str]]) -> tupl
     A group applies to the columns to its right up to the next group.
     """
     for groups in reversed(above[-_ABOVE:]):
-        stems = [_UNIT_BEHIND.sub("", name) for name in names]
+        stems = [re.sub(_UNIT_BEHIND, "", name) for name in names]
         repeated = {stem for stem in stems if stem and stems.count(stem) > 1}
         if not repeated or len(groups) != len(names):
             break

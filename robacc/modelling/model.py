@@ -205,7 +205,7 @@ class BoundModel:
         jacobian = JacobianByMotion(by_motion, len(column))
         if not is_plain:
             places, slots, factors = ([part[k] for part in parts] for k in range(3))
-            factor = np.array([np.broadcast_to(each, self.n) for each in factors]).reshape(len(parts), self.n)
+            factor = np.array([np.full(self.n, each) for each in factors]).reshape(len(parts), self.n)
             numbers = np.array(places, dtype=np.int64), np.array(slots, dtype=np.int64)
             jacobian = dataclasses.replace(jacobian, parts=(*numbers, factor))
         if self.kind is None:

@@ -4,7 +4,7 @@ import datetime as dt
 import math
 import os
 import re
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from functools import partial
 from typing import Any
@@ -101,11 +101,12 @@ def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterato
             far = [
                 name for names, p in positions if p is not None and p.size and lengths_too_large(p) for name in names
             ]
-            yield ",".join(f"{name}_m" if name in far else name for name in columns) + "\n"
+            yield ",".join(f"{name}_m" if name in far else name for names in columns for name in names) + "\n"
         yield "".join(f"{','.join(row)}\n" for row in zip(*columns.values(), strict=True))
 
 
-def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
+def _columns(m: Measurements, attained: bool) -> dict[tuple[str, ...], list[str]]:
+    """Return the fields of each row, joined, by the names of the columns that they are of."""
     of_joints = next((values for values in (m.q, m.direction, m.speed) if values is not None), np.empty((0, 0)))
     joints = [f"q{i + 1}" for i in range(len(of_joints))]
     rotation, cmd_rotation = (
@@ -130,33 +131,33 @@ def _columns(m: Measurements, attained: bool) -> dict[str, Iterable[str]]:
         (m.branch_names, m.branches),
     )
     numbers = {
-        name: _texts(row)
+        tuple(names): _joined(values.reshape(len(names), m.n).T)
         for names, values in sets
-        if values is not None
-        for name, row in zip(names, values.reshape(len(names), m.n), strict=True)
+        if names and values is not None
     }
     # Text goes last: an id that begins with # would make a comment of its row.
     texts = {name: column for name in TEXTS if (column := getattr(m, name)) is not None}
     if m.kind is not None and m.fixture is not None and np.isin(m.kind, ("position", "point")).all():
         texts |= {"kind": m.kind, "socket": m.fixture}
-    return {**numbers, **{name: [cell(str(text)) for text in column.tolist()] for name, column in texts.items()}}
+    return {**numbers, **{(name,): [cell(str(text)) for text in column.tolist()] for name, column in texts.items()}}
 
 
-def _texts(numbers: NDArray[Any]) -> Iterable[str]:
-    """Return the numbers in the fewest digits that give the same floats; those of a whole block in a fifth of the time.
+def _joined(numbers: NDArray[Any]) -> list[str]:
+    """Return each row of ``(N, K)`` with its numbers in the fewest digits that give the same floats.
 
     A file of few rows does without orjson, whose import takes longer.
     """
-    if numbers.size < _BLOCK:
-        return map(repr, numbers.tolist())
+    if len(numbers) < _BLOCK:
+        return [",".join(map(repr, row)) for row in numbers.tolist()]
     import orjson
 
-    texts = orjson.dumps(np.ascontiguousarray(numbers), option=orjson.OPT_SERIALIZE_NUMPY).decode()[1:-1].split(",")
+    rows = orjson.dumps(np.ascontiguousarray(numbers), option=orjson.OPT_SERIALIZE_NUMPY).decode()[2:-2].split("],[")
     size = np.abs(numbers)
     # It writes others than Python does: without an exponent, or null.
-    for i in np.flatnonzero(~((size == 0.0) | ((size >= 1e-4) & (size < 1e16)))).tolist():
-        texts[i] = repr(numbers[i].item())
-    return texts
+    is_alike = (size == 0.0) | ((size >= 1e-4) & (size < 1e16))
+    for i in np.flatnonzero(~is_alike.all(axis=1)).tolist():
+        rows[i] = ",".join(map(repr, numbers[i].tolist()))
+    return rows
 
 
 def read_poses(
@@ -337,8 +338,8 @@ def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array 
 # Dates and times of day as seconds.
 
 _DAY = 86400.0
-_PLAIN_NUMBER = re.compile(r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?")
-_STAMP = re.compile(
+_PLAIN_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?"
+_STAMP = (
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
     r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
@@ -379,7 +380,7 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         )
         return np.full(lines.size, np.nan)
     column = texts[key]
-    if "date" not in texts and all(_PLAIN_NUMBER.fullmatch(text) for text in column[:20]):
+    if "date" not in texts and all(re.fullmatch(_PLAIN_NUMBER, text) for text in column[:20]):
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = (
@@ -424,12 +425,12 @@ def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Arra
 
 
 def _number(text: str) -> float | None:
-    return float(text.replace(",", ".")) if _PLAIN_NUMBER.fullmatch(text) else None
+    return float(text.replace(",", ".")) if re.fullmatch(_PLAIN_NUMBER, text) else None
 
 
 def _seconds(text: str, day_first: bool) -> float | None:
     """Return seconds since 1970, or since midnight where the text has no date; None for another text."""
-    if (match := _STAMP.fullmatch(text)) is None:
+    if (match := re.fullmatch(_STAMP, text)) is None:
         return None
     year, month, day, first, second, last, *clock, fraction, half, zone_h, zone_min = match.groups()
     hour, minute, second_ = (int(part or 0) for part in clock)

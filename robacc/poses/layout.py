@@ -423,8 +423,8 @@ _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "quaternion": ("wxyz", "xyzw"),
 }
 """Conventions that a family of angle names may belong to; one alone is certain."""
-_PREAMBLE_UNITS = re.compile(
-    r"(?:\b(?:units?|einheit(?:en)?)\b\W*|^\W*(?=\w+\W*$))(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b", re.IGNORECASE
+_PREAMBLE_UNITS = (
+    r"(?i)(?:\b(?:units?|einheit(?:en)?)\b\W*|^\W*(?=\w+\W*$))(?P<unit>mm|millimet\w+|met\w+|m|in|inch\w*)\b"
 )
 
 
@@ -467,7 +467,7 @@ def _candidates(known: Layout, table: Table, headings: Sequence[Heading], rivals
     ]
 
 
-_ROS_FIELD = re.compile(r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$")
+_ROS_FIELD = r"(^|[./])(position|translation|orientation|rotation)[./][xyzw]$|[./]position$"
 """Path of a ROS message's field, whose unit is SI (REP 103)."""
 _NOT_READ = frozenset({"velocity", "effort", "vel", "speed", "torque", "acceleration", "current", "error"})
 """Words beside the name of a joint that make it another quantity."""
@@ -539,7 +539,7 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
     chosen = {key: item for key, item in chosen.items() if not is_open[key]}
     of_preamble, remark = None, ""
     # A line above the table may state the unit of length.
-    if stated_unit := next(filter(None, map(_PREAMBLE_UNITS.search, table.dialect.preamble)), None):
+    if stated_unit := next(filter(None, (re.search(_PREAMBLE_UNITS, line) for line in table.dialect.preamble)), None):
         of_preamble = {"mm": "mm", "mil": "mm", "m": "m", "met": "m"}.get(stated_unit["unit"].lower()[:3], "in")
         remark = f"lengths in {of_preamble}, as {stated_unit[0].strip(' ([')!r} says"
     columns = {
@@ -613,7 +613,7 @@ def _column(
         table.log.add(f"found unit {unit} for {key}, {expected}", table.line, heading.name)
         unit = None
     if quantity and unit is None:
-        is_si = meaning.family == "ur" or (not meaning.family and _ROS_FIELD.search(heading.name))
+        is_si = meaning.family == "ur" or (not meaning.family and re.search(_ROS_FIELD, heading.name))
         of_all, si_unit = (of_preamble, "m") if quantity == "length" else (None, "rad")
         unit = of_all or reading.unit_of.get(quantity) or (si_unit if is_si else None)
     coverage = (reading.coverage or 1.0) if meaning.expanded else meaning.coverage

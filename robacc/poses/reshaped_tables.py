@@ -174,7 +174,7 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
-_NO_POSE = re.compile(r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$")
+_NO_POSE = r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$"
 """Matrices that are no poses."""
 _ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
 
@@ -188,7 +188,7 @@ def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], in
     for (stem, entries), first in itertools.product(found.items(), (0, 1)):
         at = {(row - first, column - first): index for (row, column), index in entries.items()}
         needed = itertools.product(range(3), range(3 + (len(at) > 9)))
-        if len(at) in (9, 12, 16) and at.keys() >= {*needed} and not _NO_POSE.search(stem):
+        if len(at) in (9, 12, 16) and at.keys() >= {*needed} and not re.search(_NO_POSE, stem):
             return stem if len(stem) > 2 else "", at
     return None
 

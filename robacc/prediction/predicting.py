@@ -20,14 +20,12 @@ from robacc.io.yaml_nodes import Source, describe, nearest, top_section
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, Arm, Chain, Scalar
-from robacc.robots.description import DH_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
+from robacc.robots.description import DH_PARAMETERS, FRAME_PARAMETERS, LENGTH_PARAMETERS, ORIGIN_PARAMETERS, Robot
 from robacc.robots.yaml_robot import Kind, read_fields, read_units, tolerances
 from robacc.simulation.simulate import even_joints
 from robacc.statistics.lengths import length_quantiles, mean_lengths, mixture_quantile, principal_variances
 
 # Parameters with errors and their standard deviations, from the robot file and from a tolerance file.
-
-FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 _COMPONENTS = {
     **{"theta": "theta", "d": "d", "a": "a", "alpha": "alpha", "beta": "alpha", "offset": "offset"},

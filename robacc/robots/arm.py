@@ -349,7 +349,7 @@ def _joint_motions(joint: Joint, owner: int, convention: str) -> list[Motion]:
     return [*origin, *forth, *_motions(FLEXURES, {}, owner), variable, *back]
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Arm:
     """Robot and the chain built from it. Joint variables are numbered from 0 in chain order."""
 

@@ -18,7 +18,8 @@ STANDARD_GRAVITY: Vector = (0.0, 0.0, -9.81)
 
 DH_PARAMETERS = ("theta", "d", "a", "alpha", "beta")
 """``beta`` is Hayati's rotation about y, zero in a plain table; it tilts nearly parallel axes."""
-ORIGIN_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw", "offset")
+FRAME_PARAMETERS = ("x", "y", "z", "roll", "pitch", "yaw")
+ORIGIN_PARAMETERS = (*FRAME_PARAMETERS, "offset")
 """Parameters of a URDF joint: its origin, and the offset added to its variable."""
 LENGTH_PARAMETERS = frozenset({"d", "a", "x", "y", "z"})
 MAX_JOINTS = 100

@@ -18,6 +18,7 @@ from robacc.io.yaml_nodes import Source, YamlSection, describe, top_section
 from robacc.quantities import significant
 from robacc.robots.description import (
     DH_PARAMETERS,
+    FRAME_PARAMETERS,
     IDENTITY,
     LENGTH_PARAMETERS,
     MAX_JOINTS,
@@ -225,7 +226,6 @@ def read_units(top: YamlSection) -> Units | None:
 FORMAT_VERSION = 1
 BASE_LINK = "base"
 """Parent of a branch that the base carries."""
-_COORDINATES = ("x", "y", "z", "roll", "pitch", "yaw")
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
 _FRAME: dict[str, Kind] = {"xyz": _lengths, "rpy": _angles}
@@ -234,7 +234,7 @@ FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
 )
 """Frames by name, of which there may be none."""
-_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": tolerances(_COORDINATES)})
+_FRAME_WITH_TOLERANCE = partial(read_section, kinds={**_FRAME, "tolerance": tolerances(FRAME_PARAMETERS)})
 _TARGETS = partial(
     _named,
     kind=partial(read_section, kinds=_FRAME, required=["xyz"], into=Frame),
@@ -388,7 +388,7 @@ def _read_joint(section: YamlSection, index: int, convention: Convention) -> Joi
         ),
     )
     origin = values.pop("origin", Frame())
-    found = dict(zip(_COORDINATES, (*origin.xyz, *origin.rpy), strict=True))
+    found = dict(zip(FRAME_PARAMETERS, (*origin.xyz, *origin.rpy), strict=True))
     values["parameters"] = {name: values.pop(name, found.get(name, 0.0)) for name in names}
     values["sign"] = -1 if values.get("sign") == -1 else 1
     flags = {"is_continuous": is_continuous, "is_passive": is_passive}
@@ -677,7 +677,7 @@ def _joint(joint: Joint, convention: Convention, units: Units, types: Mapping[st
     lengths = LENGTH_PARAMETERS | ({"offset"} if joint.type == "prismatic" else set())
     values = _sizes(joint.parameters, lengths, units)
     if convention == "urdf":
-        coordinates = [values[name] for name in _COORDINATES]
+        coordinates = [values[name] for name in FRAME_PARAMETERS]
         entry["origin"] = {"xyz": coordinates[:3], "rpy": coordinates[3:]}
         if joint.type != "fixed":
             entry |= {"axis": _floats(joint.axis), "offset": values.get("offset", 0.0)}

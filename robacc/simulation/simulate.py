@@ -214,8 +214,8 @@ def _visited_poses(robot: Robot, plan: Plan, planned: Measurements | None) -> Me
 
 def _pose_ids(poses: NDArray[np.int64]) -> NDArray[np.str_]:
     """Return ids P1, P2 … of numbers from 0, all of equal length."""
-    digits = len(str(int(poses.max(initial=0)) + 1))
-    return np.array([f"P{number:0{digits}d}" for number in (poses + 1).tolist()])
+    digits = len(str(int(poses.max()) + 1))
+    return np.char.add("P", np.char.zfill((poses + 1).astype(f"U{digits}"), digits))
 
 
 def _stream(plan: Plan, purpose: str) -> np.random.Generator:

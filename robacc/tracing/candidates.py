@@ -7,7 +7,7 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
 
 import numpy as np
 from scipy.linalg import solve_triangular
@@ -88,15 +88,20 @@ class Candidate:
         """
         low, high = self.effect.about.usual_range
         first = self.terms[0].typical / self.terms[0].stretch
-        # Sizes that the evidence is averaged over, a factor of 3 to 5 apart.
-        scales = np.geomspace(low / first, 1e3 * high / first, 12)
-        weight = np.minimum(1.0, np.sqrt(2.0 * high / first / scales))
-        return scales, np.log(weight / weight.sum())
+        return _sizes_averaged(low / first, high / first)
 
     @property
     def log_prior_of_size(self) -> float:
         """Return the log prior probability of the candidate at its most probable size."""
         return self.log_prior + float(np.max(self.scales[1]))
+
+
+@lru_cache(maxsize=64)
+def _sizes_averaged(low: float, high: float) -> tuple[Array, Array]:
+    """Return the multiples of :attr:`Candidate.scales`, a factor of 3 to 5 apart; kept for forms of the same effect."""
+    scales = np.geomspace(low, 1e3 * high, 12)
+    weight = np.minimum(1.0, np.sqrt(2.0 * high / scales))
+    return scales, np.log(weight / weight.sum())
 
 
 def named_candidates(
@@ -222,7 +227,7 @@ class Pool:
                 few = possible[np.unique(chosen)].tolist()
                 log_prior = -math.log(3.0 * max(units, 1) * len(few))
                 yield from ((form.starting(place, self.data), log_prior) for place in few)
-        grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight")[0])
+        grid = first_places(lines_of_sight(self.arm, self.data, "a line of sight").translation)
         for name, cls in REGISTRY.items():
             if issubclass(cls, LineOfSight) and name in self._names and self.data.n > 1:
                 forms = [
@@ -263,7 +268,7 @@ class Pool:
         """Yield the effect with other settings near its own: its order, its place in time or in space."""
         yield from effect.refinements(self.arm, self.data)
         if isinstance(effect, LineOfSight):
-            centre = lines_of_sight(self.arm, self.data, effect.name)[0].mean(axis=1)
+            centre = lines_of_sight(self.arm, self.data, effect.name).translation.mean(axis=1)
             # rad and log distance; the grid's spacing is twice the first.
             for step in 0.25 ** np.arange(1, 4):
                 near_places = neighbours(np.array(effect.place), centre, step)

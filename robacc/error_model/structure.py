@@ -201,8 +201,8 @@ def _with_covariance(
         return fitted
     share = np.count_nonzero(fitted.inliers) / rows.size
     white = fitted.whitening.subset(rows)
-    weighted = white.apply_transposed(white.apply(np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)))
-    by_column = np.moveaxis(weighted, -1, 0)  # (n, K, M)
+    columns = np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)
+    by_column = np.moveaxis(white.apply_transposed(white.apply(columns)), -1, 0)  # (n, K, M)
     variance = np.square(noise.independent(linear.rows.stated))
     meat = (
         fitted.gram.copy()
@@ -223,9 +223,8 @@ def _with_covariance(
     scale = np.sqrt(np.diag(fitted.gram) + fitted.precision)
     values, vectors = np.linalg.eigh(shared / scale / scale[:, None])
     root = scale[:, None] * vectors * np.sqrt(np.maximum(values, 0.0))
-    meat += root @ root.T
     inverse = posterior(fitted.gram, fitted.precision)
-    return with_covariance(fitted, inverse @ (meat + np.diag(fitted.precision)) @ inverse)
+    return with_covariance(fitted, inverse @ (meat + root @ root.T + np.diag(fitted.precision)) @ inverse)
 
 
 def _repeatability(

@@ -22,7 +22,7 @@ import numpy as np
 from robacc.errors import InputError
 from robacc.fitting.levels import HALF_DIGITS
 from robacc.geometry import Array, NDArray, Poses, nearest_rotation, skew
-from robacc.measurements import IMAGES, Measurements
+from robacc.measurements import IMAGES, Measurements, different
 from robacc.modelling.model import predict
 from robacc.robots.description import Fixture, Frame, Robot, Vector
 
@@ -103,12 +103,14 @@ def register_frames(robot: Robot, data: Measurements, base: bool, tool: bool) ->
     turn, moved = np.eye(3)[None], np.zeros((len(frames), 3))
     if base:
         known = None
+        if measured is not None and tool:
+            turned, _, is_unique = register_orientations(rotation, measured, passes=1)
+            known = turned if is_unique[0] else None
+            # Two poses leave a turn of base and target together unknown: the target stays.
+            tool = known is not None or different(data.groups()) >= 3
         if measured is not None and not tool:
             target = rotation @ np.moveaxis(tools.rotation, 2, 0)[index]
             known = nearest_rotation(np.einsum("hnij,hnkj->hik", target, measured))
-        elif measured is not None and data.n >= 3:
-            turned, _, is_unique = register_orientations(rotation, measured, passes=1)
-            known = turned if is_unique[0] else None
         rows = by_target if tool else by_target[:0]
         registered = register_positions(rotation, nominal, data.position.T[None], rows, turn=known, trimmed=True)
         turn, moved = registered.rotation, registered.targets[0]

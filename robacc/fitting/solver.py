@@ -127,8 +127,8 @@ class Priors:
         """Maximise the marginal likelihood of the groups' deviations; return whether they changed, and the noise.
 
         The noise is its variance over the present one, estimated with them unless it is known. Information is the
-        expected one: with B = 1 - P^(1/2) C P^(1/2), that of two groups is twice the squared norm of their block of B.
-        ``components`` is the number of residuals of the inliers.
+        expected one: with the priors' precision P, the posterior covariance C and B = 1 - P^(1/2) C P^(1/2), that of
+        two groups is twice the squared norm of their block of B. ``components`` counts the residuals of the inliers.
         """
         member, precision = self._member[:, columns], self.precision[columns]
         grouped = member.any(axis=0)
@@ -141,8 +141,8 @@ class Priors:
             theta = inverse @ normal.rhs
             step, pulls = theta - normal.theta, prior * np.square(theta)
             squares = normal.cost - step @ (2.0 * normal.gradient - normal.gram @ step)
-            of_noise = (components - np.count_nonzero(~grouped)) * 2.0 * log_stds[-1] + (squares + pulls.sum()) / noise
-            found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - of_noise)
+            cost = (components - np.count_nonzero(~grouped)) * 2.0 * log_stds[-1] + (squares + pulls.sum()) / noise
+            found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - cost)
             block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
             determined, shared = 1.0 - prior * np.diag(inverse), block.sum(axis=1)
             freedom = components - determined.sum()

@@ -79,7 +79,8 @@ def with_known_names(
 
 def _are_unit(vectors: Array) -> bool:
     """Return whether vectors ``(N, K)`` are of unit length."""
-    return bool((np.abs(np.linalg.norm(vectors, axis=1) - 1) < 1e-3).all())
+    # The square of a mistaken number may be none.
+    return bool((np.abs(vectors) < 2).all() and (np.abs(np.linalg.norm(vectors, axis=1) - 1) < 1e-3).all())
 
 
 def _of_numbers(

@@ -64,6 +64,7 @@ REGRESSIONS: dict[str, tuple[bytes, ...]] = {
         b"x_mm,y_mm,z_mm,cmd_x_mm,cmd_y_mm,cmd_z_mm,pose\n1,2,3,11,2,3.1,a\n1,2,4,1,2,3.1,a\n5,2,3,5,2.1,3,b\n",
         b"x,y,z,cmd_x,cmd_y,cmd_z,rx_deg,ry_deg,rz_deg\n1,2,3,1,2,3,1e308,0,0\n",
         b"pose,x,y,z,cmd_x,cmd_y,cmd_z\n\x1b[2J,1,2,3,1,2,3\n",
+        b"// SpatialAnalyzer, Units: mm\nA Main p1 1.5 2.5 3.5 0.01 0.01 0.02\nA Main p2 1.5 2.5 3.5 0.01 1e308 0.02\n",
     ),
     "robot_poses": (b"q1,q2,q3,q4,q5,q6,x,y,z\n0,0,0,0,0,0,1e308,-1e308,0\n0,0,0,0,0,0,-1e308,1e308,0\n",),
     "cycles": (b"pose,cycle,x_m,y_m,z_m,cmd_x_m,cmd_y_m,cmd_z_m\na,1,1e200,0,0,0,0,0\na,2,0,0,0,0,0,0\n",),

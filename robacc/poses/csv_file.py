@@ -363,7 +363,8 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
 
     def each(key: str, column: NDArray[np.str_], value_of: Callable[[str], float | None], expected: str) -> Array:
         found = [value_of(text) if text else math.nan for text in column.tolist()]
-        for i in [i for i, value in enumerate(found) if value is None]:
+        # Nanoseconds since 1970 are some 2e18.
+        for i in [i for i, value in enumerate(found) if value is None or abs(value) > 1e20]:
             log.add(f"found {clip(str(column[i]))}, expected {expected}", int(lines[i]), columns[key].name)
         return np.array([math.nan if value is None else value for value in found])
 

@@ -17,7 +17,7 @@ from robacc.errors import Problem, refuse
 from robacc.exporters import Written
 from robacc.geometry import quaternion_from_rotation
 from robacc.io.yaml_nodes import Source, compose
-from robacc.robots.description import Frame, Joint, Robot
+from robacc.robots.description import FRAME_PARAMETERS, Frame, Joint, Robot
 from robacc.robots.yaml_robot import read_fields
 from robacc.version import __version__
 from robacc_plugins.denavit_hartenberg import FULL_TURN, joint_frames, steps
@@ -27,7 +27,6 @@ from robacc_plugins.urdf import MEASURING_FRAME, TOOL_LINK
 # Kinematics files.
 
 UR_LINKS = ("shoulder", "upper_arm", "forearm", "wrist_1", "wrist_2", "wrist_3")
-_KEYS = ("x", "y", "z", "roll", "pitch", "yaw")
 
 
 def read(text: str, file: str) -> Robot | None:
@@ -46,8 +45,8 @@ def read(text: str, file: str) -> Robot | None:
     refuse((not nodes, Problem("has no key kinematics with an origin for each joint", file, fix=fix)))
     origins: dict[str, dict[str, float]] = {}
     for name, _, value in source.entries(nodes[0], "kinematics"):
-        if name != "hash" and (section := source.section(value, f"kinematics.{name}", _KEYS)):
-            origins[name] = read_fields(section, dict.fromkeys(_KEYS, Source.number), _KEYS)
+        if name != "hash" and (section := source.section(value, f"kinematics.{name}", FRAME_PARAMETERS)):
+            origins[name] = read_fields(section, dict.fromkeys(FRAME_PARAMETERS, Source.number), FRAME_PARAMETERS)
     source.raise_if_any()
     numbered = [f"joint{i + 1}" for i in range(len(origins))]
     # The joint of each link, in the order of the arm.
@@ -94,7 +93,7 @@ def _origins(robot: Robot, form: str, names: Sequence[str], template: str) -> Wr
     )
     lines = [f"# written by robacc {__version__} from {robot.name}", "kinematics:"]
     for link, origin in zip(names, origins, strict=True):
-        numbers = zip(_KEYS, (*origin.xyz, *origin.rpy), strict=True)
+        numbers = zip(FRAME_PARAMETERS, (*origin.xyz, *origin.rpy), strict=True)
         lines += [f"  {link}:", *(f"    {key}: {float(value)!r}" for key, value in numbers)]
     lines += [f"  {line.strip()}" for line in template.splitlines() if line.strip().startswith("hash:")][:1]
     return Written("\n".join([*lines, ""]), tool=Frame.of(flange.pose @ robot.tool.pose))

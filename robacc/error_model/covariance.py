@@ -796,8 +796,7 @@ def estimated(
     def likelihood(packed: Array, best: float) -> tuple[float, Array, Array]:
         return likelihood_derivatives(start.unpacked(packed), part, best)
 
-    low, high = np.array(bounds).T
-    at, found = most_likely(likelihood, noise.packed, (low, high), gains, least)
+    at, found = most_likely(likelihood, noise.packed, np.array(bounds).T, gains, least)
     return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(found) else noise
 
 

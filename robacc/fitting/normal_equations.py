@@ -78,17 +78,17 @@ GAIN = 0.01
 def most_likely(
     likelihood: Callable[[Array, float], tuple[float, Array, Array]],
     start: Array,
-    bounds: tuple[Array, Array],
+    bounds: Array,
     gains: float = GAIN,
     least: float = -math.inf,
 ) -> tuple[Array, float]:
-    """Return the parameters ``(K,)`` between ``bounds`` of largest log likelihood, and that.
+    """Return the parameters ``(K,)`` between ``bounds`` ``(2, K)`` of largest log likelihood, and that.
 
     ``likelihood`` returns the log likelihood at parameters, its gradient ``(K,)`` and the information ``(K, K)``; of a
     likelihood not above its second argument, the others may be anything. Parameters are logarithms of standard
-    deviations: steps of scoring are damped (Marquardt 1963), and of each at most 2 long, beyond which exponentials are
-    far from linear. They end when the next would gain less than ``gains``, or next to nothing of what a likelihood of
-    ``least`` lacks.
+    deviations or variances: steps of scoring are damped (Marquardt 1963), and of each at most 2 long, beyond which
+    exponentials are far from linear. They end when the next would gain less than ``gains``, or next to nothing of what
+    a likelihood of ``least`` lacks.
     """
     low, high = bounds
     at, damping = np.clip(start, low, high), 0.1

@@ -154,7 +154,7 @@ class Priors:
         spread = 0.0 if noise_known else -math.log(HALF_DIGITS)
         low, high = np.log(NEGLIGIBLE * SETTLED * self._largest), np.log(self._largest)
         start = np.clip(np.log([*self.group_stds.values()]), low, high)
-        bounds = np.append(low, -spread), np.append(high, spread)
+        bounds = np.array([[*low, -spread], [*high, spread]])
         found, _ = most_likely(likelihood, np.append(start, 0.0), bounds)
         self.group_stds = dict(zip(self.group_stds, np.exp(found[:-1]).tolist(), strict=True))
         self.precision[columns] = other + np.exp(-2.0 * found[:-1]) @ scales

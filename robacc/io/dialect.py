@@ -124,7 +124,7 @@ def units_of_columns(rows: Iterable[Sequence[str]]) -> dict[int, str]:
     return {i: unit for i, unit in first.items() if unit is not None}
 
 
-_NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
+NUMBER = re.compile(r"[+-]?(\d+\.?\d*|\.\d+)([eE][+-]?\d+)?")
 _MARK = r"^\s*(#+|//+|%+|!+)\s*"
 """Beginning of a comment."""
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
@@ -219,7 +219,7 @@ class TableDialect(NamedTuple):
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""
         text = split_cell(text)[0]
-        return bool(_NUMBER.fullmatch(text) or (self.decimal_comma and _NUMBER.fullmatch(text.replace(",", "."))))
+        return bool(NUMBER.fullmatch(text) or (self.decimal_comma and NUMBER.fullmatch(text.replace(",", "."))))
 
 
 PLAIN = TableDialect(is_documented=True)
@@ -265,8 +265,8 @@ def _table(
     if separator != ",":
         rows = (fields for line, fields in zip(lines, grid, strict=True) if dialect.is_row(line))
         texts = [split_cell(text)[0] for text in itertools.chain.from_iterable(rows)]
-        points = sum("." in text and _NUMBER.fullmatch(text) is not None for text in texts)
-        commas = sum("," in text and _NUMBER.fullmatch(text.replace(",", ".")) is not None for text in texts)
+        points = sum("." in text and NUMBER.fullmatch(text) is not None for text in texts)
+        commas = sum("," in text and NUMBER.fullmatch(text.replace(",", ".")) is not None for text in texts)
         dialect = dialect._replace(decimal_comma=commas > points)
     tables: dict[tuple[int, int], list[int]] = {}  # rows by the line without numbers above them, and their width
     above = 0

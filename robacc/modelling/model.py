@@ -35,7 +35,7 @@ from robacc.gravity import Load, Weighted, combined, force_derivatives, forces
 from robacc.measurements import IMAGES, SHOWN, Measurements
 from robacc.poses.cameras import projection
 from robacc.robots.arm import BASE, TOOL, Arm, Scalar, Sweep
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import FRAME_PARAMETERS, Frame, Robot
 
 # Deflections of the arm under its loads, and their derivatives by every coefficient.
 #
@@ -511,7 +511,7 @@ def _with_frames(
     arm: Arm, scalars: list[Scalar], owner: int, frames: Mapping[str, Frame], chosen: NDArray[Any]
 ) -> list[Scalar]:
     """Replace a frame of the chain by the one that is ``chosen`` ``(N,)`` by its name for each row."""
-    for coordinate, label in enumerate(("x", "y", "z", "roll", "pitch", "yaw")):
+    for coordinate, label in enumerate(FRAME_PARAMETERS):
         column = np.zeros(chosen.size)
         for name, frame in frames.items():
             column[chosen == name] = (*frame.xyz, *frame.rpy)[coordinate]

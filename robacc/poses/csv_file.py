@@ -14,7 +14,7 @@ import numpy as np
 from robacc.errors import Note
 from robacc.geometry import Array, NDArray, quaternion_from_rotation, vector_lengths
 from robacc.io.column_table import open_table
-from robacc.io.dialect import cell, from_spreadsheet, number_of
+from robacc.io.dialect import NUMBER, cell, from_spreadsheet, number_of
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
 from robacc.measurements import Measurements
@@ -338,7 +338,6 @@ def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array 
 # Dates and times of day as seconds.
 
 _DAY = 86400.0
-_PLAIN_NUMBER = r"[+-]?(\d+[.,]?\d*|[.,]\d+)([eE][+-]?\d+)?"
 _STAMP = (
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
     r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
@@ -381,7 +380,7 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
         )
         return np.full(lines.size, np.nan)
     column = texts[key]
-    if "date" not in texts and all(re.fullmatch(_PLAIN_NUMBER, text) for text in column[:20]):
+    if "date" not in texts and all(_number(text) is not None for text in column[:20]):
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0
         scale = (
@@ -426,7 +425,7 @@ def _since_midnight(seconds: Array, log: ProblemLog, zone: str = " UTC") -> Arra
 
 
 def _number(text: str) -> float | None:
-    return float(text.replace(",", ".")) if re.fullmatch(_PLAIN_NUMBER, text) else None
+    return float(text) if NUMBER.fullmatch(text := text.replace(",", ".")) else None
 
 
 def _seconds(text: str, day_first: bool) -> float | None:

@@ -462,10 +462,10 @@ def _likelihood(y: Array, effect: Array, member: Array, fixed: Array) -> Likelih
 
 def _maximised(likelihood: Likelihood, start: Array, held: tuple[int, float] | None = None) -> tuple[Array, float]:
     """Return the most likely log φ, with one component ``held`` at a value if given, and its log-likelihood."""
-    low, high = np.full((2, start.size), [[_LOG_FACTOR_MIN], [_LOG_FACTOR_MAX]])
+    bounds = np.full((2, start.size), [[_LOG_FACTOR_MIN], [_LOG_FACTOR_MAX]])
     if held is not None:
-        low[held[0]] = high[held[0]] = held[1]
-    return most_likely(lambda eta, least: likelihood(eta), start, (low, high), gains=EPSILON)
+        bounds[:, held[0]] = held[1]
+    return most_likely(lambda eta, least: likelihood(eta), start, bounds, gains=EPSILON)
 
 
 def _profile_interval(

@@ -28,7 +28,16 @@ import numpy as np
 
 from robacc.errors import Problem, UsageError, refuse
 from robacc.geometry import Array, NDArray, Poses, compose, cross, log_so3, rms_length, transpose
-from robacc.robots.description import LENGTH_PARAMETERS, ZERO, BranchJoint, Frame, Joint, Robot, Vector
+from robacc.robots.description import (
+    FRAME_PARAMETERS,
+    LENGTH_PARAMETERS,
+    ZERO,
+    BranchJoint,
+    Frame,
+    Joint,
+    Robot,
+    Vector,
+)
 
 BLOCK = 4096
 """Poses per block: the working arrays of a block stay in the second-level cache."""
@@ -327,7 +336,7 @@ def _motions(labels: Iterable[str], values: Mapping[str, float], owner: int) -> 
 
 
 def _frame_motions(frame: Frame, owner: int) -> list[Motion]:
-    values = dict(zip(("x", "y", "z", "roll", "pitch", "yaw"), (*frame.xyz, *frame.rpy), strict=True))
+    values = dict(zip(FRAME_PARAMETERS, (*frame.xyz, *frame.rpy), strict=True))
     return _motions((*_FRAME_ORDER, *TURNS), values, owner)
 
 

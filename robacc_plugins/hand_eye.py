@@ -16,12 +16,14 @@ import numpy as np
 from robacc.errors import Problem, refuse
 from robacc.geometry import Array
 from robacc.io.column_table import ColumnTable
+from robacc.io.dialect import NUMBER
+from robacc.io.files import bytes_of, decode
 from robacc.io.table import Table, TableOptions, TextTable
 
 _NUMBERS = re.compile(r"[-+.\deE,;\s]*")
 _SIZE = 4
 _LAST = (0.0, 0.0, 0.0, 1.0)
-_PAIR = re.compile(r"^(hand|eye)((?:\s*,\s*[-+.\deE]+){6})\s*$", re.MULTILINE)
+_PAIR = re.compile(rf"^(hand|eye)((?:\s*,\s*{NUMBER.pattern}){{6}})\s*$", re.MULTILINE)
 _PARTS = {"hand": "robot", "eye": "camera"}
 """Words of the names of columns for the parts of a pair."""
 _COORDINATES = ("X [m]", "Y [m]", "Z [m]", "roll [deg]", "pitch [deg]", "yaw [deg]")
@@ -48,8 +50,8 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     Raises:
         InputError: A line is of none of the two parts of a pair, or a part is missing.
     """
-    data = stream.read()
-    text = data.decode(errors="replace").lstrip("\ufeff")
+    data = bytes_of(stream, file)
+    text = decode(data, file)
     if _PAIR.match(text):
         return _pairs(text, file, options, hashlib.sha256(data).hexdigest())
     matrices = _matrices(text)

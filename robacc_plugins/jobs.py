@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import hashlib
 import re
+from collections.abc import Sequence
 from typing import BinaryIO
 
 import numpy as np
 
 from robacc.errors import Problem, refuse
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import TEXT_LIMIT, decode
+from robacc.io.dialect import NUMBER
+from robacc.io.files import bytes_of, decode
 from robacc.io.table import TableOptions
 
 _NAMES = {
@@ -18,6 +20,11 @@ _NAMES = {
     "///RECTAN": ("cmd_x_mm", "cmd_y_mm", "cmd_z_mm", "cmd_roll_deg", "cmd_pitch_deg", "cmd_yaw_deg"),
 }
 """Columns of the positions below a line."""
+
+
+def _are_numbers(cells: Sequence[str]) -> bool:
+    """Return whether cells are the numbers of a position; those of outer axes may follow."""
+    return len(cells) >= 6 and all(map(NUMBER.fullmatch, cells[:6]))
 
 
 def takes(path: str, first: bytes) -> bool:
@@ -31,17 +38,20 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
     Raises:
         InputError: The positions count pulses, or the job has no moves.
     """
-    data = stream.read(TEXT_LIMIT)
+    data = bytes_of(stream, file)
     text = decode(data, file)
     form = next((form for form in _NAMES if form in text), None)
     points = {name: values.split(",") for name, values in re.findall(r"^(C\d+)=(\S+)", text, re.M)}
     moves = [move for move in re.findall(r"^MOV\w*\s+(C\d+)\b[^'\n]*'?[ \t]*(\S*)", text, re.M) if move[0] in points]
+    wrong = next((name for name, _ in moves if form and not _are_numbers(points[name])), None)
+    line = text.count("\n", 0, text.find(f"\n{wrong}=") + 1) + 1
     fix = "list the joint angles in degrees, or the poses, in a CSV"
     refuse(
         (
             form is None,
             Problem("is a job of Yaskawa, whose positions count pulses of the motors", file, fix=fix),
         ),
+        (wrong is not None, Problem(f"expected six numbers for position {wrong}", file, line, fix=fix)),
         (not moves, Problem("is a job of Yaskawa without a move to one of its positions", file, fix=fix)),
     )
     columns = [("pose", np.array([label or name for name, label in moves]))]

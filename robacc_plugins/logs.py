@@ -17,7 +17,7 @@ import numpy as np
 
 from robacc.geometry import NDArray, quaternion_from_rotation, rotation_from_rpy
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import TEXT_LIMIT, decode
+from robacc.io.files import bytes_of, decode
 from robacc.io.table import Table, TableOptions, TextTable
 
 _NUMBER = r"[-+]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][-+]?\d+)?"
@@ -98,7 +98,7 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     Raises:
         InputError: The file is not text.
     """
-    data = stream.read(TEXT_LIMIT)
+    data = bytes_of(stream, file)
     text = decode(data, file)
     records = [*_records(text)]
     if any(record.values for record in records):

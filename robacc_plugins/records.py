@@ -24,7 +24,7 @@ import numpy as np
 from robacc.errors import InputError, Problem, refuse
 from robacc.io.column_table import ColumnTable
 from robacc.io.dialect import number_of
-from robacc.io.files import TEXT_LIMIT, decode
+from robacc.io.files import bytes_of, decode
 from robacc.io.table import Table, TableOptions, TextTable
 
 _SOCKET = re.compile(r"(?i)(hole|socket|cone|nest)s?[_ -]?\w*$")
@@ -146,7 +146,7 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     Raises:
         InputError: The text is no such document, or has no records.
     """
-    data = stream.read(TEXT_LIMIT)
+    data = bytes_of(stream, file)
     fix = "give a list of records, such as {joints: [...], position: [x, y, z]}, or export the poses as CSV"
     if _are_arrays(file, data[:6]):
         fix = "save arrays by name with a row for each pose, as numpy.savez(file, joints=…, position=…) does"

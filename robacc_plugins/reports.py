@@ -15,9 +15,11 @@ from typing import BinaryIO
 
 import numpy as np
 
+from robacc.errors import Problem, refuse
 from robacc.geometry import NDArray
 from robacc.io.column_table import ColumnTable
-from robacc.io.files import TEXT_LIMIT, clip, decode
+from robacc.io.dialect import NUMBER
+from robacc.io.files import bytes_of, clip, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
 from robacc.poses.layout import listing
 from robacc.poses.reading import AXES, heading_of, is_point_name
@@ -166,7 +168,7 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     Raises:
         InputError: The file is not text.
     """
-    data = stream.read(TEXT_LIMIT)
+    data = bytes_of(stream, file)
     text, digest = decode(data, file), hashlib.sha256(data).hexdigest()
     if features := _FEATURE.findall(text):
         table: Table = _of_features(features, text, file, options, digest)
@@ -184,6 +186,13 @@ def _of_features(
     unit = match[1].lower() if (match := _UNITS.search(text)) else "mm"
     by_kind = {kind: {name: point for found, name, *point in features if found == kind} for kind in ("F", "FA")}
     names = list(by_kind["FA"])
+    cells = [(name, cell) for _, name, *point in features for cell in point]
+    wrong = next((f"{cell} of {name}, expected a number" for name, cell in cells if not NUMBER.fullmatch(cell)), None)
+    fix = "export the points that were measured: FA(name)=FEAT/POINT,CART,x,y,z"
+    refuse(
+        (not names, Problem("has no features that were measured", file, fix=fix)),
+        (wrong is not None, Problem(f"found {wrong}", file)),
+    )
     columns = [("Name", np.array(names))]
     for kind, label in (("FA", ""), ("F", "Nominal ")):
         if {*names} <= by_kind[kind].keys():

@@ -154,6 +154,17 @@ def decode(data: bytes, name: str) -> str:
         ) from None
 
 
+def bytes_of(stream: BinaryIO, label: str, limit: int = TEXT_LIMIT) -> bytes:
+    """Return the bytes of a stream; ``label`` is its name in messages.
+
+    Raises:
+        InputError: There are more than ``limit``.
+    """
+    data = stream.read(limit + 1)
+    refuse((len(data) > limit, Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label)))
+    return data
+
+
 def read_bytes(name: str, limit: int) -> bytes:
     """Return the bytes of a file, or of standard input for ``-``, read once so that a pipe works.
 
@@ -161,9 +172,7 @@ def read_bytes(name: str, limit: int) -> bytes:
         InputError: The file is missing, a folder, unreadable or larger than ``limit`` bytes.
     """
     with opened(name) as stream:
-        data = stream.read(limit + 1)
-    label = "<stdin>" if name == STANDARD_STREAM else name
-    refuse((len(data) > limit, Problem(f"is larger than {limit / 2**20:g} MiB, the limit for text files", label)))
+        data = bytes_of(stream, "<stdin>" if name == STANDARD_STREAM else name, limit)
     _READ[name] = hashlib.sha256(data).hexdigest()
     return data
 

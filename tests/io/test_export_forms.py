@@ -1,5 +1,6 @@
 """Exports in the forms that users have: each is read with one command, and all give the figures of the plain file."""
 
+import io
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -16,6 +17,9 @@ from scipy.spatial.transform import Rotation
 
 import robacc
 from robacc.errors import InputError, Note
+from robacc.io.files import TEXT_LIMIT
+from robacc.io.table import TableOptions
+from robacc.plug_ins import plug_in
 
 Form = Callable[["Campaign"], dict[str, str]]
 N = 24
@@ -1244,6 +1248,29 @@ def test_a_joint_that_the_arm_lacks_is_named_where_units_are_open(campaign: Camp
     text = table("J1;J2;J3;J4;J5;J7;X;Y;Z", np.degrees(campaign.q), campaign.position * MM)
     with pytest.raises(InputError, match="J7: the column belongs to joint 7, but the robot has 6 joints"):
         robacc.read_poses(saved(tmp_path / "log.csv", text), robot=ROBOT)
+
+
+DMIS = "UNITS/MM\nFA(P1)=FEAT/POINT,CART,1,2,{},0,0,1\nFA(P2)=FEAT/POINT,CART,1,2,3,0,0,1\n"
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "said"),
+    [
+        ("run.dmo", DMIS.format("x"), r"run\.dmo: found x of P1, expected a number"),
+        ("run.dmo", DMIS.replace("FA(", "F(").format("3"), r"run\.dmo: has no features that were measured"),
+        ("pairs.txt", "hand,1,2,3,4,5,6\neye,1,2,3,4,5,1e\n", r"pairs\.txt:2: the line is not one of a pair"),
+        ("run.jbi", "/JOB\n///ANGLE\nC0=1,2\nMOVJ C0\n", r"run\.jbi:3: expected six numbers for position C0"),
+        ("run.jbi", "/JOB\n///ANGLE\nC0=1,2,3,4,5,a\nMOVJ C0\n", r"run\.jbi:3: expected six numbers for position C0"),
+        ("run.log", "p[1,2,3,4,5,6]\n".ljust(TEXT_LIMIT + 1), r"run\.log: is larger than 64 MiB"),
+    ],
+    ids=["DMIS", "DMIS nominal", "pair", "short job", "job", "log"],
+)
+def test_a_text_of_a_plug_in_that_is_damaged_or_too_large_is_refused(
+    name: str, text: str, said: str, tmp_path: Path
+) -> None:
+    reader = plug_in("robacc.readers", {"dmo": "reports", "txt": "hand-eye", "jbi": "jobs", "log": "logs"}[name[-3:]])
+    with pytest.raises(InputError, match=said):
+        reader.read_stream(io.BytesIO(text.encode()), name, TableOptions(lambda text: False))
 
 
 def test_pulses_of_a_job_and_other_variables_are_refused(campaign: Campaign, tmp_path: Path) -> None:

@@ -364,10 +364,13 @@ class _Solver:
         return self._minimise()
 
     def _update_groups(self) -> bool:
-        """Estimate the groups' deviations, and the noise at them; return whether they changed."""
+        """Estimate the groups' deviations, and the noise at them; return whether they changed.
+
+        Beside scatter, whose rows share it, the noise is the misfit, which the residual alone gives.
+        """
         linear = self._linearised(self.whitening(self.inliers))
-        components = float(self.data.count(self.inliers))
-        changed, noise = self.priors.update(linear, self.equations.columns, components, self._noise_is_known)
+        components, is_known = float(self.data.count(self.inliers)), self._noise_is_known or self.scatter.size > 0
+        changed, noise = self.priors.update(linear, self.equations.columns, components, is_known)
         self.row, self.normal = self.row / noise**0.5, linear.scaled(np.full(2, 1.0 / noise))
         return changed
 

@@ -120,6 +120,21 @@ def test_deviations_and_an_unknown_noise_end_where_a_refit_leaves_them(size: flo
     np.testing.assert_allclose(list(again.group_stds.values()), list(found.group_stds.values()), rtol=0.05)
 
 
+def test_deviations_beside_scatter_have_the_noise_of_the_fit() -> None:
+    """The misfit is that of the residual, scatter included: deviations at less noise would not be those of the fit."""
+    one, orders, rng = arm("puma560"), tuple(float(order) for order in range(1, 13)), np.random.default_rng(7)
+    values = {f"j2.{wave}{order:g}": 3e-5 * rng.normal() for order in orders for wave in ("cos", "sin")}
+    entry = {"effect": "transmission_error", "joints": ["j2"], "orders": list(orders), "values": values}
+    robot = dataclasses.replace(one.robot, effects=(entry,), effect_units=(1.0, 1.0))
+    data = simulate(robot, dataclasses.replace(PLAN, poses=200, noise_position=6e-5)).data
+    frames = [REGISTRY[name].default(one, data) for name in ("base_frame", "tool_frame")]
+    model = Model.of(one.robot, [*frames, TransmissionError(("j2",), orders, shrunk=True)])
+    options = Options(robust=False, scatter=np.full(6, 1e-4))
+    found = fit(model, data, options)
+    known = refit(found, model.free, data, dataclasses.replace(options, misfit=found.misfit))
+    np.testing.assert_allclose(list(known.group_stds.values()), list(found.group_stds.values()), rtol=0.02)
+
+
 ONE = ({"effect": "link_geometry", "joints": ["j2"], "values": {"j2.a": 5e-4}},)
 
 

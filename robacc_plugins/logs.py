@@ -1,8 +1,8 @@
 """Reader of logs: values of a controller or an instrument that stand in other text, as programs print them.
 
-Values are lists, as ``[[x,y,z],[q1,q2,q3,q4],[cf],[eax]]`` of RAPID and ``p[x,y,z,rx,ry,rz]`` of URScript, and numbers
-behind their names, as ``{E6POS: X 1.0, Y 2.0, …}`` of KRL, ``J1 = 1.0 deg`` of FANUC and ``X=1.0 Y=2.0``. A pose begins
-where its first value comes again.
+Values are lists, as ``[[x,y,z],[q1,q2,q3,q4],[cf],[eax]]`` of RAPID, ``j:{j1,…,j6}{EJ …}`` of ROKAE and
+``p[x,y,z,rx,ry,rz]`` of URScript, and numbers behind their names, as ``{E6POS: X 1.0, Y 2.0, …}`` of KRL,
+``J1 = 1.0 deg`` of FANUC and ``X=1.0 Y=2.0``. A pose begins where its first value comes again.
 """
 
 from __future__ import annotations
@@ -25,8 +25,8 @@ _NUMBERS = rf"{_NUMBER}(?:\s*,\s*{_NUMBER})+"
 _KEY = r"(?<![\w.])(?:[XYZABCWPR]|R[XYZ]|[AJ]T?\d|Roll|Pitch|Yaw)(?![\w.])"
 _UNIT = r"(?:mm|deg|°)"
 _VALUES = re.compile(
-    rf"\[\s*(?P<nested>\[\s*{_NUMBERS}\s*\](?:\s*,\s*\[\s*{_NUMBERS}\s*\])+)\s*\]"
-    rf"|[\[(]\s*(?P<list>{_NUMBERS})\s*[\])]"
+    rf"[\[{{]\s*(?P<nested>[\[{{]\s*{_NUMBERS}\s*[\]}}](?:\s*,\s*[\[{{]\s*{_NUMBERS}\s*[\]}}])+)\s*[\]}}]"
+    rf"|[\[({{]\s*(?P<list>{_NUMBERS})\s*[\])}}]"
     rf"|(?<=[:=])[ \t]*(?P<line>{_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{2,}})[ \t]*$"
     rf"|(?P<named>(?:{_KEY}\s*[:=]?\s*{_NUMBER}\s*{_UNIT}?[\s,;]*){{3,}})",
     re.IGNORECASE | re.MULTILINE,
@@ -37,12 +37,16 @@ _LABEL = re.compile(r"(?P<word>[A-Za-z_]\w*)\s*(?:[(\[]\s*(?P<unit>m|mm|rad|deg|
 """Word before values, and the unit behind it."""
 _POSE = re.compile(r"'([^']+)'|\b([A-Za-z]\w*?[ _]?\d+)\b")
 """Name of a pose: a text in quotes, or a word with a number at its end."""
-_JOINTS = re.compile(r"joint|axis|axes|angle|movej|posj|jpos|\bq\b", re.IGNORECASE)
+_JOINTS = re.compile(r"joint|axis|axes|angle|movej|posj|jpos|\b[jq]\b", re.IGNORECASE)
 _TURN = re.compile(r"rpy|euler|rotation|orient|quat|angle", re.IGNORECASE)
 _COORDINATES = ("X", "Y", "Z")
 _QUATERNION = ("Qw", "Qx", "Qy", "Qz")
 _RAPID = re.compile(r"\b9E\+?0?9\b")
 """Position of an axis that an arm of ABB does not have."""
+_ROKAE = re.compile(r"\b[jp]\s*:\s*\{")
+"""Target of a program of ROKAE, whose units are those of RAPID."""
+_SEVENTH = "J7 [deg]"
+"""Joint of a target of ROKAE that an arm of six joints does not have; it is 0 then."""
 _URSCRIPT = re.compile(r"\bp\[")
 """Pose of Universal Robots, whose units are m and rad."""
 _KRL = re.compile(r"\{\s*(\w+:)?\s*$")
@@ -101,6 +105,9 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     data = bytes_of(stream, file)
     text = decode(data, file)
     records = [*_records(text)]
+    if _ROKAE.search(text) and not any(record.values.get(_SEVENTH) for record in records):
+        for record in records:
+            record.values.pop(_SEVENTH, None)
     if any(record.values for record in records):
         return LogTable(records, file, options, hashlib.sha256(data).hexdigest())
     lines = (" ".join(re.findall(_NUMBER, line)) for line in text.splitlines())
@@ -109,7 +116,8 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
 
 def _records(text: str) -> Iterator[_Record]:
     """Yield the poses of a log; a value that is there already begins the next one, and so does the first of all."""
-    units = ("mm", "deg") if _RAPID.search(text) else ("m", "rad") if _URSCRIPT.search(text) else None
+    is_rapid = _RAPID.search(text) or _ROKAE.search(text)
+    units = ("mm", "deg") if is_rapid else ("m", "rad") if _URSCRIPT.search(text) else None
     first, record = "", _Record({}, 0, "")
     line, start, end = 1, 0, 0
     for at in _VALUES.finditer(text):
@@ -168,7 +176,7 @@ def _listed(text: str, before: str, name: str, units: tuple[str, str] | None) ->
         keys = [f"J{i + 1}{angle}" for i in range(sizes[0])]
     elif sizes[:2] == [3, 4]:
         # A robot target has the configuration of the arm behind its pose.
-        word = "robot" if is_rapid and len(sizes) > 2 else word
+        word = "robot" if is_rapid and (len(sizes) > 2 or word == "p") else word
         quaternion = _QUATERNION if is_rapid else [f"Orientation {i}" for i in range(1, 5)]
         keys = [f"{word} {key}{length}" for key in _COORDINATES] + [f"{word} {key}" for key in quaternion]
     elif word == "p" and sizes == [6]:

@@ -37,6 +37,8 @@ from robacc_plugins.dialects import (
 
 _ANY = re.IGNORECASE
 SIGN = re.compile(r"^\s*(?:%%%|MODULE\s+\w|(?:LOCAL\s+)?PROC\s+\w)", re.I | re.M)
+_ROKAE = re.compile(r"\b(?:joint|rob)target\s+\w+\s*=\s*[jp]\s*:\s*\{")
+"""Target of a program of ROKAE, whose modules look like those of RAPID."""
 _HIDDEN = re.compile(r'"(?:[^"\r\n]|"")*"|![^\r\n]*')
 """Strings and comments."""
 _DECLARATION = re.compile(
@@ -65,6 +67,9 @@ def parse(source: ProgramSource, others: Sequence[ProgramSource] = ()) -> Progra
     Raises:
         InputError: The text is no RAPID module, or is truncated.
     """
+    if target := _ROKAE.search(source.text):
+        fix = "copy it to a file that ends in .txt: robacc reads the targets in it as commands"
+        raise InputError(source.problem("is a program of ROKAE, not a RAPID module", target.start(), fix))
     modules, draft = (source, *others), Draft(source, "rapid", configurations=CONFIGURATIONS, decimals={1.0: _DECIMALS})
     for module in modules:
         copy, opened, blocks = "copy it from the controller again", [("", 0)], mask(module.text, _HIDDEN)

@@ -305,9 +305,11 @@ def with_units(
             if units[0] == "cm" and scores[units] > 0:
                 del scores[units]  # too near to an inch to be told by the range
     best = min(scores.values(), default=math.inf)
-    # Of documented names the motion of the arm decides: the lengths, and the angles of the joints.
-    of_arm = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
-    shown = foreign if best >= _NEAR else foreign | ({"length", "angle"} if of_arm else {"length"})
+    # Of documented names the motion of the arm decides: the lengths, and the angles where the joints are known.
+    moves = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
+    shown = (
+        foreign if best >= _NEAR else foreign | ({"length", "angle"} if moves or known[0] is not None else {"length"})
+    )
     left = [units for units, score in scores.items() if best >= _NEAR or score < best + _APART]
     q = rows.column_set(layout.joints()) if is_touched else None
     if q is not None and index.size >= 10 and np.abs(q).max() <= 2.0 * np.pi:

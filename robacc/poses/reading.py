@@ -50,15 +50,16 @@ _COMMANDED = frozenset(
         "planned",
         "goal",
         *("sollwert", "aspos", "rsol", "théorique", "theorique", "consigne", "teorico", "teórico", "nominale"),
+        *("名义", "标称", "理论", "指令"),
     ]
 )
-_ACTUAL = frozenset(["actual", "act", "ist", "istwert", "attained", "real", "aipos"])
+_ACTUAL = frozenset(["actual", "act", "ist", "istwert", "attained", "real", "aipos", "实际"])
 """Words of what an instrument or the controller may have attained."""
 _ATTAINED = _ACTUAL | frozenset(
     [
         *("meas", "measured", "measurement", "observed", "messwert", "gemessen", "messung"),
         *("tracker", "tracking", "camera", "cam", "optical", "marker", "sensor"),
-        *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata"),
+        *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata", "测量", "实测"),
     ]
 )
 _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
@@ -141,6 +142,7 @@ _REFUSED = frozenset(
         "err",
         "abweichung",
         *("min", "max", "abw", "residual", "resid", "normal", "gyro", "imu", "écart", "ecart", "desviación", "scarto"),
+        *("偏差", "误差", "余量", "公差"),
         "tolerance",
         "tol",
         "offset",
@@ -166,7 +168,7 @@ _REFUSED = frozenset(
 _JOINT_WORDS = frozenset(
     [
         *("q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"),
-        *("axe", "articulation", "articulación", "articulacion", "eje", "asse", "giunto", "junta"),
+        *("axe", "articulation", "articulación", "articulacion", "eje", "asse", "giunto", "junta", "关节", "轴"),
     ]
 )
 _ARMS = (
@@ -183,14 +185,16 @@ _WHOLE_NAMES = {
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
     ),
     **dict.fromkeys(("object", "object name", "collection group point"), "pose"),  # SpatialAnalyzer
-    **dict.fromkeys(("punto", "nombre", "nom", "nome", "merkmal", "characteristic name"), "pose"),
+    **dict.fromkeys(("punto", "nombre", "nom", "nome", "merkmal", "characteristic name", "名称", "点名"), "pose"),
     **dict.fromkeys(("label", "feature", "feature name", "element", "element name"), "pose"),  # CAM2, PolyWorks, GOM
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
     **dict.fromkeys(("image", "image name", "image file", "photo", "file", "file name", "filename"), "pose"),
     **dict.fromkeys(("cycle", "run", "repetition", "zyklus", "wiederholung", "lauf"), "cycle"),
     **dict.fromkeys(("target", "smr", "reflector", "marker", "reflektor"), "target"),
     **dict.fromkeys(("visit", "arrival"), "visit"),
-    **dict.fromkeys(("time", "timestamp", "time stamp", "stamp", "t", "zeit", "zeitstempel", "uhrzeit"), "time"),
+    **dict.fromkeys(
+        ("time", "timestamp", "time stamp", "stamp", "t", "zeit", "zeitstempel", "uhrzeit", "时间"), "time"
+    ),
     **dict.fromkeys(("datetime", "date time", "datum zeit", "date and time"), "time"),
     **dict.fromkeys(("date", "datum"), "date"),
     **dict.fromkeys(("stamp sec", "header stamp sec", "header stamp secs", "stamp secs"), "seconds"),

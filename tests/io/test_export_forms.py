@@ -350,6 +350,23 @@ TABLES_OF_POSES: dict[str, dict[str, Text]] = {
         "joints.csv": Text(f"name,{J}", "deg", "P{0}", ","),
     },
     "bare_quaternions": {"poses.csv": Text("", "deg mm xyzw", sep=",")},
+    "documented_names_in_degrees": {
+        "points.csv": Text("x,y,z,roll,pitch,yaw", "mm rpy_deg", sep=","),
+        "joints.csv": Text("q1,q2,q3,q4,q5,q6", "deg", sep=","),
+    },
+    "polyworks_in_chinese": {
+        "points.txt": Text(
+            "\t".join(
+                (
+                    "名称",
+                    *(f"{of} {a}" for of in ("名义", "测量") for a in ("X", "Y", "Z", "Rx", "Ry", "Rz")),
+                    "余量 位置",
+                )
+            ),
+            *("mm rpy_deg mm rpy_deg", "Motion{0}", "\t", "0.118"),
+        ),
+        "joints.csv": Text("名称,关节1,关节2,关节3,关节4,关节5,关节6", "deg", "Motion{0}", ","),
+    },
     "creaform": {
         "vxtrack.csv": Text(
             "VXelements 10.1;;;;;;;;\nTime (s);"
@@ -759,6 +776,13 @@ def abb_with_tracker(c: Campaign) -> dict[str, str]:
     return {"abb.log": "".join(f"Pose {i} joints {text}\n" for i, text in enumerate(texts, 1))}
 
 
+def rokae(c: Campaign) -> dict[str, str]:
+    """Targets of a program of ROKAE, with the seventh axis that the arm does not have."""
+    rows = enumerate(np.degrees(c.q), 1)
+    text = "".join(f"LOCAL VAR jointtarget j{i} = j:{{\t{numbers(q)}  ,0\t}}\t{{EJ 0,0,0,0,0,0}}\n" for i, q in rows)
+    return {"points.csv": POINTS["points.csv"].of(c), "angle.csv": text}
+
+
 def robtargets(c: Campaign) -> dict[str, str]:
     """As TPWrite and Write of RAPID print them, beside a tracker of 6 degrees of freedom."""
     rows = zip(c.commanded * MM, np.roll(c.commanded_turn.as_quat(), 1, axis=1), strict=True)
@@ -889,6 +913,7 @@ POSITIONS: tuple[Form, ...] = (
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
     *(
         abb_with_tracker,
+        rokae,
         calypso,
         names_with_axes,
         names_of_calypso,

@@ -160,6 +160,7 @@ def test_damaged_programs_do_not_crash(path: Path, tmp_path: Path) -> None:
         ("mod", b"MODULE a\r\nPROC main()\r\nMoveL p10,v1", ":2: is truncated: this PROC has no ENDPROC"),
         ("mod", b"MODULE a\r\nPROC main()\r\nENDPROC\r\n", ":1: is truncated: this MODULE has no ENDMODULE"),
         ("mod", b"MODULE a\r\nENDPROC\r\nENDMODULE\r\n", ":2: ENDPROC ends no PROC"),
+        ("mod", b"MODULE a\nVAR jointtarget j1 = j:{1,2}{EJ 0}\nGLOBAL PROC main()\n", ":2: is a program of ROKAE"),
         ("script", b"def a():\n  movej([0,0,0,0,0,0])\n", ":1: is truncated: this def has no end"),
         ("script", b"def a():\n  movej([0,0,0,\nend\n", ":2: is truncated: this bracket is not closed"),
         ("src", b"DEF a()\r\nPTP {A1 0,A2 0,A3 0,A4 0,A5 0,A6 0}\r\n", "line 1|:1: is truncated"),

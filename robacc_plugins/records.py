@@ -34,11 +34,15 @@ _MATLAB = b"MATLAB"
 """First bytes of a file of MATLAB's variables."""
 _CELL = re.compile(r'(?m)(^|[,;\t])"\[[\s\[]*[-+.\d]')
 """Beginning of a cell of a CSV that is a list."""
+_PART = re.compile(r"(?:[Rt]|rot|trans)_(?=[A-Za-z]{3})")
+"""Beginning of the names of the two parts of a pose, as OpenCV has them: ``R_gripper2base`` and ``t_gripper2base``."""
 _FILES = 10_000
 _LARGEST = 1 << 20
 """Largest file of one record, bytes."""
 _FEWEST = 6
 """Numbers of a pose."""
+_SHORTEST = 3
+"""Numbers of a position."""
 
 
 def takes(path: str, first: bytes) -> bool:
@@ -166,6 +170,8 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         # Without names, as in a text: the motion of the arm shows which columns are which.
         text = "".join(" ".join(map(repr, row)) + "\n" for row in longest)
         return TextTable(io.BytesIO(text.encode()), file, options)
+    if longest is document and all(np.shape(_plain(row)) == (4, 4) for row in longest if isinstance(row, list)):
+        longest = [{"pose": row} if isinstance(row, list) else row for row in longest]
     rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
     no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
     refuse((not rows or len(rows) < len(longest), no_list))
@@ -173,8 +179,8 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
 
 
 def _are_numbers(row: list[Any]) -> bool:
-    """Return whether a row holds a pose as numbers."""
-    return len(row) >= _FEWEST and all(isinstance(value, int | float) for value in row)
+    """Return whether a row holds a position, a pose or joints as numbers."""
+    return len(row) >= _SHORTEST and all(isinstance(value, int | float) for value in row)
 
 
 def _columns(rows: list[dict[str, Any]]) -> list[tuple[str, Any]]:
@@ -309,12 +315,16 @@ def _plain(value: Any) -> Any:
 def _arrays(data: bytes) -> Any:
     """Return the rows of each array of a ``.npz`` file, or of each field of a ``.npy`` file, by its name.
 
+    A ``.npy`` file without fields gives its rows, or its matrices.
+
     Raises:
         ValueError: An array has Python objects.
     """
     if data.startswith(_MATLAB):
         return _variables(data)
     loaded = np.load(io.BytesIO(data), allow_pickle=False)
+    if isinstance(loaded, np.ndarray) and loaded.dtype.names is None and loaded.ndim > 1:
+        return loaded.tolist()
     names = loaded.dtype.names or () if isinstance(loaded, np.ndarray) else loaded.files
     arrays = {name: np.asarray(loaded[name]) for name in names}
     return {name: array.tolist() for name, array in arrays.items() if array.ndim}
@@ -338,6 +348,8 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
             by_columns = [row[3] for row in rows] == [0, 0, 0, 1] != rows[3]
             matrix = [list(column) for column in zip(*rows, strict=True)] if by_columns else rows
             value = matrix if matrix[3] == [0, 0, 0, 1] else value
+        if path and np.shape(value) in ((3,), (3, 3)) and (match := _PART.match(path[-1])):
+            path = (*path[:-1], path[-1][match.end() :])
         names: Sequence[str] = "123" if path and path[-1].lower().endswith("rvec") else "xyz"
         if len(value) == 3 and path and path[-1].lower().endswith("tvec"):
             path, names = (*path[:-1], path[-1][:-4].rstrip("_")), ("tx", "ty", "tz")

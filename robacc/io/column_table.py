@@ -278,7 +278,8 @@ def open_table(path: str, options: TableOptions) -> Iterator[Table]:
     elif os.path.isdir(path) or is_of_files(path):
         fix = (
             "name a file, or a folder that has photos (.jpg, .png), Parquet files alone, meta/info.json (LeRobot), "
-            "metadata.yaml (ROS 2), or a table of joints alone for each socket"
+            "metadata.yaml (ROS 2), a file for each pose (JSON, YAML, 4 x 4 matrix), or a table of joints alone for "
+            "each socket"
         )
         message = "is a folder, expected a file" if os.path.isdir(path) else "found no files of poses there"
         yield given(_by_plug_in(path, b"", options), Problem(message, path, fix=fix))

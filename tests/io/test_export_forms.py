@@ -582,6 +582,19 @@ def hand_eye_matrices(c: Campaign) -> dict[str, str]:
     return {"handeye.json": json.dumps([{"robot_pose": a.tolist(), "camera_pose": b.tolist()} for a, b in pairs])}
 
 
+def rotations_and_translations(c: Campaign) -> dict[str, str]:
+    """The two parts of each pose by the names that OpenCV has for them."""
+    robot, camera = homogeneous(c.commanded, c.commanded_turn), homogeneous(c.position, c.turn)
+    parts = {"R_gripper2base": robot[:, :3, :3], "t_gripper2base": robot[:, :3, 3:]}
+    parts |= {"R_target2cam": camera[:, :3, :3], "t_target2cam": camera[:, :3, 3]}
+    return {"handeye.json": json.dumps({name: part.tolist() for name, part in parts.items()})}
+
+
+def lists_of_matrices(c: Campaign) -> dict[str, str]:
+    pairs = {"seen.json": (c.position, c.turn), "robot.json": (c.commanded, c.commanded_turn)}
+    return {name: json.dumps(homogeneous(*pair).tolist()) for name, pair in pairs.items()}
+
+
 def hand_eye_transforms(c: Campaign) -> dict[str, str]:
     def transform(position: np.ndarray, quaternion: np.ndarray) -> dict[str, Any]:
         return {
@@ -924,6 +937,7 @@ POSITIONS: tuple[Form, ...] = (
     ),
 )
 POSES: tuple[Form, ...] = (
+    *(rotations_and_translations, lists_of_matrices),
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
     *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo),
@@ -938,7 +952,7 @@ FORMS: dict[str, Form | dict[str, Text]] = {
 WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
-    *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye"),
+    *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye", "rotations_and_translations"),
 )
 
 
@@ -1155,8 +1169,19 @@ def test_arrays_that_numpy_saved_by_name_are_read(campaign: Campaign, tmp_path: 
     np.testing.assert_allclose(np.moveaxis(turn, -1, 0), campaign.turn.as_matrix(), atol=1e-12)
 
 
+def test_an_array_without_names_gives_its_rows_or_matrices(
+    campaign: Campaign, plain: dict[bool, dict[str, Any]], tmp_path: Path
+) -> None:
+    np.save(tmp_path / "seen.npy", homogeneous(campaign.position, campaign.turn))
+    np.save(tmp_path / "joints.npy", campaign.q)
+    seen, joints = str(tmp_path / "seen.npy"), str(tmp_path / "joints.npy")
+    found = figures([seen, "--commanded", joints, "--units", "m,rad", "--robot", ROBOT])
+    for part, key in (("position", "rms_m"), ("orientation", "rms_rad")):
+        assert found[part][key] == pytest.approx(plain[True][part][key], rel=2e-3)
+
+
 def test_arrays_that_make_no_table_are_refused(tmp_path: Path) -> None:
-    np.save(tmp_path / "unnamed.npy", np.zeros((9, 9)))
+    np.save(tmp_path / "unnamed.npy", np.zeros(9))
     np.savez(tmp_path / "unequal.npz", joints=np.zeros((9, 6)), position=np.zeros((8, 3)))
     np.save(tmp_path / "objects.npy", np.array([{}, {}]), allow_pickle=True)
     saved(tmp_path / "broken.npz", "PK\x03\x04")

@@ -348,8 +348,9 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
             by_columns = [row[3] for row in rows] == [0, 0, 0, 1] != rows[3]
             matrix = [list(column) for column in zip(*rows, strict=True)] if by_columns else rows
             value = matrix if matrix[3] == [0, 0, 0, 1] else value
-        if path and np.shape(value) in ((3,), (3, 3)) and (match := _PART.match(path[-1])):
+        if path and np.shape(value) in ((3,), (3, 3), (9,)) and (match := _PART.match(path[-1])):
             path = (*path[:-1], path[-1][match.end() :])
+            value = np.reshape(value, (3, 3)).tolist() if len(value) == 9 else value
         names: Sequence[str] = "123" if path and path[-1].lower().endswith("rvec") else "xyz"
         if len(value) == 3 and path and path[-1].lower().endswith("tvec"):
             path, names = (*path[:-1], path[-1][:-4].rstrip("_")), ("tx", "ty", "tz")

@@ -79,6 +79,7 @@ _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
             "reflektor",
         ),
         *("mess", "analyzer", "gt", "truth", "ext", "extern", "external", "prism", "metrology"),
+        *("tag", "apriltag", "charuco", "chessboard", "checkerboard", "eye"),
     ]
 )
 """Instruments, and words that say measured by one."""

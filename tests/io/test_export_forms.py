@@ -350,6 +350,12 @@ TABLES_OF_POSES: dict[str, dict[str, Text]] = {
         "joints.csv": Text(f"name,{J}", "deg", "P{0}", ","),
     },
     "bare_quaternions": {"poses.csv": Text("", "deg mm xyzw", sep=",")},
+    "tag_and_hand": {
+        "poses.csv": Text(
+            ",".join(f"{of}_{part}" for of in ("ee", "tag") for part in ("x", "y", "z", "qx", "qy", "qz", "qw")),
+            *("cmd_m cmd_xyzw m xyzw", "", ","),
+        ),
+    },
     "documented_names_in_degrees": {
         "points.csv": Text("x,y,z,roll,pitch,yaw", "mm rpy_deg", sep=","),
         "joints.csv": Text("q1,q2,q3,q4,q5,q6", "deg", sep=","),
@@ -585,7 +591,7 @@ def hand_eye_matrices(c: Campaign) -> dict[str, str]:
 def rotations_and_translations(c: Campaign) -> dict[str, str]:
     """The two parts of each pose by the names that OpenCV has for them."""
     robot, camera = homogeneous(c.commanded, c.commanded_turn), homogeneous(c.position, c.turn)
-    parts = {"R_gripper2base": robot[:, :3, :3], "t_gripper2base": robot[:, :3, 3:]}
+    parts = {"R_gripper2base": robot[:, :3, :3].reshape(N, 9), "t_gripper2base": robot[:, :3, 3:]}
     parts |= {"R_target2cam": camera[:, :3, :3], "t_target2cam": camera[:, :3, 3]}
     return {"handeye.json": json.dumps({name: part.tolist() for name, part in parts.items()})}
 

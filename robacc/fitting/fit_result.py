@@ -341,11 +341,8 @@ def held_out_poses(
 
     columns = fit.identifiability.columns
     size, rows_of = columns.size, fit.residual.shape[0]
-    if components == 6:
-        poses = [fit.poses if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
-    else:
-        own = Poses(np.empty((3, 3, 0)), data.position - fit.residual[:3])
-        poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
+    own = fit.poses if components == 6 else Poses(np.empty((3, 3, 0)), data.position - fit.residual[:3])
+    poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
     if not size:
         return poses
     most = 4 * BLOCK_NUMBERS // (rows_of * size)
@@ -381,7 +378,10 @@ def held_out_poses(
         solved_for = solve_triangular(lower, flat, lower=True, check_finite=False).reshape(jacobian.shape)
         observed = np.ascontiguousarray(whitened(solved_for.swapaxes(0, 1), rows).transpose(2, 1, 0))
         scaled = np.ascontiguousarray(solved_for.transpose(2, 1, 0))
-        of_block, inside_groups = fit.whitening.subset(rows), blocks_of(groups[rows])
+        of_block, pieces = fit.whitening.subset(rows), -(-8 * flat.size // BLOCK_NUMBERS)
+        inside_groups = [
+            piece for alike in blocks_of(groups[rows]) for piece in np.array_split(alike, min(pieces, len(alike)))
+        ]
         for predicted, directions, whole, error in models:
             left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T
             for inside in inside_groups:

@@ -350,9 +350,9 @@ class Evidence:
     def __init__(
         self, white: Whitened, columns: Array, candidates: Sequence[Candidate], numbers: Sequence[int] | None = None
     ) -> None:
-        """Take the whitened ``columns`` ``(n, K)`` of the candidates ``numbers``, which are scored; all if None."""
+        """Take the whitened ``columns`` ``(K, n)`` of the candidates ``numbers``, which are scored; all if None."""
         numbers = range(len(candidates)) if numbers is None else numbers
-        self.white, self.rows = white, np.ascontiguousarray(columns.T)
+        self.white, self.rows = white, columns
         """``(K, n)`` whitened columns of the candidates."""
         reduced = solve_triangular(white.triangle, (self.rows @ white.columns).T, lower=True)
         self._reduced = np.ascontiguousarray(reduced.T)

@@ -38,6 +38,7 @@ from robacc.errors import RobaccError
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.levels import (
     ACCEPTED,
+    BLOCK_NUMBERS,
     EXAMPLES,
     LARGEST,
     NEGLIGIBLE,
@@ -315,8 +316,8 @@ class _Search:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
                 self.pool.add((TransmissionError((grid.joint,), (order,)), grid.log_prior) for order in peaks.tolist())
 
-    def _columns(self, state: State, candidates: Sequence[Candidate]) -> Array:
-        """Return ``(N, M, K)`` the columns of candidates at a state, times their usual sizes.
+    def _columns(self, state: State, candidates: Sequence[Candidate]) -> list[Array]:
+        """Return in blocks ``(N, M, k)`` the columns of candidates at a state, times their usual sizes.
 
         A coefficient that moves one motion by a regressor has that motion's column times the regressor.
         """
@@ -340,7 +341,7 @@ class _Search:
         result = np.empty((len(columns), components, self.data.n))
         for column, (source, factor) in zip(result, columns, strict=True):
             np.multiply(jacobian[:, slots[source]], factor, out=column)
-        return result.T
+        return np.array_split(result.T, -(-8 * result.size // BLOCK_NUMBERS), axis=2)
 
     def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Scores, list[Scores]]:
         """Return the scores beside a state, and beside it without each of its effects.
@@ -358,8 +359,8 @@ class _Search:
         else:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
-        columns = white.apply(self._columns(state, [pool[number] for number in numbers.tolist()]))
-        evidence = Evidence(white, columns, pool, numbers.tolist())
+        blocks = self._columns(state, [pool[number] for number in numbers.tolist()])
+        evidence = Evidence(white, np.concatenate([white.apply(block).T for block in blocks]), pool, numbers.tolist())
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         flat = evidence.effective(owners < 0)
         without = [evidence.scores(np.flatnonzero(owners == k), flat) for k in range(len(state.chosen))]

@@ -48,9 +48,15 @@ def pytest_collection_finish() -> None:
 
 @pytest.fixture(scope="session", autouse=True)
 def _installed_packages() -> Iterator[None]:
-    """List the entry points of the installed packages once; each command asks for them several times."""
+    """List the entry points of the packages on the path once; each command asks for them several times."""
+    list_them = importlib.metadata.entry_points
+
+    @cache
+    def listed(path: tuple[str, ...], **which: str) -> Any:
+        return list_them(**which)
+
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.metadata, "entry_points", cache(importlib.metadata.entry_points))
+        patch.setattr(importlib.metadata, "entry_points", lambda **which: listed(tuple(sys.path), **which))
         yield
 
 

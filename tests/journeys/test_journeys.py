@@ -488,7 +488,7 @@ def test_exact_pixels_give_exact_zeros_and_the_place_of_all(mount: str, tmp_path
     assert result.after.held_out.position.rms < 1e-8
 
 
-@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "world")], ids="+".join)
+@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
 def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
     lens = LENS.replace("\n", "\n    ")
     cameras = "".join(f"  {name}:\n    {lens}mount: {mount}\n" for name, mount in zip("ab", mounts, strict=True))

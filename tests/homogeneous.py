@@ -34,11 +34,13 @@ def frame(xyz: Sequence[float | Matrix], rpy: Sequence[float | Matrix]) -> Matri
 
 def dh(theta: float | Matrix, d: float | Matrix, a: float | Matrix, alpha: float | Matrix) -> Matrix:
     """Rz(theta) Tz(d) Tx(a) Rx(alpha), a row of a standard table, multiplied out."""
+    theta, d, a, alpha = np.broadcast_arrays(theta, d, a, alpha)
     cos_t, sin_t, cos_a, sin_a = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
-    result = np.zeros((*np.broadcast(theta, d, a, alpha).shape, 4, 4), np.result_type(theta, d, a, alpha, float))
-    result[..., 0, 0], result[..., 0, 1], result[..., 0, 2] = cos_t, -sin_t * cos_a, sin_t * sin_a
-    result[..., 1, 0], result[..., 1, 1], result[..., 1, 2] = sin_t, cos_t * cos_a, -cos_t * sin_a
-    result[..., 2, 1], result[..., 2, 2] = sin_a, cos_a
-    result[..., 0, 3], result[..., 1, 3], result[..., 2, 3] = a * cos_t, a * sin_t, d
-    result[..., 3, 3] = 1.0
-    return result
+    zero, one = np.zeros_like(cos_t), np.ones_like(cos_t)
+    rows = (
+        (cos_t, -sin_t * cos_a, sin_t * sin_a, a * cos_t),
+        (sin_t, cos_t * cos_a, -cos_t * sin_a, a * sin_t),
+        (zero, sin_a, cos_a, d),
+        (zero, zero, zero, one),
+    )
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

@@ -77,11 +77,13 @@ def reached(gap: Gap, starts: np.ndarray, off: np.ndarray) -> np.ndarray:
     return np.vstack((q, np.abs(gap(target(q + ZEROS[:, None]), off)).max(axis=1)))
 
 
-def touching(gap: Gap, count: int, off_of: Callable[[int], np.ndarray], generator: np.random.Generator) -> np.ndarray:
-    """Joints that touch, and the readings or errors there, (count, 8)."""
-    found = np.empty((0, 8))
+def touching(kind: str, name: str, count: int, noise: float, generator: np.random.Generator) -> np.ndarray:
+    """Joints that touch a fixture, and the readings or errors there, (count, 8)."""
+    gap, found = gap_of(kind, name), np.empty((0, 8))
     while len(found) < count:
-        off = off_of(2 * count)
+        off = noise * generator.standard_normal((2 * count, 2))
+        if kind in ("plane", "gauge"):
+            off = generator.uniform(-2e-3, 2e-3, (2 * count, 2))
         q = reached(gap, generator.uniform(LOW, HIGH, (2 * count, 6)).T, off)
         found = np.vstack((found, np.hstack((q[:6].T, off))[q[6] < 1e-9]))
     return found[:count]
@@ -92,15 +94,10 @@ def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float 
     q, off = generator.uniform(LOW, HIGH, (count, 6)), np.zeros((count, 2))
     names = [*FIXTURES.get(kind, [""])]
     if kind in ("point", "plane", "line", "sphere", "gauge"):
-
-        def off_of(number: int) -> np.ndarray:
-            if kind in ("plane", "gauge"):
-                return generator.uniform(-2e-3, 2e-3, (number, 2))
-            return noise * generator.standard_normal((number, 2))
-
         for i, name in enumerate(names):
-            found = touching(gap_of(kind, name), len(q[i :: len(names)]), off_of, generator)
-            q[i :: len(names)], off[i :: len(names)] = found[:, :6], found[:, 6:]
+            each = slice(i, None, len(names))
+            found = touching(kind, name, len(q[each]), noise, generator)
+            q[each], off[each] = found[:, :6], found[:, 6:]
     places, errors = target(q.T + ZEROS[:, None]), noise * generator.standard_normal((count, 3))
     rows = []
     for i, (place, error) in enumerate(zip(places, errors, strict=True)):

@@ -21,7 +21,8 @@ LENGTHS = f"{ZEROS},link_geometry"
         (1.0, 1.0, LENGTHS, "", 0.0),
         (1.05, 1.0, ZEROS, "board", -4.76),
         (1.05, 1.0, LENGTHS, "board", -4.76),
-        (1.0, 0.97, LENGTHS, "focal lengths", 3.09),
+        (1.0, 0.97, ZEROS, "focal lengths", 3.09),
+        (1.0, 1.05, LENGTHS, "focal lengths", -4.76),
     ],
 )
 def test_a_wrong_board_and_a_wrong_lens_are_named(

@@ -33,5 +33,14 @@ def frame(xyz: Sequence[float | Matrix], rpy: Sequence[float | Matrix]) -> Matri
 
 
 def dh(theta: float | Matrix, d: float | Matrix, a: float | Matrix, alpha: float | Matrix) -> Matrix:
-    """Rz(theta) Tz(d) Tx(a) Rx(alpha), a row of a standard table."""
-    return turn(2, theta) @ shift(a, 0.0, d) @ turn(0, alpha)
+    """Rz(theta) Tz(d) Tx(a) Rx(alpha), a row of a standard table, multiplied out."""
+    theta, d, a, alpha = np.broadcast_arrays(theta, d, a, alpha)
+    cos_t, sin_t, cos_a, sin_a = np.cos(theta), np.sin(theta), np.cos(alpha), np.sin(alpha)
+    zero, one = np.zeros_like(cos_t), np.ones_like(cos_t)
+    rows = (
+        (cos_t, -sin_t * cos_a, sin_t * sin_a, a * cos_t),
+        (sin_t, cos_t * cos_a, -cos_t * sin_a, a * sin_t),
+        (zero, sin_a, cos_a, d),
+        (zero, zero, zero, one),
+    )
+    return np.moveaxis(np.array(rows), (0, 1), (-2, -1))

@@ -344,13 +344,21 @@ def test_pose_structure_of_balanced_data_is_the_textbook_anova() -> None:
 
 
 def test_pose_structure_of_unequal_numbers_is_unbiased() -> None:
-    rng = np.random.default_rng(9)
-    groups = np.repeat(np.arange(8), np.array([1, 2, 3, 5, 8, 2, 2, 7]))
-    draws = (rng.normal(0, 1, (3, 8))[:, groups] * 2 + rng.normal(0, 1, (3, groups.size)) for _ in range(600))
-    samples = [error_statistics(errors, "m", groups=groups, bootstrap=20).structure for errors in draws]
+    """Against means of draws for the variances of Searle et al., and against these for the package."""
+    rng, sizes = np.random.default_rng(9), np.array([1, 2, 3, 5, 8, 2, 2, 7])
+    n, groups = sizes.sum(), np.repeat(np.arange(8), sizes)
+    errors = rng.normal(0, 1, (600, 3, 8))[..., groups] * 2 + rng.normal(0, 1, (600, 3, n))
+    sums = errors @ (groups[:, None] == np.arange(8))
+    of_pose = np.sum(sums**2 / sizes, axis=(1, 2))
+    within = (np.sum(errors**2, axis=(1, 2)) - of_pose) / (n - 8)
+    ms_between = (of_pose - np.sum(errors.sum(axis=2) ** 2, axis=1) / n) / 7
+    between = (ms_between - within) / ((n - np.sum(sizes**2) / n) / 7)
     # Between 3 * 2^2, within 3 * 1^2; three standard errors of 600 means are some 0.8 and 0.1.
-    assert np.mean([structure.between for structure in samples]) == pytest.approx(12.0, abs=0.8)
-    assert np.mean([structure.within for structure in samples]) == pytest.approx(3.0, abs=0.1)
+    assert between.mean() == pytest.approx(12.0, abs=0.8)
+    assert within.mean() == pytest.approx(3.0, abs=0.1)
+    for i in range(5):
+        structure = error_statistics(errors[i], "m", groups=groups, bootstrap=20).structure
+        assert (structure.between, structure.within) == pytest.approx((between[i], within[i]))
 
 
 def test_pose_structure_without_repetitions() -> None:

@@ -396,8 +396,8 @@ SCREENS = {
     "correct": "correct poses.csv --model model.yaml --output corrected.csv",
     "plan": "plan robot.yaml --output plan.csv --program plan.src",
     "correct_program": "correct plan.src --model model.yaml --output corrected.src",
-    "plan_trace": "plan robot.yaml --for trace --candidates 1000",
-    "plan_acceptance": "plan robot.yaml --for acceptance --grade D --candidates 1000",
+    "plan_trace": "plan robot.yaml --for trace --candidates 300",
+    "plan_acceptance": "plan robot.yaml --for acceptance --grade D --candidates 300",
 }
 
 UNKNOWN_WORDS = ("evidence", "prior odds", "folds", "equilibrium", "campaign")

@@ -17,9 +17,7 @@ import results
 from commands import missing, one_line, output, refused, run
 from pages import parsed
 from sample_files import POSES, ROBOT, ROOT, UR10, saved
-from typer.testing import CliRunner
 
-from robacc.cli.main import app
 from robacc.comparison.stored_results import errors_behind
 from robacc.gates import figure_at
 
@@ -465,26 +463,26 @@ def iso_result(tmp_path: Path) -> Path:
 
 def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> None:
     page = tmp_path / "report.html"
-    done = run("report", iso_result, "--output", page)
+    identity = ("--identity", "serial_number=A-17")
+    done = run("report", iso_result, *identity, "--output", page)
     assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
     text = page.read_text(encoding="utf-8")
     assert parsed(text).all("h1")[0].text.startswith("ISO 9283 pose criteria")
-    assert output("report", iso_result, "-o", "-") == text
-    header = parsed(output("report", iso_result, iso_result, "-o", "-")).all("table")[0].all("tr")[0]
-    assert [cell.text for cell in header.all("th")] == ["", "iso.json (1)", "iso.json (2)"]
+    assert text.startswith("<!doctype html>")
+    assert "A-17" in text
+    assert output("report", iso_result, *identity, "-o", "-") == text
 
 
 def test_without_a_name_the_page_is_beside_the_result(
     iso_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    done = results.run("report", str(iso_result), "--identity", "serial_number=A-17")
-    assert (done.exit_code, done.stdout, done.stderr) == (0, f"wrote {iso_result.with_suffix('.html')}\n", "")
-    text = iso_result.with_suffix(".html").read_text(encoding="utf-8")
-    assert text.startswith("<!doctype html>")
-    assert "A-17" in text
+    beside = iso_result.with_suffix(".html")
+    assert output("report", iso_result) == f"wrote {beside}\n"
+    assert beside.exists()
     monkeypatch.chdir(tmp_path)
-    assert CliRunner().invoke(app, ["report", str(iso_result), str(iso_result)]).stdout == "wrote report.html\n"
-    assert Path("report.html").exists()
+    assert output("report", iso_result, iso_result) == "wrote report.html\n"
+    header = parsed(Path("report.html").read_text(encoding="utf-8")).all("table")[0].all("tr")[0]
+    assert [cell.text for cell in header.all("th")] == ["", "iso.json (1)", "iso.json (2)"]
 
 
 def test_a_picture_without_a_kind_is_the_main_chart(iso_result: Path, tmp_path: Path) -> None:

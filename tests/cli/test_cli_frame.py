@@ -26,6 +26,7 @@ from sample_files import CONFIGS, POSES, ROBOT, ROOT, SAMPLES, TRACED_POSES, TRA
 from typer.testing import CliRunner
 
 import robacc
+from robacc.api.fitting import Calibrated
 from robacc.cli import commands as declarations
 from robacc.cli.hooks import main
 from robacc.cli.main import COMMANDS, FORMS, RENAMED, app, form_of
@@ -70,7 +71,7 @@ def test_each_command_says_what_the_list_says_of_it(name: str) -> None:
         ("effects backlash --robot {0}/robot.yaml", "show --robot={0}/robot.yaml effects backlash"),
         ("schema robots", "show schema robots"),
         ("iso9283-poses {0}/robot.yaml --edge 300mm", "plan --edge 300mm {0}/robot.yaml --for=iso9283 -o -"),
-        ("iso9283-poses {0}/robot.yaml -o {1}/five.csv", "plan {0}/robot.yaml --for iso9283"),
+        ("iso9283-poses {0}/robot.yaml --edge 300mm -o {1}/five.csv", "plan {0}/robot.yaml --for iso9283 --edge 300mm"),
         ("import {2} --arm ur10e -o -", "init --from {2} --arm ur10e -o -"),
         ("import {2} --arm ur10e -o -", "init --arm ur10e --from={2} -o -"),
     ],
@@ -246,6 +247,12 @@ def result(file: str) -> str:
     return output(*RESULTS[file])
 
 
+@cache
+def calibrated() -> Calibrated:
+    """The full test that a quick test and a history need."""
+    return robacc.calibrate(POSES, robot=ROBOT, folds=2)
+
+
 def example(name: str) -> str:
     text = output(*name.split(), "--help")
     assert max(map(len, text.splitlines())) <= 80
@@ -269,9 +276,8 @@ def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monk
     for file in set(words) & RESULTS.keys():
         Path(file).write_text(result(file), encoding="utf-8")
     if "arm.db" in words and "add" not in words:
-        fitted = robacc.calibrate("poses.csv", robot="robot.yaml", folds=2)
-        fitted.write_model("calibrated.yaml")
-        robacc.history_add(fitted, db="arm.db")
+        calibrated().write_model("calibrated.yaml")
+        robacc.history_add(calibrated(), db="arm.db")
     before = set(tmp_path.iterdir())
     done = run(*words[1:])
     # A gate may fail or be undecided, which is no error.

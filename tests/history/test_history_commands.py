@@ -31,10 +31,10 @@ def arm_with(folder, *, j3=0.0, x=0.0):
     return saved(folder / "arm.yaml", yaml.safe_dump(content))
 
 
-def measured(folder, name, seed, poses=30, **arm):
+def measured(folder, name, seed, poses=30, *, position_only=False, **arm):
     path = folder / name
     noises = {"noise": "0.03mm", "noise_orientation": "0.03mrad"}
-    robacc.simulate(arm_with(folder, **arm), poses=poses, seed=seed, **noises).write(path)
+    robacc.simulate(arm_with(folder, **arm), poses=poses, seed=seed, position_only=position_only, **noises).write(path)
     return path
 
 
@@ -306,7 +306,7 @@ def fleet_results(tmp_path_factory):
     folder, rng, found = tmp_path_factory.mktemp("fleet"), np.random.default_rng(4), []
     for arm in range(8):
         j3 = float(np.degrees(rng.normal(0, 1e-3))) if arm != 5 else 1.5
-        poses = measured(folder, f"a{arm}.csv", arm, 20, j3=j3)
+        poses = measured(folder, f"a{arm}.csv", arm, 20, j3=j3, position_only=True)
         own = saved(folder / f"n{arm}.yaml", f"{NOMINAL.read_text()}\nidentity: {{serial_number: SN{arm:02d}}}\n")
         fitted = robacc.calibrate(poses, robot=own, fit="base_frame,tool_frame,joint_offset", shrink=False, folds=2)
         fitted.save(folder / f"a{arm}.json")

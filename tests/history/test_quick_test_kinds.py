@@ -26,9 +26,10 @@ def test_it_names_the_joint_that_moved(file, options, tmp_path):
         assert [change["key"] for change in found["changes"]] == key
         assert all(change["low"] < -moved < change["high"] < 0.0 for change in found["changes"])
         assert all(0.0 < limit["limit"] < 0.006 for limit in found["detection_limits"])
-    # A joint counted the other way round is a mistake of the data, not a change of the arm.
-    done = quick_test(tmp_path, [{**row, "q3": -float(row["q3"])} for row in rows], options)
-    assert "too large for an arm" in done.stderr
+    if not options:
+        # A joint counted the other way round is a mistake of the data, not a change of the arm.
+        done = quick_test(tmp_path, [{**row, "q3": -float(row["q3"])} for row in rows], options)
+        assert "too large for an arm" in done.stderr
 
 
 def quick_test(folder, rows, options):

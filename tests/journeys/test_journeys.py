@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from commands import missing, run
 from homogeneous import shift, turn
-from independent_arm import DECLARED, LIMITS, link_frames, robot, target
+from independent_arm import DECLARED, LIMITS, link_frames, robot, target, targets
 from refusals import problems_of
 from sample_files import saved
 
@@ -43,67 +43,86 @@ ANCHORS = {"p": np.array([1.2, 0.9, 0.1]), "q": np.array([0.3, -1.1, 0.2])}
 Row = dict[str, object]
 
 
-STEPS = 1e-6 * np.hstack((np.zeros((6, 1)), np.eye(6), -np.eye(6)))
+FIXTURES = {"point": SOCKETS, "plane": PLANES, "line": LINES, "sphere": SPHERES, "gauge": SPHERES, "anchor": ANCHORS}
+Gap = Callable[[np.ndarray, np.ndarray], np.ndarray]
 
 
-def reached(gap: Callable[[np.ndarray], np.ndarray], q: np.ndarray) -> np.ndarray | None:
-    """Joints near ``q`` at which the ``gap`` of the target's position is zero; None if there are none in range."""
-    for _ in range(40):
-        here, *beside = map(gap, target((q + ZEROS)[:, None] + STEPS))
-        if np.abs(here).max() < 1e-13:
-            break
-        slope = (np.array(beside[:6]) - np.array(beside[6:])) / 2e-6
-        q = q - np.clip(np.linalg.pinv(slope.T) @ here, -0.2, 0.2)
-    return q if np.abs(here).max() < 1e-9 and np.all((q > LOW) & (q < HIGH)) else None
+def gap_of(kind: str, name: str) -> Gap:
+    """How far targets (..., N, 3) are from what the tip touches, beyond readings or errors (N, 2)."""
+    if kind == "point":
+        return lambda p, off: p - SOCKETS[name]
+    if kind == "plane":
+        normal, height = PLANES[name]
+        unit = normal / np.linalg.norm(normal)
+        return lambda p, off: (p @ unit)[..., None] - height - off[:, :1]
+    if kind == "line":
+        place, along = LINES[name]
+        across = np.linalg.svd(along[None])[2][1:]
+        return lambda p, off: (p - place) @ across.T - off
+    centre, radius = SPHERES[name]
+    return lambda p, off: np.linalg.norm(p - centre, axis=-1, keepdims=True) - radius - off[:, :1]
 
 
-def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> Iterator[Row]:
+STEPS = 1e-6 * np.hstack((np.zeros((6, 1)), np.eye(6)))[..., None]
+
+
+def reached(gap: Gap, starts: np.ndarray, off: np.ndarray) -> np.ndarray:
+    """Joints (6, N) from ``starts`` (6, N), and the largest gap there (N,): Newton's method within the range."""
+    q = starts
+    for _ in range(20):
+        here, *beside = gap(target(q[:, None] + ZEROS[:, None, None] + STEPS), off)
+        slope = (np.array(beside) - here) / 1e-6
+        step = np.linalg.pinv(np.moveaxis(slope, 0, 2)) @ here[..., None]
+        q = np.clip(q - np.clip(step[..., 0].T, -0.2, 0.2), LOW[:, None], HIGH[:, None])
+    return np.vstack((q, np.abs(gap(target(q + ZEROS[:, None]), off)).max(axis=1)))
+
+
+def touching(kind: str, name: str, count: int, noise: float, generator: np.random.Generator) -> np.ndarray:
+    """Joints that touch a fixture, and the readings or errors there, (count, 8)."""
+    gap, found = gap_of(kind, name), np.empty((0, 8))
+    while len(found) < count:
+        off = noise * generator.standard_normal((2 * count, 2))
+        if kind in ("plane", "gauge"):
+            off = generator.uniform(-2e-3, 2e-3, (2 * count, 2))
+        q = reached(gap, generator.uniform(LOW, HIGH, (2 * count, 6)).T, off)
+        found = np.vstack((found, np.hstack((q[:6].T, off))[q[6] < 1e-9]))
+    return found[:count]
+
+
+def rows_of(kind: str, count: int, generator: np.random.Generator, noise: float = NOISE) -> list[Row]:
     """Rows of a pose file: joints, what they are measured from, and the measured number."""
-    start: np.ndarray | None = None
-    found = 0
-    while found < count:
-        q: np.ndarray | None = generator.uniform(LOW, HIGH)
-        name, reading = "", float(generator.uniform(-2e-3, 2e-3))
-        error = noise * generator.standard_normal()
-        row: Row = {"kind": kind, "pose": f"{kind} {found}"}
+    q, off = generator.uniform(LOW, HIGH, (count, 6)), np.zeros((count, 2))
+    names = [*FIXTURES.get(kind, [""])]
+    if kind in ("point", "plane", "line", "sphere", "gauge"):
+        for i, name in enumerate(names):
+            each = slice(i, None, len(names))
+            found = touching(kind, name, len(q[each]), noise, generator)
+            q[each], off[each] = found[:, :6], found[:, 6:]
+    places, errors = target(q.T + ZEROS[:, None]), noise * generator.standard_normal((count, 3))
+    rows = []
+    for i, (place, error) in enumerate(zip(places, errors, strict=True)):
+        name, reading = names[i % len(names)], 1e3 * (off[i, 0] + error[0])
+        row: Row = {**{f"q{joint}": angle for joint, angle in enumerate(q[i], 1)}, "kind": kind, "pose": f"{kind} {i}"}
         if kind == "point":
-            name = list(SOCKETS)[found % 3]
-            q = reached(lambda p, name=name: p - SOCKETS[name], q)
             row |= {"socket": name}
         elif kind == "plane":
-            name = list(PLANES)[found % 2]
-            normal, height = PLANES[name]
-            unit = normal / np.linalg.norm(normal)
-            q = reached(lambda p, unit=unit, height=height, reading=reading: np.array([unit @ p - height - reading]), q)
-            row |= {"plane": name, "reading_mm": 1e3 * (reading + error)}
-        elif kind == "line":
-            name = list(LINES)[found % 2]
-            place, along = LINES[name]
-            across = np.linalg.svd(along[None])[2][1:]
-            off = noise * generator.standard_normal(2)
-            q = reached(lambda p, place=place, across=across, off=off: across @ (p - place) - off, q)
-            row |= {"line": name}
-        elif kind in ("sphere", "gauge"):
-            name = list(SPHERES)[found % 2]
-            centre, radius = SPHERES[name]
-            height = radius + (reading if kind == "gauge" else error)
-            q = reached(lambda p, c=centre, height=height: np.array([np.linalg.norm(p - c) - height]), q)
-            of_gauge = {"kind": "sphere", "reading_mm": 1e3 * (reading + error), "radius_mm": 1e3 * radius}
-            row |= {"sphere": name} | (of_gauge if kind == "gauge" else {})
+            row |= {"plane": name, "reading_mm": reading}
+        elif kind == "gauge":
+            row |= {"kind": "sphere", "sphere": name, "reading_mm": reading, "radius_mm": 1e3 * SPHERES[name][1]}
+        elif kind in ("line", "sphere"):
+            row |= {kind: name}
         elif kind == "anchor":
-            name = list(ANCHORS)[found % 2]
-            row |= {"kind": "distance", "anchor": name}
-            row |= {"distance_mm": 1e3 * (np.linalg.norm(target(q + ZEROS) - ANCHORS[name]) + error)}
-        elif kind == "from" and found % 2 == 0:
-            row, start = {**row, "kind": "distance"}, q
+            length = np.linalg.norm(place - ANCHORS[name]) + error[0]
+            row |= {"kind": "distance", "anchor": name, "distance_mm": 1e3 * length}
         elif kind == "from":
-            length = np.linalg.norm(target(q + ZEROS) - target(start + ZEROS)) + error
-            row |= {"kind": "distance", "from": f"from {found - 1}", "distance_mm": 1e3 * length}
+            row |= {"kind": "distance"}
+            if i % 2:
+                length = np.linalg.norm(place - places[i - 1]) + error[0]
+                row |= {"from": f"from {i - 1}", "distance_mm": 1e3 * length}
         else:
-            row |= dict(zip("xyz", target(q + ZEROS) + noise * generator.standard_normal(3), strict=True))
-        if q is not None:
-            found += 1
-            yield {**{f"q{i}": angle for i, angle in enumerate(q, 1)}, **row}
+            row |= dict(zip("xyz", place + error, strict=True))
+        rows.append(row)
+    return rows
 
 
 def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
@@ -121,7 +140,7 @@ def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
         ({"plane": 60}, 0.25),
         ({"line": 48}, 0.25),
         ({"sphere": 70}, 0.25),
-        ({"gauge": 70}, 0.1),
+        ({"gauge": 90}, 0.1),
         ({"anchor": 70}, 0.05),
         ({"from": 160}, 0.05),
         ({"plane": 30, "point": 21, "from": 40}, 0.1),
@@ -155,7 +174,7 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
         assert min(shares.values()) > 1.0
         assert f"of each kind of measurement: {max(shares, key=shares.get)} " in str(result.view())
     q = generator.uniform(LOW, HIGH, (100, 6)).T
-    others = Measurements(np.array([target(angles + ZEROS) for angles in q.T]).T, q=q)
+    others = Measurements(targets(q + ZEROS[:, None]), q=q)
     nominal, calibrated = (
         robacc.estimate(others, robot=arm, align="base_frame").position.mean_error for arm in (robot(), result.robot)
     )
@@ -407,7 +426,7 @@ def image(points: np.ndarray) -> np.ndarray:
     moved = np.stack(
         (x * radial + 2 * p1 * x * y + p2 * (r + 2 * x * x), y * radial + p1 * (r + 2 * y * y) + 2 * p2 * x * y)
     )
-    return FOCAL[:, None] * moved + CENTRE[:, None]
+    return (moved.T * FOCAL + CENTRE).T
 
 
 def base_of(mount: str) -> np.ndarray:
@@ -423,15 +442,15 @@ def photos(mount: str, count: int, number: int = 1) -> tuple[Photo, ...]:
     aside = shift(0.05, -0.04, 0.1) @ turn(2, 0.5) if number > 1 else np.eye(4)
     base = base_of(mount)
     while len(found) < count:
-        q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, 6)
-        target = base @ link_frames(q + ZEROS)[-1] @ TOOL
+        q = MIDDLE + REACH * generator.uniform(-1.0, 1.0, (200, 6))
+        target = base @ link_frames((q + ZEROS).T)[-1] @ TOOL
         board = np.linalg.inv(target @ aside) if mount == "hand" else aside @ target
-        points = board[:3, :3] @ BOARD + board[:3, 3:]
-        if points[2].min() > 0.3 and board[2, 2] > 0.5:
-            pixels = image(points)
-            if np.all((pixels > 0) & (pixels < 2 * CENTRE[:, None])):
-                found.append((q, pixels))
-    return tuple(found)
+        points = board[:, :3, :3] @ BOARD + board[:, :3, 3:]
+        pixels = image(np.moveaxis(points, 1, 0))
+        inside = np.all((pixels > 0) & (pixels < 2 * CENTRE[:, None, None]), axis=(0, 2))
+        seen = (points[:, 2].min(axis=1) > 0.3) & (board[:, 2, 2] > 0.5) & inside
+        found += zip(q[seen], np.moveaxis(pixels, 1, 0)[seen], strict=True)
+    return tuple(found[:count])
 
 
 COLUMNS = "pose,q1,q2,q3,q4,q5,q6,board_x_mm,board_y_mm,u_px,v_px"

@@ -14,7 +14,7 @@ import robacc
 from robacc import InputError, PoseFile, UsageError
 from robacc_plugins.boards import Board, page_of
 
-ZEROS = np.array([0.0, 12e-3, -10e-3, 8e-3, 10e-3, 0.0])
+ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
 """Errors of the joint zeros, rad."""
 
 

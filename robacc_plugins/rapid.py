@@ -44,7 +44,8 @@ _HIDDEN = re.compile(r'"(?:[^"\r\n]|"")*"|![^\r\n]*')
 _DECLARATION = re.compile(
     r"\b(CONST|PERS|VAR)\s+(robtarget|jointtarget|tooldata|wobjdata)\s+(\w+)\s*(\{[^}]*\})?\s*(?::=\s*([^;]*))?;", _ANY
 )
-_ASSIGNMENT = re.compile(r"(?<![\\\w.])([A-Za-z_]\w*)\s*(?:\{[^}]*\})?(?:\s*\.\s*\w+)*\s*:=", _ANY)
+_ASSIGNMENT = re.compile(r"(?<![\\\w.])([A-Za-z_]\w*)\s*+(?:\{[^}]*\}\s*+)?(?:\.\s*\w+\s*+)*:=", _ANY)
+"""A masked declaration is a long run of blanks, in which each must be looked at once."""
 _BLOCK = re.compile(r"^[ \t]*(?:LOCAL[ \t]+)?(PROC|FUNC|TRAP|ENDPROC|ENDFUNC|ENDTRAP|MODULE|ENDMODULE)\b", _ANY | re.M)
 _INSTRUCTION = re.compile(
     r"\b((?:MoveAbs|Move|Trigg|Arc|Spot|Disp|Cap|Search|Paint)([LJC])\w*)[ \t]*(?=[\s\\\[])([^;]*);", _ANY

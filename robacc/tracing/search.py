@@ -2,8 +2,9 @@
 
 Each move counts by the change of log likelihood and log prior odds, and is made beyond :data:`ACCEPTED`. Effects are
 chosen beside independent noise first. Where terms of the covariance may gain, beside these effects or in the place of
-one, they are added to the effects that stand out, and a second search adds the terms first; the most probable model is
-the result. No finding is withdrawn afterwards.
+one, they are added to the effects that stand out, a second search adds the terms first, and a third begins from the
+effects of the first beside the terms of the second; the most probable model is the result. No finding is withdrawn
+afterwards.
 """
 
 import contextlib
@@ -382,7 +383,8 @@ class _Search:
         """Return the ends of searches from a state: beside independent noise, with terms added there, and terms first.
 
         Effects that stand out are found before terms, which would hide them; terms that are found first hide effects
-        that only resemble them.
+        that only resemble them. Last come the effects that stand out beside the terms that were found first: estimated
+        without an effect, a term takes its place. On 72 poses of an iiwa, a process hid the compliance of a joint.
         """
         state, gain = self._settled(start, MOVES_ALONE)
         ends, noise = [], with_terms_that_gain(state.noise, state.linear)
@@ -394,6 +396,7 @@ class _Search:
         if noise.terms or self._terms_rival(state):
             noise = with_terms_that_gain(start.noise, start.linear)
             ends += [self._with_terms(start, noise, ends[-1])] if noise.terms else []
+            ends += [self._with_terms(state, ends[-1].noise, ends[-1])]
         return ends
 
     def _with_terms(self, state: State, noise: CovarianceParameters, rival: State | None = None) -> State:

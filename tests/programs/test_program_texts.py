@@ -269,7 +269,6 @@ def test_search_points_and_displacements_are_listed() -> None:
     assert targets["pW10"].tool is None, "two tools go to it"
 
 
-@pytest.mark.slow
 def test_ten_thousand_targets_take_linear_time(tmp_path: Path) -> None:
     unused = "[9E9,9E9,9E9,9E9,9E9,9E9]"
     lines = [f"CONST robtarget p{i}:=[[{i},0,1],[1,0,0,0],[0,0,0,0],{unused}];" for i in range(10_000)]

@@ -402,12 +402,13 @@ def calibrate(
         progress("fitting", 0, 1)
         if searched := [request for request in requests if is_searched(request)]:
             build(searched, Arm.of(robot), data)  # An effect that cannot be fitted is an error.
-            effects += search(Model.of(robot, effects), data, only=[request.name for request in searched]).effects
+            only = [request.name for request in searched]
+            found = search(Model.of(robot, effects), data, only).effects
+            # A process over the joints, which the search needs beside them, was not asked for.
+            effects += tuple(effect for effect in found if effect.name in only)
         model = Model.of(robot, effects)
-        settings = options
-        if priors:
-            names = [term.name for effect in effects for term in effect.terms(model.arm, data)]
-            settings = dataclasses.replace(options, priors=np.array([priors.get(name, np.inf) for name in names]))
+        stds = [priors.get(term.name, np.inf) for effect in effects for term in effect.terms(model.arm, data)]
+        settings = dataclasses.replace(options, priors=np.array(stds)) if priors else options
         unshrunk = without_idle_rotations(fit(model, data, settings), model, data, settings)
 
         def refitted(scattered: Options) -> Fit:

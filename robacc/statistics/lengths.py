@@ -352,12 +352,17 @@ class ScaledPercentileCurve:
     @cached_property
     def _ends(self) -> tuple[float, float]:
         """Lengths between which F is interpolated: its quantiles :data:`_LEAST` and :data:`_MOST`."""
-        low, high = (length_quantile(share, self.mean, self.variances) for share in (_LEAST, _MOST))
-        return low, high
+        return (
+            length_quantile(_LEAST, self.mean, self.variances),
+            length_quantile(_MOST, self.mean, self.variances),
+        )
 
     @cached_property
-    def _logit(self) -> tuple[np.polynomial.Chebyshev, np.polynomial.Chebyshev]:
-        """Logit of F as a series in the logarithm of the squared length less the constant, and its derivative."""
+    def _logit(self) -> tuple[Array, Array]:
+        """Chebyshev series ``(K, 2)`` of the logit of F and of its derivative, and their domain ``(2,)``.
+
+        They are series in the logarithm of the squared length less the constant.
+        """
 
         def logit(logarithms: Array) -> Array:
             radii = [math.sqrt(math.exp(x) + self._constant) for x in logarithms.tolist()]
@@ -368,14 +373,15 @@ class ScaledPercentileCurve:
 
         domain = [math.log(length**2 - self._constant) for length in self._ends]
         series = np.polynomial.Chebyshev.interpolate(logit, _DEGREE, domain=domain)
-        return series, series.deriv()
+        return np.column_stack((series.coef, np.append(series.deriv().coef, 0.0))), series.domain
 
     def _distribution(self, lengths: Array) -> tuple[Array, Array]:
         """Return F and dF / d length; beyond the range, those of its ends."""
-        squares, (logit, slope) = np.square(np.clip(lengths, *self._ends)) - self._constant, self._logit
-        places = np.clip(np.log(squares), *logit.domain)
-        shares = 1.0 / (1.0 + np.exp(-logit(places)))
-        return shares, shares * (1.0 - shares) * slope(places) * 2.0 * lengths / squares
+        squares, (series, (low, high)) = np.square(np.clip(lengths, *self._ends)) - self._constant, self._logit
+        places = np.clip((2.0 * np.log(squares) - low - high) / (high - low), -1.0, 1.0)
+        logit, slope = np.polynomial.chebyshev.chebval(places, series)
+        shares = 1.0 / (1.0 + np.exp(-logit))
+        return shares, shares * (1.0 - shares) * slope * 2.0 * lengths / squares
 
     def _share_below(self, value: float, n: int) -> float:
         """Return the probability that the percentile of ``n`` lengths is below ``value``."""
@@ -396,8 +402,8 @@ class ScaledPercentileCurve:
         reach = min(self._ends[1], value / w, value + 40.0 / fall) - value
         nodes, weights = _GAUSS
         lengths = value + 0.5 * reach * (1.0 + nodes)
-        lower, _ = self._distribution((value - w * lengths) / (1.0 - w))
-        shares, densities = self._distribution(lengths)
+        both, slopes = self._distribution(np.concatenate(((value - w * lengths) / (1.0 - w), lengths)))
+        (lower, shares), densities = np.split(both, 2), slopes[lengths.size :]
         scale = math.lgamma(n + 1.0) - math.lgamma(k + 1.0) - math.lgamma(n - k)
         integrand = np.exp(scale + k * np.log(lower) + (n - k - 1.0) * np.log(1.0 - shares)) * densities
         return min(below + 0.5 * reach * float(weights @ integrand), 1.0)

@@ -28,11 +28,11 @@ _VALUES = re.compile(
     rf"[\[{{]\s*(?P<nested>[\[{{]\s*{_NUMBERS}\s*[\]}}](?:\s*,\s*[\[{{]\s*{_NUMBERS}\s*[\]}}])+)\s*[\]}}]"
     rf"|[\[({{]\s*(?P<list>{_NUMBERS})\s*[\])}}]"
     rf"|(?<=[:=])[ \t]*(?P<line>{_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{2,}})[ \t]*$"
-    rf"|(?P<named>(?:{_KEY}\s*[:=]?\s*{_NUMBER}\s*{_UNIT}?[\s,;]*){{3,}})",
+    rf"|(?P<named>(?:{_KEY}\s*+[:=]?\s*+{_NUMBER}\s*+{_UNIT}?[\s,;]*+){{3,}})",
     re.IGNORECASE | re.MULTILINE,
 )
 """Lists in a list, one list, the numbers behind a colon up to the end of a line, and numbers behind their names."""
-_NAMED = re.compile(rf"({_KEY})\s*[:=]?\s*({_NUMBER})\s*({_UNIT}?)", re.IGNORECASE)
+_NAMED = re.compile(rf"({_KEY})\s*+[:=]?\s*+({_NUMBER})\s*+({_UNIT}?)", re.IGNORECASE)
 _LABEL = re.compile(r"(?P<word>[A-Za-z_]\w*)\s*(?:[(\[]\s*(?P<unit>m|mm|rad|deg|°)\s*[)\]])?\s*[:=]*\s*$")
 """Word before values, and the unit behind it."""
 _POSE = re.compile(r"'([^']+)'|\b([A-Za-z]\w*?[ _]?\d+)\b")

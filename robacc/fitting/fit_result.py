@@ -378,7 +378,7 @@ def held_out_poses(
         solved_for = solve_triangular(lower, flat, lower=True, check_finite=False).reshape(jacobian.shape)
         observed = np.ascontiguousarray(whitened(solved_for.swapaxes(0, 1), rows).transpose(2, 1, 0))
         scaled = np.ascontiguousarray(solved_for.transpose(2, 1, 0))
-        of_block, pieces = fit.whitening.subset(rows), -(-8 * flat.size // BLOCK_NUMBERS)
+        of_block, pieces = fit.whitening.subset(rows), 1 + 8 * flat.size // BLOCK_NUMBERS
         inside_groups = [
             piece for alike in blocks_of(groups[rows]) for piece in np.array_split(alike, min(pieces, len(alike)))
         ]

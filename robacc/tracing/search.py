@@ -342,7 +342,7 @@ class _Search:
         result = np.empty((len(columns), components, self.data.n))
         for column, (source, factor) in zip(result, columns, strict=True):
             np.multiply(jacobian[:, slots[source]], factor, out=column)
-        return np.array_split(result.T, -(-8 * result.size // BLOCK_NUMBERS), axis=2)
+        return np.array_split(result.T, 1 + 8 * result.size // BLOCK_NUMBERS, axis=2)
 
     def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Scores, list[Scores]]:
         """Return the scores beside a state, and beside it without each of its effects.
@@ -396,7 +396,7 @@ class _Search:
         if noise.terms or self._terms_rival(state):
             noise = with_terms_that_gain(start.noise, start.linear)
             ends += [self._with_terms(start, noise, ends[-1])] if noise.terms else []
-            ends += [self._with_terms(state, ends[-1].noise, ends[-1])]
+            ends += [self._with_terms(state, ends[-1].noise, ends[-1])] if noise.terms and state.chosen else []
         return ends
 
     def _with_terms(self, state: State, noise: CovarianceParameters, rival: State | None = None) -> State:

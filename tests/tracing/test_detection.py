@@ -41,6 +41,13 @@ def clean(name: str, n: int = 80, noise: float = NOISE) -> tuple[Measurements, S
     return data, looped(name, data)
 
 
+def test_without_a_candidate_nothing_is_found() -> None:
+    data, found = clean("puma560")
+    found = search(found.model, data, only=())
+    assert found.effects == ()
+    assert detection_limits(found) == []
+
+
 def by_name(found: list[DetectionLimit]) -> dict[str, DetectionLimit]:
     return {f"{one.effect}{one.joints}{sorted(one.settings.items())}": one for one in found}
 

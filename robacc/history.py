@@ -41,7 +41,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model, residuals
 from robacc.prediction.model_uncertainty import ModelFit, blocks_with_frames, fitted_jacobian
 from robacc.robots.description import Robot
-from robacc.statistics.intervals import chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
+from robacc.statistics.intervals import TINY, chi2_quantile, f_sf, normal_cdf, normal_quantile, root, student_quantile
 
 YEAR = 365.25 * 86400.0
 """s"""
@@ -53,7 +53,6 @@ RIVAL = 3.0
 """Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
 _NEAR = 3.841
 """Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
-_TINY = 1e-300
 _SAME = 1e-9
 """Share of a column's square below which the other columns make it up."""
 SETUP = ("base_frame.", "tool_frame.")
@@ -109,7 +108,7 @@ class Spread(NamedTuple):
         ratios = np.square(np.diff(values, append=0.0)) / (variances + np.append(variances[1:], 0.0))
         ratios[np.cumsum(n) - 1] = 0.0  # from one series to the next
         squares = np.add.reduceat(ratios, np.cumsum(n) - n) / (n - 1)
-        logs = np.log(np.maximum(squares, _TINY)) - digamma(half) + np.log(half)
+        logs = np.log(np.maximum(squares, TINY)) - digamma(half) + np.log(half)
         excess = float(np.var(logs, ddof=1) - np.mean(polygamma(1, half)))
         if excess <= 0.0:
             return cls(math.exp(float(np.mean(logs))), math.inf)
@@ -132,7 +131,7 @@ class _Fit:
         has_own = math.isfinite(self.dof) and self.dof > 0.0
         factor = (spread.dof * spread.factor + squares) / self.dof if has_own else spread.factor
         rest = self.rest * np.sqrt(self.weights)
-        lag = np.sum(rest[..., 1:] * rest[..., :-1], axis=-1) / np.maximum(np.sum(np.square(rest), axis=-1), _TINY)
+        lag = np.sum(rest[..., 1:] * rest[..., :-1], axis=-1) / np.maximum(np.sum(np.square(rest), axis=-1), TINY)
         # White errors have a correlation of up to 1.6 / sqrt(n) by chance.
         lag = np.where(lag > normal_quantile(0.95) / math.sqrt(n), np.minimum(lag, 1.0 - 1.0 / n), 0.0)
         self.factor: Array = np.maximum(1.0, factor) * (1.0 + lag) / (1.0 - lag)

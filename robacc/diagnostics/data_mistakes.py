@@ -428,7 +428,7 @@ _USUAL_ERROR = 3e-3
 
 
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
-    """Raise an error if the data contain a mistake; return warnings of mistakes in a few rows.
+    """Raise an error if the data contain a mistake or are of another arm; return warnings of mistakes in a few rows.
 
     Photos are checked by the poses that they show; other kinds of measurement than positions are not checked.
 
@@ -439,13 +439,16 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()
     poses = registered_poses(robot, data)
-    mistake = find_row_mistake(robot, data, poses.translation)
-    if _is_gross(data, poses) and not (mistake and mistake.refused):
+    mistake, is_gross = find_row_mistake(robot, data, poses.translation), _is_gross(data, poses)
+    if is_gross and not (mistake and mistake.refused):
         mistake = find_mistake(robot, data) or find_part_mistake(robot, data) or mistake
     texts = [f"{data.source}: {mistake.text}" if data.source else mistake.text] if mistake else []
     if mistake and mistake.refused:
         raise InputError(texts[0])
-    return (*other_arm(robot, data, poses.translation), *texts)
+    others = other_arm(robot, data, poses.translation)
+    if others and is_gross:
+        raise InputError(others[0])
+    return (*others, *texts)
 
 
 def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, ...]:

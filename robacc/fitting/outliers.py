@@ -4,12 +4,12 @@ import math
 
 import numpy as np
 
-from robacc.fitting.levels import FEW, ROUNDING, SIGNIFICANT, STEPS
+from robacc.fitting.levels import FEW, ROUNDING, SIGNIFICANT
 from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.arm import BLOCK
-from robacc.statistics.intervals import quantiles
+from robacc.statistics.intervals import TINY, quantiles, root
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
@@ -41,16 +41,11 @@ def _misfit(residual: Array, known: Array | float, used: float, count: int) -> f
     if isinstance(known, float):
         return float(np.sqrt(np.vdot(residual, residual) / dof))
     square = np.square(residual)
-    if np.all(known > 0.0) and float((square / known).sum()) <= dof:
-        return 0.0
-    low, high = 0.0, float(square.sum() / dof)
-    for _ in range(STEPS):
-        middle = 0.5 * (low + high)
-        if float((square / (known + middle)).sum()) > dof:
-            low = middle
-        else:
-            high = middle
-    return float(np.sqrt(high))
+
+    def excess(variance: float) -> float:
+        return float((square / (known + variance)).sum()) - dof
+
+    return math.sqrt(root(excess, TINY, float(square.sum() / dof))) if excess(TINY) > 0.0 else 0.0
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:

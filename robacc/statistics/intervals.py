@@ -36,7 +36,7 @@ from robacc.geometry import Array, NDArray
 # Sources: NIST Digital Library of Mathematical Functions, 8.9.1 and 8.9.2 (continued fractions of the incomplete gamma
 # functions), 8.17.22 (continued fraction of the incomplete beta function), 5.11.1 (Stirling's series).
 
-_TINY = 1e-300
+TINY = 1e-300
 _STIRLING_FROM = 10.0
 """Argument from which Stirling's series of four terms is exact to 1e-14."""
 
@@ -54,7 +54,7 @@ def root(function: Callable[[float], float], low: float, high: float, tolerance:
     c, f_c, share = b, f_b, 0.5
     while True:
         best, f_best = (a, f_a) if abs(f_a) < abs(f_b) else (b, f_b)
-        smallest = (tolerance * abs(best) + _TINY) / abs(b - a) if a != b else 1.0
+        smallest = (tolerance * abs(best) + TINY) / abs(b - a) if a != b else 1.0
         if smallest > 0.5 or f_best == 0.0:
             return best
         x = a + min(max(share, smallest), 1.0 - smallest) * (b - a)
@@ -97,12 +97,12 @@ def _log_gamma_weight(a: float, x: float) -> float:
 
 def _continued_fraction(first: float, terms: Callable[[int], tuple[float, float]]) -> float:
     """Return ``1 / (first + n_1 / (d_1 + n_2 / (d_2 + …)))`` with ``terms(i) = (n_i, d_i)``, by Lentz's algorithm."""
-    d = value = 1.0 / (first or _TINY)
-    c = 1.0 / _TINY
+    d = value = 1.0 / (first or TINY)
+    c = 1.0 / TINY
     for i in range(1, 200_000):
         numerator, denominator = terms(i)
-        d = 1.0 / (denominator + numerator * d or _TINY)
-        c = denominator + numerator / c or _TINY
+        d = 1.0 / (denominator + numerator * d or TINY)
+        c = denominator + numerator / c or TINY
         value *= c * d
         if abs(c * d - 1.0) < 2e-16:
             break

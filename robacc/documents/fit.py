@@ -253,6 +253,13 @@ _FIT = {
                 share | None,
                 "Mean square of that error over that of the nominal model, registered if the fit has frames.",
             ),
+            turn_at_tool_rad=Key(
+                size | None,
+                "Root mean square angle by which it alone turns the target, rad; null where orientation was not "
+                "measured.",
+                "turn",
+                optional=True,
+            ),
         ),
         "Effects in the fit other than base and tool, declared or found, that the poses distinguish from "
         "nothing; the largest first.",

@@ -28,8 +28,7 @@ def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Return the numbers of the rows of the first ranks, at most ``most`` of them but all of one rank."""
     ranked = np.sort(draw)
     limit = ranked[max(most, 1) - 1] if most < ranked.size else ranked[-1] + 1
-    chosen = np.flatnonzero(draw < limit)
-    return chosen if chosen.size else np.flatnonzero(draw == ranked[0])
+    return np.flatnonzero(draw < max(limit, ranked[0] + 1))
 
 
 def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:

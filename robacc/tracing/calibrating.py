@@ -67,6 +67,9 @@ class ErrorCause:
     """Root mean square of the error that its absence leaves, the rest of the model fitted again, m."""
     share: float | None
     """Mean square of that error over that of the nominal model, registered if the fit has frames."""
+    turn: float | None
+    """Root mean square over the poses of the angle by which it alone turns the target, rad; None where orientation was
+    not measured."""
 
 
 def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[Effect] = ()) -> tuple[ErrorCause, ...]:
@@ -81,11 +84,13 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         found: Effects that were not declared.
     """
     columns = fit.identifiability.columns
-    # The mean over the inliers of J'J, J the derivative of the position.
-    rows, moved = np.flatnonzero(fit.inliers), np.zeros((columns.size, columns.size))
+    # The means over the inliers of J'J, J the derivatives of the position, and of the orientation if it was measured.
+    rows, components = np.flatnonzero(fit.inliers), len(fit.residual)
+    moved, *turned = np.zeros((components // 3, columns.size, columns.size))
     for start in range(0, rows.size, BLOCK):
-        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, 3)
-        moved += sum(component @ component.T for component in jacobian) / rows.size
+        _, jacobian = fit.model.bind(data.subset(rows[start : start + BLOCK])).linearise(fit.theta, columns, components)
+        for products, part in zip((moved, *turned), np.split(jacobian, components // 3), strict=True):
+            products += sum(component @ component.T for component in part) / rows.size
     inverse = posterior(fit.gram, fit.precision)
     covariance = fit.covariance[np.ix_(columns, columns)]
     # The identifiable coefficients of each effect, those of a constant effect by joint.
@@ -106,12 +111,13 @@ def causes(fit: Fit, data: Measurements, nominal_rms: float, found: Collection[E
         std = float(np.sqrt(max(float(pull @ covariance[own] @ pull), 0.0))) / size
         interval = (float(np.sqrt(max(square - noise, 0.0))) - NORMAL_95 * std, size + NORMAL_95 * std)
         change = inverse[:, indices] @ np.linalg.solve(inverse[own], values)
-        left = float(change @ moved @ change)
-        share = min(left / nominal_rms**2, 1.0) if nominal_rms > 0.0 else None
+        left = float(np.sqrt(max(float(change @ moved @ change), 0.0)))
+        share = min((left / nominal_rms) ** 2, 1.0) if nominal_rms > 0.0 else None
+        turn = float(np.sqrt(max(float(values @ turned[0][own] @ values), 0.0))) if turned else None
         joints, declared = effect.joints if joint is None else (joint,), effect not in found
-        figures = (size, interval, max(left, 0.0) ** 0.5, share)
-        listed += [ErrorCause(effect.name, joints, effect.settings(), declared, *figures)] if interval[0] > 0.0 else []
-    return tuple(sorted(listed, key=lambda cause: -cause.left))
+        listed.append(ErrorCause(effect.name, joints, effect.settings(), declared, size, interval, left, share, turn))
+    notable = (cause for cause in listed if cause.interval[0] > 0.0)
+    return tuple(sorted(notable, key=lambda cause: -cause.left))
 
 
 # Stages of a fit to the same poses: nominal, before and after, fitted and held out.

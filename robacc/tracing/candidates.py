@@ -348,10 +348,9 @@ class Evidence:
     """Scores of candidates beside the effects of a whitened model, and beside all but some of them."""
 
     def __init__(
-        self, white: Whitened, columns: Array, candidates: Sequence[Candidate], numbers: Sequence[int] | None = None
+        self, white: Whitened, columns: Array, candidates: Sequence[Candidate], numbers: Sequence[int]
     ) -> None:
-        """Take the whitened ``columns`` ``(K, n)`` of the candidates ``numbers``, which are scored; all if None."""
-        numbers = range(len(candidates)) if numbers is None else numbers
+        """Take the whitened ``columns`` ``(K, n)`` of the candidates ``numbers``, which are scored."""
         self.white, self.rows = white, columns
         """``(K, n)`` whitened columns of the candidates."""
         reduced = solve_triangular(white.triangle, (self.rows @ white.columns).T, lower=True)

@@ -78,7 +78,7 @@ _OF_FRAMES = 0.1
 """Prior standard deviation of declared frames, m and rad: they are registered first. The arm's constants have the broad
 prior of a fit, other declared effects :data:`LARGEST` usual sizes."""
 
-Progress = Callable[[int, int], None]
+Progress = Callable[[int], None]
 
 
 @dataclass(frozen=True)
@@ -174,12 +174,12 @@ class SearchResult:
 
 
 def search(
-    model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda done, count: None
+    model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda count: None
 ) -> SearchResult:
     """Return the most probable effects beside the free ones of ``model``, and the covariance of the rest.
 
-    ``only`` restricts the candidates to effects of those names. ``progress`` is called with the number of moves and of
-    effects in the model.
+    ``only`` restricts the candidates to effects of those names. ``progress`` is called after each move, with the
+    number of effects in the model.
     """
     return _Search(model, data, only, progress).run()
 
@@ -196,7 +196,7 @@ class _Search:
         self.broad = broad_stds(self.model, bound.terms, bound.owners)
         """Standard deviations of the broad prior of declared constants near nominal; inf for other coefficients."""
         self.pool = Pool(self.model.arm, self.data, self.model.free, only)
-        self.progress, self.moves, self.settled = progress, 0, True
+        self.progress, self.settled = progress, True
 
     def run(self) -> SearchResult:
         """Search, and return the most probable model."""
@@ -546,8 +546,7 @@ class _Search:
         return all(are_separable(first, second, extent) for first, second in pairs)
 
     def _logged(self, state: State, action: str, chosen: str | None, scores: Scores) -> State:
-        self.moves += 1
-        self.progress(self.moves, len(state.chosen))
+        self.progress(len(state.chosen))
         return dataclasses.replace(state, steps=(*state.steps, SearchStep(action, chosen, self._ranked(scores))))
 
     def _ranked(self, scores: Scores) -> tuple[Ranked, ...]:

@@ -1,5 +1,6 @@
 """`robacc trace`: search, findings with their rivals, errors before and after, remaining error, and the verdict."""
 
+import contextlib
 import dataclasses
 import functools
 import math
@@ -201,13 +202,9 @@ def describe_finding(
     final, effect = judged.fit, identified.effect
     arm, number = final.model.arm, final.model.free.index(effect)
     columns = [i for i, owner in enumerate(final.owners) if owner == number]
-    before: tuple[float | None, float | None] = (None, None)
-    after = before
-    if (held_out := judged.after.held_out_inliers or judged.after.held_out) is not None:
-        after = _rms(held_out)
-        # Without a frame nothing else can be fitted.
-        if without is not None and not effect.traits.is_frame:
-            before = _rms(pose_metrics(without[:, judged.after.held_out_inliers_mask]))
+    after, apart = _rms(judged.after.held_out_inliers or judged.after.held_out), judged.after.held_out_inliers_mask
+    # Without a frame nothing else can be fitted.
+    before = _rms(None if without is None or effect.traits.is_frame else pose_metrics(without[:, apart]))
     coefficients = tuple(judged.parameters[i] for i in columns)
     change = between = None
     if isinstance(effect, Step) and identified.places is not None:
@@ -225,11 +222,8 @@ def describe_finding(
     # Distances and angles by which the effect alone moves the target at the inliers.
     of_position: tuple[float | None, float | None] = (None, None)
     of_orientation, moved = of_position, np.zeros(0)
-    try:
+    with contextlib.suppress(RobaccError):
         alone = final.model.bind(data).poses(np.where(np.array(final.owners) == number, 0.0, final.theta))
-    except RobaccError:
-        pass
-    else:
         moved = np.linalg.norm((alone.translation - final.poses.translation)[:, final.inliers], axis=0)
         of_position = _rms_and_largest(moved)
         if data.rotation is not None:
@@ -263,8 +257,10 @@ def describe_finding(
     )
 
 
-def _rms(metrics: PoseMetrics) -> tuple[float, float | None]:
-    """Return the rms of position, m, and of orientation, rad; None where it is not measured."""
+def _rms(metrics: PoseMetrics | None) -> tuple[float | None, float | None]:
+    """Return the rms of position, m, and of orientation, rad; None where it is not measured, or nothing is held out."""
+    if metrics is None:
+        return None, None
     return metrics.position.rms, None if metrics.orientation is None else metrics.orientation.rms
 
 
@@ -407,16 +403,6 @@ def verdict_of(findings: Sequence[Finding], unexplained: Unexplained) -> Verdict
     return "explained" if named and plausible and not unexplained.structured else "partly_explained"
 
 
-def is_hidden_noise(noise: LackOfFit, repeatability: Repeatability | None) -> bool:
-    """Return whether only the residual separates noise from repeatability, and leaves almost nothing for the noise."""
-    return (
-        noise.p_value is None
-        and repeatability is not None
-        and repeatability.source == "residual"
-        and noise.rms < NEGLIGIBLE * repeatability.position
-    )
-
-
 def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatability | None) -> str | None:
     """Return what the verdict presumes of noise and repeatability that only the residual gives.
 
@@ -424,10 +410,11 @@ def assumption_of(verdict: Verdict, noise: LackOfFit, repeatability: Repeatabili
     """
     if noise.p_value is not None or verdict not in ("clean", "explained"):
         return None
-    presumed, test = [], "repeated poses"
+    presumed, test, least = [], "repeated poses", 0.0
     if repeatability is not None and repeatability.source == "residual":
         presumed.append(f"the arm's own repeatability is {1e3 * repeatability.position:.2g} mm rms at the target")
-    if noise.noise.source not in ("file", "repeats") and not is_hidden_noise(noise, repeatability):
+        least = NEGLIGIBLE * repeatability.position  # The residual alone separates them: next to no noise is left.
+    if noise.noise.source not in ("file", "repeats") and noise.rms >= least:
         axes = noise.noise.along_axes
         sizes = ", ".join(f"{1e3 * std:.2g}" for std in axes or (noise.noise.position,))
         along = "each axis" if axes is None else "x, y, z"
@@ -557,7 +544,7 @@ def trace(
         how, mistakes = HoldOut.of(data, holdout, n_folds, seed), check_data(stated, data)
         model = with_gravity_direction(declaring, data)
 
-        def searching(moves: int, count: int) -> None:
+        def searching(count: int) -> None:
             progress(f"searching, {count} finding{'s' * (count != 1)}" if count else "searching", 0, 1)
 
         declared = without_idle_rotations(fit(model, data), model, data, Options())

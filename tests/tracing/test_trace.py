@@ -29,7 +29,7 @@ from robacc.render.views.fit import _at_tool, _remaining_error, _residual
 from robacc.robots.arm import Arm
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import ErrorCause, causes
-from robacc.tracing.trace import Trace, assumption_of, is_hidden_noise, trace
+from robacc.tracing.trace import Trace, assumption_of, trace
 
 ESTIMATED = LackOfFit(Noise(2e-5, None, "residual"), None, 1.0)
 TINY = LackOfFit(Noise(4e-8, None, "residual"), None, 1.0)
@@ -49,10 +49,8 @@ def test_the_verdict_presumes_what_the_residual_alone_tells() -> None:
 
 def test_noise_that_the_scatter_of_the_joints_hides_gets_no_number() -> None:
     """Of 50 poses of an arm, measured once each, the joints' scatter took all but 65 nm of the residual."""
-    assert is_hidden_noise(TINY, SCATTER)
-    assert not is_hidden_noise(ESTIMATED, SCATTER)
-    assert not is_hidden_noise(TINY, None)
-    assert not is_hidden_noise(TINY, replace(SCATTER, source="repeated visits"))
+    for told in (None, replace(SCATTER, source="repeated visits")):
+        assert "the measurement noise is" in (assumption_of("explained", TINY, told) or "")
     size = "the arm's own repeatability is 0.086 mm rms at the target"
     assert assumption_of("explained", TINY, SCATTER) == f"explained if {size}; repeated poses would test this"
 
@@ -446,6 +444,21 @@ def test_intervals_hold_what_the_effects_really_do() -> None:
             inside[effect, joint] += low <= size <= high
     # 95 % of 60: 50 or fewer have a probability of 0.1 %.
     assert min(inside.values()) > 50
+
+
+def test_a_zero_turns_the_target_by_its_own_angle_where_orientation_is_measured() -> None:
+    nominal = arm("puma560").robot
+    plan = Plan(40, seed=4, noise_position=NOISE_OF_CAUSES, noise_orientation=1e-5)
+    data = simulate(dataclasses.replace(nominal, effects=EFFECTS[:1]), plan).data
+    calibrated = robacc.calibrate(data, robot=nominal, fit="base_frame,tool_frame,joint_offset")
+    zeros = {part.name: abs(part.value) for part in calibrated.parameters}
+    turns = {cause.joints[0]: cause.turn for cause in calibrated.causes}
+    for joint in ZEROS:
+        assert turns[joint] == pytest.approx(zeros[f"joint_offset.{joint}"], rel=1e-3)
+    assert "turns, °" in str(calibrated)
+    of_positions = robacc.calibrate(dataclasses.replace(data, rotation=None), robot=nominal, fit="joint_offset[j2,j3]")
+    assert {cause.turn for cause in of_positions.causes} == {None}
+    assert "turns" not in str(of_positions)
 
 
 def test_what_the_poses_do_not_distinguish_from_nothing_is_no_cause() -> None:

@@ -317,23 +317,33 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
     notable = [cause for cause in causes if cause["share"] is None or cause["share"] >= 0.01 or not cause["declared"]]
     named = f"{', '.join(map(_label, notable[:3])) or 'no single cause'}{' and others' * (len(notable) > 3)}"
     size = Text(f"{before} rms before, {after} rms after, on {_POSE_SETS[_pose_set(document)]}: {named}")
-    # Effects that were found come before declared ones where there is no room for all.
-    first = sorted(notable, key=lambda cause: cause["declared"])[:most]
+    # Behind the three that are named, effects that were found come before declared ones.
+    first = [*notable[:3], *sorted(notable[3:], key=lambda cause: cause["declared"])][:most]
     shown = causes if most is None else [cause for cause in notable if cause in first]
     if not shown:
         return [size]
     hidden, is_mixed = len(causes) - len(shown), len({cause["declared"] for cause in causes}) > 1
     without = "" if short else "without it: rms error that no other effect can describe; "
+    turned = any(cause.get("turn_at_tool_rad") is not None for cause in shown)
     return [
         size,
         grid(
-            ("effect", "coefficient", "moves, mm", "95 % interval", None if short else "without it, mm", "share"),
+            (
+                "effect",
+                "coefficient",
+                "moves, mm",
+                "95 % interval",
+                "turns, °" if turned else None,
+                None if short else "without it, mm",
+                "share",
+            ),
             [
                 (
                     f"{_label(cause)}{' (declared)' * (cause['declared'] and is_mixed)}",
                     _coefficient(document, cause),
                     number(cause["size_at_tool_m"], IN_MM),
                     " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
+                    number(cause["turn_at_tool_rad"], IN_DEGREES) if turned else "",
                     number(cause["error_without_m"], IN_MM),
                     "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
                 )
@@ -342,7 +352,8 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
         ),
         Text(f"and {hidden} of a smaller share; the JSON result has all of them" * (hidden > 0), is_note=True),
         Text(
-            f"moves: rms distance by which the effect alone moves the tool; {without}share: part of the nominal "
+            f"moves{', turns' * turned}: rms distance {'and angle ' * turned}by which the effect alone moves the tool; "
+            f"{without}share: part of the nominal "
             "model's mean square error that no other effect can describe, so that shares need not add up to 100 %",
             is_note=True,
         ),

@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from functools import cached_property, partial
 from pathlib import PurePath
-from typing import Annotated, Any, NamedTuple, TypeVar
+from typing import Annotated, Any, Literal, NamedTuple, TypeVar
 
 import numpy as np
 
@@ -395,15 +395,13 @@ def _origins(data: Measurements) -> set[str]:
 
 @contextmanager
 def _solvable(data: Measurements) -> Iterator[None]:
-    """Raise InputError where no arm like the robot fits other kinds of measurement, as one of no size may do."""
-    if data.kind is None:
-        yield
-        return
+    """Raise InputError where no arm like the robot fits; of other kinds of measurement, one of no size may do."""
+    of_other_kinds: Literal["warn", "raise"] = "warn" if data.kind is None else "raise"
     try:
-        with np.errstate(divide="raise", invalid="raise"):
+        with np.errstate(divide=of_other_kinds, invalid=of_other_kinds):
             yield
     except (ArithmeticError, np.linalg.LinAlgError):
-        fix = "check the units, the joints, the tool, and the names of what the rows are measured from"
+        fix = "check the units, the joints, the tool, and what the rows are measured from, or fit fewer effects"
         raise InputError(Problem("no arm like the robot explains what was measured", data.source, fix=fix)) from None
 
 

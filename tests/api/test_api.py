@@ -697,3 +697,15 @@ def test_chart_and_report_of_a_result(result: robacc.Estimate, tmp_path: Path) -
     assert text.index("Customer") < text.index("Serial number")
     with pytest.raises(robacc.UsageError, match="unknown key 'serial'"):
         result.report(page, identity={"serial": "1"})
+
+
+@pytest.mark.parametrize("error", [np.linalg.LinAlgError("singular"), FloatingPointError("divide")])
+def test_a_fit_that_no_arm_solves_is_one_message(error: Exception, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Of 12 poses with a wrist that stands still, a tool without its base went metres away."""
+
+    def unsolvable(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("robacc.api.fitting.fit_effects", unsolvable)
+    with pytest.raises(InputError, match="no arm like the robot explains what was measured"):
+        robacc.calibrate(SAMPLES / "poses.csv", robot=SAMPLE_ROBOT, fit="tool_frame")

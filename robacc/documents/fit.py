@@ -367,6 +367,9 @@ CALIBRATE = part(
     ),
     chi_square=Key(size | None, "Weighted sum of squared residuals.", "fit.chi_square"),
     degrees_of_freedom=Key(number | None, "Degrees of freedom of the fit.", "fit.degrees_of_freedom"),
+    n_determined=Key(
+        number | None, "How many coefficients the poses determine, not the priors.", "fit.determined", optional=True
+    ),
     identifiability=Key(
         part(
             n_identifiable=Key(

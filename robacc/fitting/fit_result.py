@@ -222,6 +222,11 @@ class Fit:
         return self.model.bind(data, self.validity).poses(self.theta if theta is None else theta)
 
     @property
+    def determined(self) -> float:
+        """How many coefficients the poses determine, not the priors."""
+        return self.data.count(self.inliers) - self.degrees_of_freedom
+
+    @property
     def outliers(self) -> NDArray[np.int64]:
         """Return the numbers of the outliers."""
         return np.flatnonzero(~self.inliers)
@@ -284,7 +289,7 @@ class HoldOut:
             return 1.0
         once = np.zeros(self.data.n, dtype=bool)
         once[np.unique(self.data.points(places(self.data)), return_index=True)[1]] = True
-        used = (self.data.count(fit.inliers) - fit.degrees_of_freedom) / self.data.count(once)
+        used = fit.determined / self.data.count(once)
         return 1.0 / (1.0 / (1.0 - used) + used) if used < 1.0 else 0.0
 
     def residuals(self, fit: Fit, lacking: Sequence[Collection[int]] = ((),)) -> list[Array | None]:

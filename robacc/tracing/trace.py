@@ -585,8 +585,7 @@ def trace(
         before = shrink_to_nominal(declared, data, Options(), constants)[0] if identified else final
         final = fitted_to_all(final)
         structured = dataclasses.replace(structured, fit=final)
-        numbers = [final.model.free.index(effect) for effect in effects]
-        after, *without = how.residuals(final, [(), *([number] for number in numbers)])
+        after, *without = how.residuals(final, [(), *([final.model.free.index(effect)] for effect in effects)])
         judged = judge(stated, mistakes, before, structured, data, how, after, effects)
         noise, repeatability, findings, advice = judged.noise, judged.repeatability, list[Finding](), list[Advice]()
         for one, residual in zip(identified, without, strict=True):

@@ -341,8 +341,12 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     assert sum("not identifiable" in line for line in lines) == 2
     assert not any(".hx2" in line for line in lines)
     assert sum(line.startswith("joint_compliance.j2: ") for line in lines) == 1
+    gram, prior = result.fit.gram, np.diag(result.fit.precision)
+    free = np.trace(np.linalg.solve(gram + prior, gram))
+    assert lines[0].endswith(f": {len(gram)} coefficients fitted, of which priors leave {free:.0f} free")
     # The JSON result keeps each of them.
     text = result.to_json()
+    assert json.loads(text)["n_determined"] == pytest.approx(free, rel=1e-6)
     assert text.count('"joint_compliance.j2.h') > 10
     assert all(dropped.name in text for dropped in result.identifiability.dropped)
 

@@ -226,7 +226,9 @@ def fit_view(
             parts = [part._replace(title=f"{place}. {part.title}") for place, part in enumerate(shown(parts), 1)]
     else:
         option, verb, count = "fit", "fitted", document["identifiability"]["n_identifiable"]
-        title = f"Calibration from {start}: {count} coefficients fitted"
+        free = document.get("n_determined") or count
+        held = f", of which priors leave {free:.0f} free" * (2 * free < count)
+        title = f"Calibration from {start}: {count} coefficients fitted{held}"
         estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
         others = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
         listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(others), *map(Text, masses)]

@@ -246,6 +246,7 @@ def check_units(
         message = f"attained positions spread {ratio:.3g} times as far as commanded positions"
         fix = "put the unit in the columns' names, for example x_mm and cmd_x_m"
         log.add(f"{message}, so one of them is in mm", line, names, fix)
+        wrong.add("length")
     for keys in (layout.orientation() or (), layout.orientation("cmd_") or ()):
         angles = bare(keys) if len(keys) == 3 else None
         # Roll, pitch, yaw or a rotation vector never need more than a turn.
@@ -297,13 +298,20 @@ def with_units(
     if known[0] is not None:
         index = index[np.isfinite(known[0][0, index])]
         rows = values.rows(index)
-    scores = {}
-    for units in itertools.product(*(_READINGS[name] if name in wrong else _READINGS[name][:1] for name in _READINGS)):
-        trial = _scaled(rows, columns, dict(zip(_READINGS, units, strict=True)))
-        if not doubts(trial):
-            scores[units] = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
-            if units[0] == "cm" and scores[units] > 0:
-                del scores[units]  # too near to an inch to be told by the range
+    # All in one unit; else, of an export, a tracker's mm beside metres of the controller.
+    for are_apart in (False, True)[: 1 + bool(foreign)]:
+        groups = _groups(columns, are_apart)
+        choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, _ in groups]
+        scores = {}
+        for units in itertools.product(*choices):
+            trial = _scaled(rows, groups, dict(zip(groups, units, strict=True)))
+            if not doubts(trial):
+                score = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
+                # A centimetre is too near to an inch to be told by the range.
+                if score <= (0.0 if "cm" in units else _NEAR if are_apart else math.inf):
+                    scores[units] = score
+        if scores:
+            break
     best = min(scores.values(), default=math.inf)
     # Of documented names the motion of the arm decides: the lengths, and the angles where the joints are known.
     moves = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
@@ -313,20 +321,33 @@ def with_units(
     left = [units for units, score in scores.items() if best >= _NEAR or score < best + _APART]
     q = rows.column_set(layout.joints()) if is_touched else None
     if q is not None and index.size >= 10 and np.abs(q).max() <= 2.0 * np.pi:
-        left = [units for units in left if units[1] == "rad"]
-    options = {name: {units[i] for units in left} for i, name in enumerate(_READINGS) if name in wrong & shown}
-    found = {name: min(units) for name, units in options.items() if len(units) == 1}
+        left = [units for units in left if "deg" not in units]
+    options = {group: {units[i] for units in left} for i, group in enumerate(groups) if group[0] in wrong & shown}
+    found = {group: min(units) for group, units in options.items() if len(units) == 1}
     reason = f"no other unit agrees with the values{' and the motion of the arm' * (best < _NEAR)}"
-    for quantity, unit in found.items():
-        taken = compact([column.name for column in columns if QUANTITY[column.kind] == quantity])
+    for group, unit in found.items():
+        taken = compact([column.name for column in groups[group]])
         values.log.warn(Note(f"{taken} taken as {unit}: {reason}"), of_file=True)
-    return _scaled(values, columns, found)
+    return _scaled(values, groups, found)
 
 
-def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str]) -> Values:
-    """Return the values with these columns in the unit of their quantity; columns of another quantity stay."""
+_Group = tuple[str, bool]
+"""Quantity of columns, and whether they are those of commands alone."""
+
+
+def _groups(columns: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
+    """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
+    groups: dict[_Group, list[Column]] = {}
+    for column in columns:
+        is_command = column.key.startswith("cmd_") or JOINT_COLUMN.fullmatch(column.key) is not None
+        groups.setdefault((QUANTITY[column.kind], are_apart and is_command), []).append(column)
+    return groups
+
+
+def _scaled(values: Values, groups: Mapping[_Group, Sequence[Column]], units: Mapping[_Group, str]) -> Values:
+    """Return the values with the columns of each group in its unit; columns of other groups stay."""
     numbers, layout = values.numbers.copy() if units else values.numbers, values.layout
-    new = {c.key: replace(c, unit=units[QUANTITY[c.kind]]) for c in columns if QUANTITY[c.kind] in units}
+    new = {column.key: replace(column, unit=unit) for group, unit in units.items() for column in groups[group]}
     for key, column in new.items():
         numbers[values.row_index[key]] /= column.divisor / column.coverage
     layout = layout._replace(
@@ -338,25 +359,31 @@ def _scaled(values: Values, columns: Sequence[Column], units: Mapping[str, str])
 
 
 def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:
-    """Return the distance between the ranges of measured and commanded positions, as a logarithm of their ratio.
+    """Return the distance of the ranges of measured and commanded positions from the arm's, as a logarithm of the ratio.
 
     It is less by 10 where positions, and where orientations, follow the arm.
     """
-    q, measured, commanded = (values.column_set(keys) for keys in (values.layout.joints(), AXES, COMMANDED_AXES))
+    layout, q = values.layout, values.column_set(values.layout.joints())
+    measured, commanded = values.column_set(AXES), values.column_set(COMMANDED_AXES)
     if q is not None and robot.pose_at is not None:
         poses = robot.pose_at(q)
         known = (poses.translation, poses.rotation)
+    elif known[0] is None and (keys := layout.orientation("cmd_")) is not None:
+        known = (commanded, rotations(values, keys, _convention(keys, None)))
     at = commanded if known[0] is None else known[0]
-    ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in (measured, at)]
+    positions = (at, measured, at if commanded is None else commanded)
+    ranges = [0.0 if position is None else float(np.max(central_range(position))) for position in positions]
     # m; commanded positions of an arm that stands or has a short track do not spread farther than 12.
-    if not (ranges[0] > 0 and SMALL_RANGE < ranges[1] < 12.0):
+    if not (min(ranges[1:]) > 0 and SMALL_RANGE < ranges[0] < 12.0):
         return math.inf
-    fits = float(measured is not None and unit_of_positions(measured, *known) == "m")
-    angles = values.column_set(values.layout.orientation() or ())
-    if angles is not None and len(angles) == 3 and known[1] is not None:
-        tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
-        fits += float(min((tried or {"": math.inf}).values()) < AGREES)
-    return abs(math.log(ranges[0] / ranges[1])) - 10.0 * fits
+    fits = 0
+    for prefix, position in (("", measured), ("cmd_", commanded)):
+        fits += position is not None and unit_of_positions(position, *known) == "m"
+        angles = values.column_set(layout.orientation(prefix) or ())
+        if angles is not None and len(angles) == 3 and known[1] is not None:
+            tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))
+            fits += bool(min((tried or {"": math.inf}).values()) < AGREES)
+    return max(abs(math.log(each / ranges[0])) for each in ranges[1:]) - 10.0 * fits
 
 
 # Orientations: their representation, and the convention of angles that names leave open.

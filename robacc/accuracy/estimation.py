@@ -640,7 +640,7 @@ def _notes(
 
 def _moves(data: Measurements) -> bool:
     """Return whether the robot was commanded to several places; scatter at a single place does not show frames."""
-    commands = data.commands
+    commands = data.commanded_position if data.q is None else data.q
     return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
 
 

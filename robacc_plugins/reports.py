@@ -1,7 +1,7 @@
 """Reports of coordinate measuring machines: a line for each axis of a point, with nominal and measured values.
 
-Tables of such lines become tables of points (:func:`by_axes`). Texts of PC-DMIS and DMIS, which are no tables, are read
-too.
+Tables of such lines become tables of points (:func:`points`), and so do tables of commanded positions and deviations. Texts of
+PC-DMIS and DMIS, which are no tables, are read too.
 """
 
 from __future__ import annotations
@@ -22,7 +22,7 @@ from robacc.io.dialect import NUMBER
 from robacc.io.files import bytes_of, clip, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
 from robacc.poses.layout import listing
-from robacc.poses.reading import AXES, heading_of, is_point_name
+from robacc.poses.reading import AXES, DEVIATIONS, UNITS, heading_of, is_point_name, labelled, meaning_of, source_of
 from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, coordinates
 
 _AXIS_NAMES = frozenset(
@@ -31,6 +31,8 @@ _AXIS_NAMES = frozenset(
 _NOMINAL = frozenset(
     {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmaß", "commanded", "cmd", "reference", "ref"}
 )
+_MEASURED_LESS_NOMINAL = frozenset({"dev", "deviation", "abweichung", "abw", "écart", "ecart", "desviación", "scarto", "偏差"})
+"""Words of deviations, whose sign inspection software defines; a difference or an error may have either."""
 _POINT_NAMES = frozenset({"featureid", "feature id", "id"})
 """Names of columns of points in a report that are none in other tables."""
 _AXIS = re.compile(
@@ -44,7 +46,45 @@ _POINT_AND_AXIS = (
 """Name of a point with its axis: ``Point1_X``, ``P1.Y``, ``X-Value_Point1``."""
 
 
-def by_axes(table: Table) -> Table | None:
+def points(table: Table) -> Table | None:
+    """Return a table with measured points for a report that has none in columns of their own; None for another table."""
+    return _by_axes(table) or _with_deviations(table)
+
+
+def _with_deviations(table: Table) -> Table | None:
+    """Return a table with measured positions for one with commanded positions and deviations; None for another table."""
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    sets: dict[tuple[str, ...], dict[str, int]] = {}
+    for i, heading in enumerate(headings):
+        label, axis = labelled(heading) or ((), "turn")
+        meaning = meaning_of(heading, siblings)
+        is_commanded = meaning is not None and meaning.key == axis and bool(meaning.commanded)
+        if axis in AXES and (is_commanded or DEVIATIONS & {*label} or source_of(heading.words) >= 0):
+            sets.setdefault(label, {}).setdefault(axis, i)
+    sets = {label: columns for label, columns in sets.items() if columns.keys() >= {*AXES}}
+    deviations = [label for label in sets if DEVIATIONS & {*label}]
+    others = [label for label in sets if label not in deviations]
+    if len(deviations) != 1 or len(others) != 1 or source_of(others[0]) > 1:
+        return None
+    commanded, added = ([sets[label][axis] for axis in AXES] for label in (*others, *deviations))
+    units = [headings[columns[0]].unit or table.cell_units.get(columns[0]) for columns in (commanded, added)]
+    scale = UNITS[units[0]][1] / UNITS[units[1]][1] if units[0] and units[1] else 1.0
+    names, differences = (listing([table.names[i] for i in columns]) for columns in (commanded, added))
+    remark = f"{names} taken as commanded, with {differences} added as measured"
+    if not {*deviations[0]} & _MEASURED_LESS_NOMINAL:
+        sign = f"{differences} taken as measured less commanded; if they are the opposite, change their sign"
+        table.log.warn(sign, of_file=True)
+
+    def make(old: TableBody) -> Rows:
+        position, deviation = old.numbers[: len(AXES)], old.numbers[len(AXES) :]
+        return np.arange(old.lines.size)[None], [*position, *(position + scale * deviation)]
+
+    new = {**coordinates(table, "Nominal", commanded), **coordinates(table, "Measured", commanded)}
+    return ReshapedTable(table, {*commanded, *added}, new, ([*commanded, *added], []), make, remark)
+
+
+def _by_axes(table: Table) -> Table | None:
     """Return a table of points for one that has a row for each axis of a point; None for another table.
 
     The axis is in a column of its own, or in the names.

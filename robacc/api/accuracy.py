@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import partial
+from shlex import quote
 from typing import Annotated, Any, Literal
 
 from robacc.accuracy.estimation import (
@@ -58,7 +59,7 @@ from robacc.iso_9283.criteria import Iso9283Result
 from robacc.iso_9283.evaluation import Proposal, iso9283 as evaluate_criteria, planned_poses, propose
 from robacc.measurements import Measurements, even_rows
 from robacc.poses.csv_file import pose_pieces
-from robacc.poses.reading import PoseFile
+from robacc.poses.reading import PoseFile, reading_of
 from robacc.quantities import optional_size
 from robacc.render.text import Section
 from robacc.render.views.accuracy import estimate_view, proposal_comments, proposal_view
@@ -83,12 +84,12 @@ class Estimate(Result, EstimateResult, command="estimate"):
     def view(self, full: bool = False, poses: str | None = None, robot: str | None = None) -> Iterable[Section]:
         """Return one screen, or with ``full`` all of the report; ``poses`` and ``robot`` are the paths of the files."""
         names = poses or self.named("poses"), robot or self.named("robot")
-        reading = next((file.reading for file in self.made.inputs if file.reading), {})
-        stated = [
-            f" --{name} {reading[name]}"
-            for name in ("units", "angles", "commanded", "camera", "board", "bag")
-            if name in reading
-        ]
+        recorded = next((file.reading for file in self.made.inputs if file.reading), {})
+        # A path states where the file of the commands is; the record has its name alone.
+        reading = {**recorded, **reading_of(poses or "").document()}
+        flags = ((name, f" --{name.replace('_', '-')}") for name in reading if name != "commanded_sha256")
+        texts = {**reading, "columns": "columns.yaml"}
+        stated = [flag if reading[name] is True else f"{flag} {quote(str(texts[name]))}" for name, flag in flags]
         return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))
 
     def summary(self) -> dict[str, Any]:

@@ -112,7 +112,10 @@ def _measured(command: str, call: Call, poses: Sequence[str], extra: str | None,
         if command != "estimate":
             progress("starting", 0, 0)
         result = call(poses[0], progress=progress)
-    view, status = write_extra(command, result, extra, full, poses[0], call.keywords["robot"])
+    from robacc.poses.reading import READING, PoseFile
+
+    path = PoseFile(poses[0], **{name: value for name, value in call.keywords.items() if name in READING})
+    view, status = write_extra(command, result, extra, full, path, call.keywords["robot"])
     deliver(outlets, result, view)
     if status and extra is not None and result.suspicions:
         say_warnings((f"{extra} must not be used until the suspected data mistake is resolved",))

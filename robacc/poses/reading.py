@@ -132,18 +132,17 @@ _FILLERS = frozenset(
 _ORIENTED = frozenset(
     ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"]
 )
-_REFUSED = frozenset(
+DEVIATIONS = frozenset(
     [
-        "dev",
-        "deviation",
-        "delta",
-        "diff",
-        "difference",
-        "error",
-        "err",
-        "abweichung",
-        *("min", "max", "abw", "residual", "resid", "normal", "gyro", "imu", "écart", "ecart", "desviación", "scarto"),
-        *("偏差", "误差", "余量", "公差"),
+        *("dev", "deviation", "delta", "diff", "dif", "difference", "error", "err", "abweichung", "abw"),
+        *("écart", "ecart", "desviación", "scarto", "偏差", "误差"),
+    ]
+)
+"""Words of a measured value less the commanded one."""
+_REFUSED = DEVIATIONS | frozenset(
+    [
+        *("min", "max", "residual", "resid", "normal", "gyro", "imu"),
+        *("余量", "公差"),
         "tolerance",
         "tol",
         "offset",

@@ -16,6 +16,7 @@ from robacc.io.table import Table, TableBody
 from robacc.plug_ins import plug_in
 from robacc.poses.reading import (
     AXES,
+    DEVIATIONS,
     QUATERNION,
     SAY_LITTLE,
     UNITS,
@@ -252,8 +253,9 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
     # Any target may have columns of its own.
     targets = None if robot.target_names == "any" else robot.targets
     words = {heading_of(name).words for name in table.names}
-    if any(texts and MEASURED.issuperset(texts) for texts in words) and not {("x",), ("y",), ("z",)} & words:
-        table = plug_in("robacc.readers", "reports").by_axes(table) or table
+    is_report = any((texts and MEASURED.issuperset(texts)) or DEVIATIONS & {*texts} for texts in words)
+    if is_report and not {("x",), ("y",), ("z",)} & words:
+        table = plug_in("robacc.readers", "reports").points(table) or table
     return _targets_in_rows(table, targets) or table
 
 

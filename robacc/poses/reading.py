@@ -290,8 +290,9 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning(key)
     if _REFUSED & set(words) or not words:
         return None
-    if text in _OF_REPORTS and _OF_REPORTS.keys() <= siblings:
-        return _OF_REPORTS[text]
+    # Mx alone may be a moment.
+    if words[0] in _OF_REPORTS and ({*words[1:]} & {"coord", "coordinate"} or {text, *_OF_REPORTS} <= siblings):
+        return _OF_REPORTS[words[0]]
     # Universal Robots' data exchange: target_q_0, target_TCP_pose_3.
     if match := re.fullmatch(r"(target|actual) q (\d+)", text):
         return Meaning(f"q{match[2]}", match[1] == "target", "ur")

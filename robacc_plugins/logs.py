@@ -25,13 +25,13 @@ _NUMBERS = rf"{_NUMBER}(?:\s*,\s*{_NUMBER})+"
 _KEY = r"(?<![\w.])(?:[XYZABCWPR]|R[XYZ]|[AJ]T?\d|Roll|Pitch|Yaw)(?![\w.])"
 _UNIT = r"(?:mm|deg|°)"
 _VALUES = re.compile(
-    rf"[\[{{]\s*(?P<nested>[\[{{]\s*{_NUMBERS}\s*[\]}}](?:\s*,\s*[\[{{]\s*{_NUMBERS}\s*[\]}}])+)\s*[\]}}]"
+    rf"(?:[\[{{]\s*)?(?P<nested>[\[{{]\s*{_NUMBERS}\s*[\]}}](?:\s*,\s*[\[{{]\s*{_NUMBERS}\s*[\]}}])+)(?:\s*[\]}}])?"
     rf"|[\[({{]\s*(?P<list>{_NUMBERS})\s*[\])}}]"
     rf"|(?<=[:=])[ \t]*(?P<line>{_NUMBER}(?:[ \t]*,[ \t]*{_NUMBER}){{2,}})[ \t]*$"
     rf"|(?P<named>(?:{_KEY}\s*+[:=]?\s*+{_NUMBER}\s*+{_UNIT}?[\s,;]*+){{3,}})",
     re.IGNORECASE | re.MULTILINE,
 )
-"""Lists in a list, one list, the numbers behind a colon up to the end of a line, and numbers behind their names."""
+"""Lists in a list or separated by commas, one list, the numbers behind a colon up to the end of a line, and numbers behind their names."""
 _NAMED = re.compile(rf"({_KEY})\s*+[:=]?\s*+({_NUMBER})\s*+({_UNIT}?)", re.IGNORECASE)
 _LABEL = re.compile(r"(?P<word>[A-Za-z_]\w*)\s*(?:[(\[]\s*(?P<unit>m|mm|rad|deg|°)\s*[)\]])?\s*[:=]*\s*$")
 """Word before values, and the unit behind it."""
@@ -110,7 +110,7 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
             record.values.pop(_SEVENTH, None)
     if any(record.values for record in records):
         return LogTable(records, file, options, hashlib.sha256(data).hexdigest())
-    lines = (" ".join(re.findall(_NUMBER, line)) for line in text.splitlines())
+    lines = (" ".join(re.findall(rf"(?<![\w.]){_NUMBER}", line)) for line in text.splitlines())
     return TextTable(io.BytesIO("\n".join(lines).encode()), file, options)
 
 
@@ -185,6 +185,6 @@ def _listed(text: str, before: str, name: str, units: tuple[str, str] | None) ->
         keys = [f"J{i + 1}{angle}" for i in range(sizes[0])]
     elif _TURN.search(word) and sizes == [4]:
         keys = [f"Orientation {i}" for i in range(1, 5)]
-    elif word and sizes == [3] and not _TURN.search(word):
+    elif (word or (label and name)) and sizes == [3] and not _TURN.search(word):
         keys = [f"{word} {key}{length}" for key in _COORDINATES]
     return dict(zip(map(str.strip, keys), [value for part in lists for value in part], strict=False))

@@ -1,7 +1,8 @@
 """Reader of what programs of hand-eye calibration write without the names of columns.
 
-Poses are 4 x 4 matrices below each other, or side by side in four lines, a file of the hand and one of the board; or
-lines of the hand and of the eye in turn, ``hand,x,y,z,rx,ry,rz`` and ``eye,…``, in m and degrees about fixed axes.
+Poses are 4 x 4 matrices below each other, or side by side in four lines, a file of the hand and one of the board; in a log, below
+lines that say which they are of; or lines of the hand and of the eye in turn, ``hand,x,y,z,rx,ry,rz`` and ``eye,…``, in m and
+degrees about fixed axes.
 """
 
 from __future__ import annotations
@@ -19,11 +20,17 @@ from robacc.io.column_table import ColumnTable
 from robacc.io.dialect import NUMBER
 from robacc.io.files import bytes_of, decode
 from robacc.io.table import Table, TableOptions, TextTable
+from robacc.poses.reading import source_of
 
 _NUMBERS = re.compile(r"[-+.\deE,;\s]*")
 _SIZE = 4
 _LAST = (0.0, 0.0, 0.0, 1.0)
 _PAIR = re.compile(rf"^(hand|eye)((?:\s*,\s*{NUMBER.pattern}){{6}})\s*$", re.MULTILINE)
+_LINE = rf"[ \t\[]*{NUMBER.pattern}(?:[ \t]*[,;]?[ \t]+{NUMBER.pattern}){{3}}[ \t\],;]*\n"
+_CAPTIONED = re.compile(rf"^(?P<caption>[^\n]*[A-Za-z]{{3}}[^\n]*)\n(?P<matrix>(?:{_LINE}){{4}})", re.MULTILINE)
+"""A matrix in four lines below the line that says what it is of."""
+_PARTS_OF = {0: "robot", 3: "camera"}
+"""Words of the names of columns, by how surely an instrument measured the poses."""
 _PARTS = {"hand": "robot", "eye": "camera"}
 """Words of the names of columns for the parts of a pair."""
 _COORDINATES = ("X [m]", "Y [m]", "Z [m]", "roll [deg]", "pitch [deg]", "yaw [deg]")
@@ -34,7 +41,7 @@ _WIDE = 1000
 def takes(path: str, first: bytes) -> bool:
     """Return whether a text has pairs, or numbers alone: matrices of four lines, or lines as long as those of many."""
     text = first.decode(errors="replace").lstrip("\ufeff")
-    if _PAIR.match(text):
+    if _PAIR.match(text) or _named_matrices(text):
         return True
     if not first or not _NUMBERS.fullmatch(text):
         return False
@@ -54,12 +61,42 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     text = decode(data, file)
     if _PAIR.match(text):
         return _pairs(text, file, options, hashlib.sha256(data).hexdigest())
+    if named := _named_matrices(text):
+        return _table_of(named, file, options, hashlib.sha256(data).hexdigest())
     matrices = _matrices(text)
     if matrices is None:
         return TextTable(io.BytesIO(data), file, options)
     entries = [(f"m_{row}{column}", matrices[:, row, column]) for row in range(_SIZE) for column in range(_SIZE)]
     digest = hashlib.sha256(data).hexdigest()
     table = ColumnTable(entries, file, options.skip_gaps, digest, f"{len(matrices)} matrices of {_SIZE} lines")
+    table.log.counted = "pose"
+    return table
+
+
+def _named_matrices(text: str) -> dict[str, list[Array]]:
+    """Return the matrices below each caption of a log: the robot's, those of a camera or another instrument, others."""
+    found: dict[str, list[Array]] = {}
+    for match in _CAPTIONED.finditer(text):
+        matrix = _matrices(re.sub(r"[\[\]]", " ", match["matrix"]))
+        caption = " ".join(re.findall(r"[^\W\d_]+", match["caption"].lower()))
+        name = _PARTS_OF.get(source_of(caption.split()), caption)
+        if matrix is not None:
+            found.setdefault(name, []).append(matrix[0])
+    return found
+
+
+def _table_of(named: dict[str, list[Array]], file: str, options: TableOptions, digest: str) -> ColumnTable:
+    counts = [len(matrices) for matrices in named.values()]
+    message = f"has {' and '.join(f'{len(matrices)} matrices of {name}' for name, matrices in named.items())}"
+    fix = "leave out the poses without a partner"
+    refuse((len({*counts}) > 1, Problem(message, file, fix=fix)))
+    entries = [
+        (f"{name}_{row}{column}", np.array([matrix[row, column] for matrix in matrices]))
+        for name, matrices in named.items()
+        for row in range(_SIZE)
+        for column in range(_SIZE)
+    ]
+    table = ColumnTable(entries, file, options.skip_gaps, digest, f"matrices of {', '.join(named)} in the text of a log")
     table.log.counted = "pose"
     return table
 

@@ -127,7 +127,7 @@ def _record(content: bytes, file: str) -> dict[str, Any] | None:
     """Return the values of a file of one record by their names; None for another file, such as one of several."""
     try:
         if file.endswith(".txt"):
-            rows = [line.replace(",", " ").split() for line in content.decode().splitlines() if line.strip()]
+            rows = [re.sub(r"[\[\],;]", " ", line).split() for line in content.decode().splitlines() if line.strip()]
             values: Any = {"pose": [[float(cell) for cell in row] for row in rows]}
             is_matrix = [len(row) for row in rows] == [4] * 4 and values["pose"][3] == [0, 0, 0, 1]
             record = dict(_leaves(values, ())) if is_matrix else {}
@@ -233,10 +233,12 @@ def _of_json(text: str) -> Any:
     """
     decoder, documents = json.JSONDecoder(), []
     text = text.lstrip("\ufeff").strip()
+    # A printed array of NumPy has blanks between its numbers, and no digit behind the point of 0.
+    text = text if "," in text else _with_commas(re.sub(r"(?<=\d\.)(?!\d)", "0", text))
     while text:
         document, end = decoder.raw_decode(text)
         documents.append(document)
-        text = text[end:].lstrip()
+        text = text[end:].lstrip(", \t\r\n")
     document = documents[0] if len(documents) == 1 else documents
     parts = list(document.values()) if isinstance(document, dict) else []
     if len(parts) > 1 and all(isinstance(part, dict) and part.keys() == parts[0].keys() for part in parts):
@@ -264,13 +266,17 @@ def _of_cells(text: str) -> list[dict[str, Any]]:
         raise ValueError(str(error)) from None
 
 
+def _with_commas(text: str) -> str:
+    """Return lists with commas; NumPy separates numbers by blanks, and rows by the ends of lines."""
+    return re.sub(r"(?<=[\d.\]])\s+(?=[-+.\d\[])", ",", text)
+
+
 def _cell(text: str) -> Any:
     """Return the list, the number or the text in a cell."""
     text = text.strip()
     if text[:1] == "[":
-        # NumPy separates by blanks, and rows by the ends of lines.
         with contextlib.suppress(ValueError, SyntaxError, MemoryError, RecursionError):
-            return ast.literal_eval(re.sub(r"(?<=[\d.\]])\s+(?=[-+.\d\[])", ",", text))
+            return ast.literal_eval(_with_commas(text))
     number = number_of(text, decimal_comma=False)
     return text if number is None else number
 

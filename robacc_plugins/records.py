@@ -1,6 +1,7 @@
 """Reader of the records of JSON, JSON Lines and YAML documents, and of arrays that NumPy or MATLAB saved by name.
 
-A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``.
+A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``, and joints
+in a file of their own, such as ``000_joints.txt``.
 """
 
 from __future__ import annotations
@@ -36,6 +37,10 @@ _CELL = re.compile(r'(?m)(^|[,;\t])"\[[\s\[]*[-+.\d]')
 """Beginning of a cell of a CSV that is a list."""
 _PART = re.compile(r"(?:[Rt]|rot|trans)_(?=[A-Za-z]{3})")
 """Beginning of the names of the two parts of a pose, as OpenCV has them: ``R_gripper2base`` and ``t_gripper2base``."""
+_JOINTS = re.compile(r"(?i)(^|[\W_\d])(joints?|q|angles?|jpos)([\W_\d]|$)")
+"""Name of a file of the joints of one pose."""
+_SIZE = 16
+"""Numbers of a matrix."""
 _FILES = 10_000
 _LARGEST = 1 << 20
 """Largest file of one record, bytes."""
@@ -84,7 +89,7 @@ def _records_of(path: str) -> list[tuple[str, dict[str, Any], bytes]]:
     They are empty unless these are most of its files.
     """
     files = itertools.islice(
-        (f for f in Path(path).rglob("*") if f.suffix in (".json", ".yaml", ".yml", ".txt")), _FILES
+        (f for f in Path(path).rglob("*") if f.suffix in (".json", ".yaml", ".yml", ".txt", ".csv")), _FILES
     )
     found = []
     for file in sorted(files, key=_counted):
@@ -105,15 +110,16 @@ def _records_of(path: str) -> list[tuple[str, dict[str, Any], bytes]]:
 
 def _joined(found: list[tuple[Path, dict[str, Any], bytes]]) -> list[tuple[Path, dict[str, Any], bytes]]:
     """Return the records of a folder; those of ``3_robotpose.txt`` and ``3_markerpose.txt`` are one."""
-    parts = [re.fullmatch(r"(\d+)[_-]?(\D+)|(\D+?)[_-]?(\d+)", place.name) for place, _, _ in found]
+    parts = [re.fullmatch(r"(\d+)(?:[_-]?(\D+))?|(\D+?)[_-]?(\d+)", place.name) for place, _, _ in found]
     numbers = [part and (part[1] or part[4]) for part in parts]
-    words = [part and re.sub(r"[_-]?pose$", "", part[2] or part[3]) for part in parts]
+    words = [part and re.sub(r"[_-]?pose$", "", part[2] or part[3] or "") for part in parts]
     if None in parts or len({*words}) != 2 or {*Counter(numbers).values()} != {2}:
         return found
     by_number: dict[str | None, tuple[Path, dict[str, Any], bytes]] = {}
     for number, word, (place, row, content) in zip(numbers, words, found, strict=True):
         _, values, before = by_number.get(number, (place, {}, b""))
-        values |= {f"{word}_{name}": value for name, value in row.items()}
+        is_named = not word or _JOINTS.search(word)
+        values |= {name if is_named else f"{word}_{name}": value for name, value in row.items()}
         by_number[number] = place.with_name(str(number)), values, before + content
     return list(by_number.values())
 
@@ -126,11 +132,15 @@ def _counted(file: Path) -> list[int | str]:
 def _record(content: bytes, file: str) -> dict[str, Any] | None:
     """Return the values of a file of one record by their names; None for another file, such as one of several."""
     try:
-        if file.endswith(".txt"):
+        if file.endswith((".txt", ".csv")):
             rows = [re.sub(r"[\[\],;]", " ", line).split() for line in content.decode().splitlines() if line.strip()]
             values: Any = {"pose": [[float(cell) for cell in row] for row in rows]}
             is_matrix = [len(row) for row in rows] == [4] * 4 and values["pose"][3] == [0, 0, 0, 1]
-            record = dict(_leaves(values, ())) if is_matrix else {}
+            numbers = list(itertools.chain(*values["pose"]))
+            if _JOINTS.search(Path(file).stem) and {1} & {len(rows), *map(len, rows)} and len(numbers) < _SIZE:
+                record = {f"joint_{i}": number for i, number in enumerate(numbers, 1)}
+            else:
+                record = dict(_leaves(values, ())) if is_matrix else {}
         else:
             document = _document(content, file)
             parts = document.values() if isinstance(document, dict) else [[{}]]

@@ -164,7 +164,9 @@ def register(data: Measurements, robot: Robot | None, frames: Sequence[str], *, 
     from robacc.fitting import registration
 
     if robot is None:
-        return registration.align_commands(data, frames, held_out=held_out)
+        # A measured orientation says nothing of the frames where none was commanded.
+        rotation = None if data.commanded_rotation is None else data.rotation
+        return registration.align_commands(replace(data, rotation=rotation), frames, held_out=held_out)
     return registration.align(robot, data, frames, held_out=held_out)
 
 

@@ -248,6 +248,10 @@ def _read_values(table: Table, layout: Layout) -> Values:
     for row, key in zip(numbers, keys, strict=True):
         if columns[key].divisor != 1.0:
             row /= columns[key].divisor
+        if key in SIGMAS and not is_documented(columns[key].name) and 0 < (above := row > 0.0).sum() < row.size:
+            # An instrument rounds: 0.000 mm.
+            row[row == 0.0] = row[above].min()
+            log.warn(Note(f"{columns[key].name} counts as its smallest value above 0 where it is 0"), of_file=True)
     by_key = {
         key: np.array([from_spreadsheet(text) for text in column]) if "'" in column.astype("U1") else column
         for key, column in zip(texts, body.texts, strict=True)

@@ -88,7 +88,7 @@ class Estimate(Result, EstimateResult, command="estimate"):
         # A path states where the file of the commands is; the record has its name alone.
         reading = {**recorded, **reading_of(poses or "").document()}
         flags = ((name, f" --{name.replace('_', '-')}") for name in reading if name != "commanded_sha256")
-        texts = {**reading, "columns": "columns.yaml"}
+        texts = {**reading, "columns": "MAP"}
         stated = [flag if reading[name] is True else f"{flag} {quote(str(texts[name]))}" for name, flag in flags]
         return estimate_view(ESTIMATE_ITSELF.write(self), *names, "full" if full else "short", "".join(stated))
 

@@ -127,7 +127,7 @@ class Inputs:
             digest = sha256(robot_to_yaml(with_effect_units(source)).encode()).hexdigest()
             self.records.append(InputFile(source.name, digest, kind, identity=source.identity))
             return source
-        robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _joint_columns(poses))
+        robot = read_robot(source, base_link=base_link, tip_link=tip_link, joint_columns=lambda: _column_names(poses))
         self.records.append(InputFile.at(os.fspath(source), sha256_of(robot_path(source)), kind, robot.identity))
         return robot
 
@@ -306,7 +306,7 @@ class Inputs:
         return Provenance(options, inputs, self.arguments.get("seed"), self.outside, tuple(self.warnings))
 
 
-def _joint_columns(poses: PosesSource | None) -> Sequence[str]:
+def _column_names(poses: PosesSource | None) -> Sequence[str]:
     """Return the names of a pose file's columns, or q1 … qN of poses read before; nothing for a pipe or a bad file."""
     if poses is None or isinstance(poses, Measurements):
         return [f"q{i + 1}" for i in range(0 if poses is None or poses.q is None else poses.q.shape[0])]
@@ -592,10 +592,14 @@ def _read_with_commands(
     """Return measured poses with commands, whose open units and angles are as stated, and the record of these."""
     from robacc.programs.program import LISTINGS, is_program
 
+    columns = reading.columns or {}
+    theirs = {name: columns[name] for name in _column_names(commands) if name in columns} if columns else {}
+    own = {name: columns[name] for name in columns if name not in theirs or name in _column_names(path)}
+    path = PoseFile.of(path, replace(reading_of(path), columns=own or None))
     if is_program(commands) and not commands.lower().endswith(LISTINGS):
         planned = _program(commands)
     else:
-        planned = _table(commands, reading, robot, ignore_limits)
+        planned = _table(commands, replace(reading, columns=theirs or None), robot, ignore_limits)
 
     def known_poses(rows: Measurements) -> tuple[Array | None, Array | None]:
         given, found, _ = _joined(rows, planned, commands, path)
@@ -634,7 +638,7 @@ def _read_with_commands(
 
 def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_limits: bool) -> Measurements:
     """Return a table of commands; the units and angles stated for the measured poses hold for its names too."""
-    path = PoseFile(path, units=reading.units, angles=reading.angles)
+    path = PoseFile(path, units=reading.units, angles=reading.angles, columns=reading.columns)
     if robot is not None:
         try:
             return read_robot_poses(path, robot, ignore_limits=ignore_limits, attained=False)

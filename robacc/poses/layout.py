@@ -329,13 +329,10 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
     # Without the attained position, which is required, that is the problem of the file.
     elif commands and not commanded and (not attained or layout.has(AXES)) and (joint_names or "pose" not in columns):
         keys_text = f"q1 … q{count}" if joint_names else "q1 … qN"
-        fix = (
-            "give the commands with `commanded`: the robot program, or a table of joints or poses; "
-            f"or add columns {keys_text} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
-        )
-        log.add(
-            "the file has measured poses only: neither joint variables nor commanded poses", line, fix=fix + unknown
-        )
+        fix = "give the commands with `commanded`: the robot program, or a table of joints or poses; or " * attained
+        fix += f"add columns {keys_text} (joint variables) or cmd_x, cmd_y, cmd_z (commanded pose)"
+        message = f"the file has {'measured poses only: ' * attained}neither joint variables nor commanded poses"
+        log.add(message, line, fix=fix + unknown)
     for key, column in columns.items():
         if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
             last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"

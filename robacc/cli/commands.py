@@ -199,14 +199,14 @@ def correct(
     """
     from robacc.api.correct import correct_program
     from robacc.poses.reading import AS_NAMED, reading_of
-    from robacc.programs.program import is_program
+    from robacc.programs.program import LISTINGS, is_program
     from robacc.render.views.expected import correction_text
 
     given, output = call.keywords, outlets.output
     targets, names = given["targets"], (given["targets"], given["model"])
     outlets = outlets._replace(format=format, output="-")
     is_plain = outlets == Outlets(format="table")
-    if is_program(targets):
+    if is_program(targets) and not targets.lower().endswith(LISTINGS):
         refuse(
             (
                 output == "-" or not is_plain or per_target or given["frame"] == "base",
@@ -227,7 +227,11 @@ def correct(
             draw(correction_text(parts, len(program.program.targets), names, output))
         return
     needs = "--format json, --gate, --junit and --report need --output, the CSV that they describe"
-    refuse((frames, "--frames belongs to a robot program"), (output == "-" and not is_plain, needs))
+    refuse(
+        (frames, "--frames belongs to a robot program"),
+        (output == "-" and not is_plain, needs),
+        (output.lower().endswith(LISTINGS), f"a file such as {output} is not written; name a CSV with --output"),
+    )
     result = call()
     write(per_target, result.per_target_csv)
     with warnings_below(result.warnings if output == "-" else ()):

@@ -263,17 +263,14 @@ _TABLES = frozenset({"", ".csv", ".tsv", ".txt", ".xlsx", ".parquet"})
 _BINARY = {
     ".tp": ("is a binary TP program", "write it as text first: kconvars/PrintTP, or Save As ASCII on the pendant"),
     ".urp": ("is a PolyScope program, whose script is not in it as text", "give the .script file beside it"),
-    ".jbi": (
-        "is a job of Yaskawa, whose positions count pulses of the motors",
-        "list the joint angles in degrees, or the poses, in a CSV",
-    ),
+    ".jbi": ("is a job of Yaskawa", "list the joint angles in degrees, or the poses, in a CSV"),
     ".va": ("is a listing of FANUC variables", "save the positions as a TP program (.ls), or list them in a CSV"),
     ".pgx": ("is a VAL3 program, whose points are in the data file of its application", "give the .dtx file beside it"),
     ".pjx": ("is a VAL3 project, whose points are in its data files", "give the .dtx file beside it"),
     ".pcp": ("is a compiled KAREL program", "its positions are not in a text that can be edited"),
 }
 LISTINGS = (".jbi", ".va")
-"""Suffixes of files among these whose positions are read as a table of commands."""
+"""Suffixes of files among these whose positions are read as a table of commands or targets."""
 
 
 def is_program(path: str | os.PathLike[str]) -> bool:

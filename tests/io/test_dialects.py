@@ -354,7 +354,7 @@ def robot() -> robacc.Robot:
 REFUSED = {
     "job.JBI": (
         "/JOB\n//NAME CALIB\n//POS\n///PULSE\nC00000=0,0,0,0,0,0\nC00001=12034,-3323,9921,0,-22001,11\nEND\n",
-        "is a job of Yaskawa, whose positions count pulses of the motors; give the file of measured poses",
+        "is a job of Yaskawa; give the file of measured poses",
     ),
     "calib.ls": (
         "/PROG  CALIB\n/MN\n   1:J P[1] 10% FINE ;\n/POS\nP[1]{\n   GP1:\n\tUF : 0, UT : 1,\n"

@@ -563,19 +563,22 @@ def _with_commands(
         return _read_with_commands(path, commands, robot, reading, ordered, ignore_limits)
     except InputError as error:
         readings = {}
-        trials = itertools.product(
+        stated = itertools.product(
             (robot,) if robot is None else (robot, None),
-            ("m,rad", "m,deg", "mm,rad", "mm,deg") if reading.units is None else (reading.units,),
             (None, "rotvec", "fixed-xyz", "moving-xyz", "wxyz", "xyzw")
             if reading.angles is None
             else (reading.angles,),
         )
-        for arm, units, angles in trials if any(problem.file == commands for problem in error.problems) else ():
-            with suppress(InputError):
-                data, record = _read_with_commands(
-                    path, commands, arm, replace(reading, units=units, angles=angles), ordered, ignore_limits
-                )
-                poses = nominal_poses(data, arm)
+        for arm, angles in stated if any(problem.file == commands for problem in error.problems) else ():
+            for units in ("mm,deg", "mm,rad", "m,deg", "m,rad") if reading.units is None else (reading.units,):
+                trial = replace(reading, units=units, angles=angles)
+                try:
+                    data, record = _read_with_commands(path, commands, arm, trial, ordered, ignore_limits)
+                    poses = nominal_poses(data, arm)
+                except InputError as wrong:
+                    if wrong.problems == error.problems:
+                        break  # what is wrong has to do with no unit
+                    continue
                 if unit_of_positions(data.position, *poses) == "m":
                     taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
                     readings[str(poses)] = data, record, taken

@@ -176,51 +176,13 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
-_NO_POSE = r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$"
-"""Matrices that are no poses."""
-_ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
-
-
-def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
-    """Return the name of the first matrix among the names, and the column of each entry; None without a matrix."""
-    found: dict[str, dict[tuple[int, int], int]] = {}
-    for index, name in enumerate(names):
-        if match := _ENTRY.fullmatch(name.strip()):
-            found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
-    for (stem, entries), first in itertools.product(found.items(), (0, 1)):
-        at = {(row - first, column - first): index for (row, column), index in entries.items()}
-        needed = itertools.product(range(3), range(3 + (len(at) > 9)))
-        if len(at) in (9, 12, 16) and at.keys() >= {*needed} and not re.search(_NO_POSE, stem):
-            return stem if len(stem) > 2 else "", at
-    return None
+_ENTRY = re.compile(r".*?[a-zA-Z][_.\[(, ]*[0-4][_., \])\[(]*[0-4][\])]*")
 
 
 def with_poses_of_matrices(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
-    while (found := _matrix_entries(table.names)) is not None:
-        stem, at = found
-        translation = [at[row, 3] for row in range(3)] if len(at) > 9 else []
-        entries = [*translation, *(at[place] for place in itertools.product(range(3), range(3)))]
-        new = [f"{stem} {name}".strip() for name in (*("X", "Y", "Z") * bool(translation), *QUATERNION)]
-        what = "X, Y, Z and the orientation" if translation else "the orientation"
-        remark = f"{table.names[min(entries)]} … {table.names[max(entries)]} as a matrix: {what}"
-        make = partial(_poses_of_matrices, table.log, table.names[at[0, 0]])
-        table = ReshapedTable(table, at.values(), dict.fromkeys(new), (entries, []), make, remark)
-    return table
-
-
-def _poses_of_matrices(log: ProblemLog, name: str, old: TableBody) -> "Rows":
-    """Return positions and quaternions; matrices that are no rotations go to the log."""
-    split, entries, identity = len(old.numbers) - 9, old.numbers, np.eye(3)[:, :, None]
-    # Entries that could not be read are in the log already.
-    matrix = np.where(np.isfinite(entries).all(axis=0), entries[split:].reshape(3, 3, -1), identity)
-    off = np.abs(np.einsum("ijn,kjn->ikn", matrix, matrix) - identity).max(axis=(0, 1), initial=0.0)
-    # Largest difference of the product of a rotation matrix and its transpose from the identity.
-    wrong = (off > 1e-3) | (np.linalg.det(np.moveaxis(matrix, 2, 0)) < 0)
-    log.add_rows(wrong, old.lines, name, lambda i: "the entries are not those of a rotation matrix")
-    # Entries are rounded.
-    rotation = nearest_rotation(np.moveaxis(np.where(wrong, identity, matrix), 2, 0))
-    return (np.arange(old.lines.size)[None], [*entries[:split], *quaternion_from_rotation(np.moveaxis(rotation, 0, 2))])
+    has_entries = sum(bool(_ENTRY.fullmatch(name.strip())) for name in table.names) >= 9
+    return plug_in("robacc.readers", "hand-eye").with_poses(table) if has_entries else table
 
 
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))

@@ -8,8 +8,9 @@ the mount only, the photos are to show the lens. For several cameras, ``cameras`
 import math
 import os
 import statistics
-from collections.abc import Callable
+from collections.abc import Mapping
 from dataclasses import replace
+from functools import partial
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -17,13 +18,18 @@ import yaml
 
 from robacc.errors import Note, refuse
 from robacc.geometry import Array, NDArray, Poses, compose, exp_so3, nearest_rotation, skew
-from robacc.io.files import ProblemLog, read_text
+from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
 from robacc.measurements import IMAGES, Measurements, numbered, numbered_visits
 from robacc.plug_ins import plug_in
-from robacc.poses.cameras import BOARDS, ImageRows, projection
+from robacc.poses.cameras import BOARDS, projection
+from robacc.poses.csv_file import KindTable
 from robacc.poses.layout import listing
+from robacc.poses.reading import heading_of
 
+_PIXELS = ("u_px", "v_px")
+_BOARD = ("board_x", "board_y", "board_z")
+"""Columns of an image: the pixel, and the point of the board."""
 _KEYS = ("fx", "fy", "cx", "cy", "distortion", "size", "mount")
 _MOST = 1e6
 """px: no lens is longer, and no picture wider."""
@@ -249,17 +255,64 @@ def _start(rays: Array, points: Array) -> Poses:
 # What the rows of kind image of a file show.
 
 
-def with_images(data: Measurements, images: ImageRows, log: ProblemLog, report: Callable[..., None]) -> Measurements:
+class ImageRows(NamedTuple):
+    """Points of a board in photos, as the rows of kind image of a file give them."""
+
+    rows: NDArray[np.bool_]
+    """``(N,)`` rows of this kind."""
+    cameras: Mapping[str, Any]
+    """Cameras by their names, as the plug-in read them."""
+    file: str
+    """File of the cameras."""
+    names: NDArray[np.str_]
+    """``(N,)`` camera of each row."""
+    pixels: Array
+    """``(2, N)`` px."""
+    points: Array
+    """``(3, N)`` points in the frame of the board, m."""
+    noise: Array | None
+    """``(N,)`` standard deviation of a pixel, px; None if it is not stated."""
+    sizes: Mapping[str, tuple[int, ...]]
+    """Width and height, px, of the photos of each camera."""
+
+
+def _images(data: Measurements, table: KindTable) -> ImageRows:
+    """Return what the rows of kind image show, and the cameras that took them.
+
+    Raises:
+        InputError: A column or the file of the cameras is missing, or a value is wrong; with every problem.
+    """
+    log, cells = table.log, table.cells
+    if table.cameras is None:
+        log.add("images need the camera that took them", table.line, fix="give its file as `camera`")
+    for key in (key for key in (*_PIXELS, *_BOARD[:2]) if key not in cells):
+        log.add(f"images need the column {key}, which is missing", table.line)
+    if "sigma" in cells and heading_of(table.headings["sigma"]).unit is not None:
+        log.add("the sigma of images is in px", table.line, table.headings["sigma"], "name the column sigma")
+    log.raise_if_any()
+    rows, names = np.isin(np.array(data.kind), "image"), table.column_of("camera")
+    cameras = read_cameras(table.cameras or "")
+    pixels = np.stack([table.numbers(key, rows, data) for key in _PIXELS])
+    points = np.stack([table.numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
+    # px; no corner is found as well.
+    noise = table.numbers("sigma", rows, data, least=1e-3, unit="px") if "sigma" in cells else None
+    log.raise_if_any()
+    return ImageRows(rows, cameras, table.cameras or "", np.array(names), pixels, points, noise, table.image_sizes)
+
+
+def with_images(data: Measurements, table: KindTable) -> Measurements:
     """Return the data with the poses that photos show in their rows, and with the photos as visits.
 
     Args:
         data: Rows of all kinds.
-        images: Points of a board in some of them.
-        log: Takes warnings and notes of the file.
-        report: Takes a problem: its message, the row, and perhaps the column and how to repair it.
+        table: Their table, whose log takes problems, warnings and notes.
+
+    Raises:
+        InputError: As :func:`_images`.
     """
     assert data.kind is not None
     assert data.fixture is not None
+    images, log, report = _images(data, table), table.log, partial(table.report, data)
     rows, cameras, names, noise = images.rows, images.cameras, images.names, images.noise
     pixels, points = images.pixels, images.points
     values = np.vstack((pixels, points, *([] if data.q is None else [data.q])))

@@ -1,8 +1,8 @@
 """Reader of what programs of hand-eye calibration write without the names of columns.
 
-Poses are 4 x 4 matrices below each other, or side by side in four lines, a file of the hand and one of the board; in a log, below
-lines that say which they are of; or lines of the hand and of the eye in turn, ``hand,x,y,z,rx,ry,rz`` and ``eye,…``, in m and
-degrees about fixed axes.
+Poses are 4 x 4 matrices below each other, or side by side in four lines, a file of the hand and one of the board; in a
+log, below lines that say which they are of; or lines of the hand and of the eye in turn, ``hand,x,y,z,rx,ry,rz`` and
+``eye,…``, in m and degrees about fixed axes. A table may have the entries of matrices as columns, ``m_00 … m_23``.
 """
 
 from __future__ import annotations
@@ -100,7 +100,9 @@ def _table_of(named: dict[str, list[Array]], file: str, options: TableOptions, d
         for row in range(_SIZE)
         for column in range(_SIZE)
     ]
-    table = ColumnTable(entries, file, options.skip_gaps, digest, f"matrices of {', '.join(named)} in the text of a log")
+    table = ColumnTable(
+        entries, file, options.skip_gaps, digest, f"matrices of {', '.join(named)} in the text of a log"
+    )
     table.log.counted = "pose"
     return table
 

@@ -31,7 +31,8 @@ _VALUES = re.compile(
     rf"|(?P<named>(?:{_KEY}\s*+[:=]?\s*+{_NUMBER}\s*+{_UNIT}?[\s,;]*+){{3,}})",
     re.IGNORECASE | re.MULTILINE,
 )
-"""Lists in a list or separated by commas, one list, the numbers behind a colon up to the end of a line, and numbers behind their names."""
+"""Lists in a list or separated by commas, one list, the numbers behind a colon up to the end of a line, and numbers
+behind their names."""
 _NAMED = re.compile(rf"({_KEY})\s*+[:=]?\s*+({_NUMBER})\s*+({_UNIT}?)", re.IGNORECASE)
 _LABEL = re.compile(r"(?P<word>[A-Za-z_]\w*)\s*(?:[(\[]\s*(?P<unit>m|mm|rad|deg|°)\s*[)\]])?\s*[:=]*\s*$")
 """Word before values, and the unit behind it."""

@@ -1,7 +1,7 @@
 """Reader of the records of JSON, JSON Lines and YAML documents, and of arrays that NumPy or MATLAB saved by name.
 
-A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``, and joints
-in a file of their own, such as ``000_joints.txt``.
+A folder may hold one record in each file, such as ``pose_00/data.json``, or a 4 x 4 matrix, such as ``pose_000.txt``,
+and joints in a file of their own, such as ``000_joints.txt``.
 """
 
 from __future__ import annotations

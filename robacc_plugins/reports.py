@@ -1,7 +1,7 @@
 """Reports of coordinate measuring machines: a line for each axis of a point, with nominal and measured values.
 
-Tables of such lines become tables of points (:func:`points`), and so do tables of commanded positions and deviations. Texts of
-PC-DMIS and DMIS, which are no tables, are read too.
+Tables of such lines become tables of points (:func:`points`), and so do tables of commanded positions and deviations.
+Texts of PC-DMIS and DMIS, which are no tables, are read too.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ _AXIS_NAMES = frozenset(
 _NOMINAL = frozenset(
     {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmaß", "commanded", "cmd", "reference", "ref"}
 )
-_MEASURED_LESS_NOMINAL = frozenset({"dev", "deviation", "abweichung", "abw", "écart", "ecart", "desviación", "scarto", "偏差"})
+_MEASURED_LESS_NOMINAL = frozenset(
+    {"dev", "deviation", "abweichung", "abw", "écart", "ecart", "desviación", "scarto", "偏差"}
+)
 """Words of deviations, whose sign inspection software defines; a difference or an error may have either."""
 _POINT_NAMES = frozenset({"featureid", "feature id", "id"})
 """Names of columns of points in a report that are none in other tables."""
@@ -47,12 +49,12 @@ _POINT_AND_AXIS = (
 
 
 def points(table: Table) -> Table | None:
-    """Return a table with measured points for a report that has none in columns of their own; None for another table."""
+    """Return a table with measured points for a report without columns of them; None for another table."""
     return _by_axes(table) or _with_deviations(table)
 
 
 def _with_deviations(table: Table) -> Table | None:
-    """Return a table with measured positions for one with commanded positions and deviations; None for another table."""
+    """Return a table with measured positions for one of commanded ones and deviations; None for another table."""
     headings = [heading_of(name) for name in table.names]
     siblings = frozenset(heading.text for heading in headings)
     sets: dict[tuple[str, ...], dict[str, int]] = {}

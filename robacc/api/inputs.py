@@ -595,10 +595,10 @@ def _read_with_commands(
     """Return measured poses with commands, whose open units and angles are as stated, and the record of these."""
     from robacc.programs.program import LISTINGS, is_program
 
-    columns = reading.columns or {}
-    theirs = {name: columns[name] for name in _column_names(commands) if name in columns} if columns else {}
-    own = {name: columns[name] for name in columns if name not in theirs or name in _column_names(path)}
-    path = PoseFile.of(path, replace(reading_of(path), columns=own or None))
+    entries = reading.columns or {}
+    theirs = {name: entries[name] for name in _column_names(commands) if name in entries} if entries else {}
+    others = {name: entries[name] for name in entries if name not in theirs or name in _column_names(path)}
+    path = PoseFile.of(path, replace(reading_of(path), columns=others or None))
     if is_program(commands) and not commands.lower().endswith(LISTINGS):
         planned = _program(commands)
     else:

@@ -1,14 +1,13 @@
 """Photos of boards: what the reader of poses and the model know of them; the rest is a plug-in of ``robacc.boards``."""
 
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from dataclasses import replace
-from typing import Any, NamedTuple
 
 import numpy as np
 
 from robacc.errors import Note
-from robacc.geometry import Array, NDArray, Poses, compose, log_so3, nearest_rotation, transpose
+from robacc.geometry import Array, Poses, compose, log_so3, nearest_rotation, transpose
 from robacc.measurements import Measurements, even_rows
 from robacc.plug_ins import plug_in
 from robacc.poses.reshaped_tables import unit_of_positions
@@ -24,27 +23,6 @@ def projection(position: Array) -> Array:
     x, y, z = position
     zero = np.zeros_like(z)
     return np.stack((np.stack((1 / z, zero, -x / z**2)), np.stack((zero, 1 / z, -y / z**2))))
-
-
-class ImageRows(NamedTuple):
-    """Points of a board in photos, as the rows of kind image of a file give them."""
-
-    rows: NDArray[np.bool_]
-    """``(N,)`` rows of this kind."""
-    cameras: Mapping[str, Any]
-    """Cameras by their names, as the plug-in read them."""
-    file: str
-    """File of the cameras."""
-    names: NDArray[np.str_]
-    """``(N,)`` camera of each row."""
-    pixels: Array
-    """``(2, N)`` px."""
-    points: Array
-    """``(3, N)`` points in the frame of the board, m."""
-    noise: Array | None
-    """``(N,)`` standard deviation of a pixel, px; None if it is not stated."""
-    sizes: Mapping[str, tuple[int, ...]]
-    """Width and height, px, of the photos of each camera."""
 
 
 # Poses of a board in a camera on the hand, as hand-eye calibrations write them.

@@ -359,7 +359,7 @@ def _scaled(values: Values, groups: Mapping[_Group, Sequence[Column]], units: Ma
 
 
 def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]) -> float:
-    """Return the distance of the ranges of measured and commanded positions from the arm's, as a logarithm of the ratio.
+    """Return the distance of the ranges of positions from that of the arm, as a logarithm of their ratio.
 
     It is less by 10 where positions, and where orientations, follow the arm.
     """

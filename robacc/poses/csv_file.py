@@ -19,7 +19,7 @@ from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table, TableBody
 from robacc.measurements import Measurements
 from robacc.plug_ins import plug_in
-from robacc.poses.cameras import BOARDS, ImageRows
+from robacc.poses.cameras import BOARDS
 from robacc.poses.checks import (
     READ_BACK_TOLERANCE,
     SMALLEST_SIGMA,
@@ -503,9 +503,9 @@ class KindTable(ReshapedTable):
                 self._units[key] = heading.unit
                 if UNITS[heading.unit][0] != "length":
                     self.log.add("expected a unit of length (m, mm, um)", self.line, heading.name)
-        self._cameras, self._image_sizes = cameras, table.image_sizes
-        self._names = {key: table.names[index] for key, index in apart.items()}
-        self._cells: dict[str, list[str]] = {}
+        self.cameras, self.image_sizes = cameras, table.image_sizes
+        self.headings = {key: table.names[index] for key, index in apart.items()}
+        self.cells: dict[str, list[str]] = {}
 
     @classmethod
     def of(cls, table: Table, reading: Reading) -> "KindTable | None":
@@ -523,7 +523,7 @@ class KindTable(ReshapedTable):
         return cls(table, apart, reading.unit_of.get("length", "m"), reading.camera)
 
     def _keep(self, old: TableBody) -> Rows:
-        self._cells = {key: column.tolist() for key, column in zip(self._names, old.texts, strict=True)}
+        self.cells = {key: column.tolist() for key, column in zip(self.headings, old.texts, strict=True)}
         return np.arange(old.lines.size)[None], []
 
     def measured(self, data: Measurements) -> Measurements:
@@ -532,10 +532,10 @@ class KindTable(ReshapedTable):
         Raises:
             InputError: A row lacks what its kind needs; with every problem.
         """
-        n, cells = data.n, self._cells
+        n, cells = data.n, self.cells
         kinds = self._kinds(data)
         position, fixture, earlier = np.zeros((3, n)), [""] * n, list(range(n))
-        of_distance = [self._column(key) for key in ("distance", "anchor", "from")]
+        of_distance = [self.column_of(key) for key in ("distance", "anchor", "from")]
         is_start = np.array([not any(row) for row in zip(*of_distance, strict=True)], dtype=bool) & (
             kinds == "distance"
         )
@@ -546,29 +546,29 @@ class KindTable(ReshapedTable):
             given = [key for key in names if key in cells and cells[key][row]]
             if len(given) != 1:
                 found = "both" if given else "none"
-                self._add(data, f"a row of kind {kinds[row]} needs {' or '.join(names)}, found {found}", row)
+                self.report(data, f"a row of kind {kinds[row]} needs {' or '.join(names)}, found {found}", row)
             elif given == ["from"]:
                 before = np.flatnonzero(poses[:row] == cells["from"][row])
                 earlier[row] = int(before[-1]) if before.size else row
                 if not before.size:
                     fix = "name the rows in a column pose" if data.pose is None else None
-                    self._add(data, f"no earlier row is of the pose {clip(cells['from'][row])}", row, "from", fix)
+                    self.report(data, f"no earlier row is of the pose {clip(cells['from'][row])}", row, "from", fix)
             elif owners.setdefault(cells[given[0]][row], given[0]) != given[0]:
                 name, fix = cells[given[0]][row], "give everything that is measured from its own name"
-                self._add(data, f"{name} is also the name of a {owners[name]}", row, given[0], fix)
+                self.report(data, f"{name} is also the name of a {owners[name]}", row, given[0], fix)
             else:
                 fixture[row] = cells[given[0]][row]
         for axis, key in enumerate(AXES):
-            position[axis] = self._numbers(key, kinds == "position", data)
-        position[2] += self._numbers("distance", (kinds == "distance") & ~is_start, data, least=0.0)
-        position[2] += self._numbers("reading", np.isin(kinds, ("plane", "sphere")), data, 0.0)
-        has_radius = (kinds == "sphere") & np.array([cell != "" for cell in self._column("radius")], dtype=bool)
-        position[2] += self._numbers("radius", has_radius, data, least=0.0)
+            position[axis] = self.numbers(key, kinds == "position", data)
+        position[2] += self.numbers("distance", (kinds == "distance") & ~is_start, data, least=0.0)
+        position[2] += self.numbers("reading", np.isin(kinds, ("plane", "sphere")), data, 0.0)
+        has_radius = (kinds == "sphere") & np.array([cell != "" for cell in self.column_of("radius")], dtype=bool)
+        position[2] += self.numbers("radius", has_radius, data, least=0.0)
         kinds = np.where(has_radius, "distance", kinds)
         for row in np.flatnonzero((kinds == "sphere") & np.isin(fixture, np.array(fixture)[has_radius])).tolist():
-            self._add(data, f"other rows of sphere {fixture[row]} have a radius", row, "radius", "give all or none")
+            self.report(data, f"other rows of sphere {fixture[row]} have a radius", row, "radius", "give all or none")
         sigma = (
-            self._numbers("sigma", ~is_start & (kinds != "image"), data, least=SMALLEST_SIGMA)
+            self.numbers("sigma", ~is_start & (kinds != "image"), data, least=SMALLEST_SIGMA)
             if "sigma" in cells
             else None
         )
@@ -595,18 +595,18 @@ class KindTable(ReshapedTable):
     def _kinds(self, data: Measurements) -> NDArray[np.str_]:
         """Return the kind of each row."""
         named = {**_NAMED_BY, "image": _PIXELS}
-        found = [kind for kind, names in named.items() if not self._cells.keys().isdisjoint((kind, *names))]
-        if "kind" not in self._cells and len(found) > 1:
+        found = [kind for kind, names in named.items() if not self.cells.keys().isdisjoint((kind, *names))]
+        if "kind" not in self.cells and len(found) > 1:
             self.log.add(f"the file has columns of the kinds {' and '.join(found)}", self.line, fix="add a column kind")
             self.log.raise_if_any()
         known = ("position", *named)
-        kinds = [kind.lower() for kind in self._cells.get("kind", [found[0]] * data.n)]
+        kinds = [kind.lower() for kind in self.cells.get("kind", [found[0]] * data.n)]
         for row, kind in enumerate(kinds):
             if kind not in known:
                 fix = (
                     "beside other kinds, name the row position: its orientation is not used" if kind == "pose" else None
                 )
-                self._add(data, f"found {kind!r}, expected one of {', '.join(known)}", row, "kind", fix)
+                self.report(data, f"found {kind!r}, expected one of {', '.join(known)}", row, "kind", fix)
         return np.array(kinds, dtype=str)
 
     def _with_images(self, data: Measurements) -> Measurements:
@@ -618,28 +618,14 @@ class KindTable(ReshapedTable):
         rows = data.kind == "image"
         if not rows.any():
             return data
-        if self._cameras is None:
-            self.log.add("images need the camera that took them", self.line, fix="give its file as `camera`")
-        for key in (key for key in (*_PIXELS, *_BOARD[:2]) if key not in self._cells):
-            self.log.add(f"images need the column {key}, which is missing", self.line)
-        if "sigma" in self._cells and heading_of(self._names["sigma"]).unit is not None:
-            self.log.add("the sigma of images is in px", self.line, self._names["sigma"], "name the column sigma")
-        self.log.raise_if_any()
-        known, names = plug_in(BOARDS, "cameras")(self._cameras or ""), np.array(self._column("camera"))
-        pixels = np.stack([self._numbers(key, rows, data) for key in _PIXELS])
-        points = np.stack([self._numbers(key, rows, data, 0.0 if key == "board_z" else None) for key in _BOARD])
-        # px; no corner is found as well.
-        noise = self._numbers("sigma", rows, data, least=1e-3, unit="px") if "sigma" in self._cells else None
-        self.log.raise_if_any()
-        images = ImageRows(rows, known, self._cameras or "", names, pixels, points, noise, self._image_sizes)
-        of_poses: Measurements = plug_in(BOARDS, "images")(data, images, self.log, partial(self._add, data))
+        of_poses: Measurements = plug_in(BOARDS, "images")(data, self)
         return of_poses
 
-    def _column(self, key: str) -> list[str]:
+    def column_of(self, key: str) -> list[str]:
         """Return the cells of a column, empty ones where the file has none."""
-        return self._cells.get(key) or [""] * len(next(iter(self._cells.values())))
+        return self.cells.get(key) or [""] * len(next(iter(self.cells.values())))
 
-    def _numbers(
+    def numbers(
         self,
         key: str,
         rows: NDArray[np.bool_],
@@ -649,7 +635,7 @@ class KindTable(ReshapedTable):
         unit: str = "m",
     ) -> Array:
         """Return the numbers ``(N,)`` of a column in m or px, 0 outside the ``rows``; ``default`` is of empty cells."""
-        values, cells = np.zeros(data.n), self._column(key)
+        values, cells = np.zeros(data.n), self.column_of(key)
         unit = "px" if key in _PIXELS else unit
         # px; no sensor is wider. m; a larger length is in another unit.
         divisor, most = (1.0, 1e5) if unit == "px" else (UNITS[self._units[key]][1], 100.0)
@@ -657,19 +643,21 @@ class KindTable(ReshapedTable):
             value = number_of(cells[row], self.dialect.decimal_comma) if cells[row] else default
             if value is None or not np.isfinite(value):
                 found = f"found {clip(cells[row])}" if cells[row] else "the value is missing"
-                self._add(data, f"{found}, expected a number", row, key)
+                self.report(data, f"{found}, expected a number", row, key)
             elif not max(least, -most) <= value / divisor <= most:
                 is_bare = unit == "m" and divisor == 1.0 and value > 0.0
                 fix = f"name the column {key}_mm if it is in mm" if is_bare else None
                 found = f"found {value / divisor:.4g} {unit}, expected {max(least, -most):g} to {most:g} {unit}"
-                self._add(data, found, row, key, fix)
+                self.report(data, found, row, key, fix)
             else:
                 values[row] = value / divisor
         return values
 
-    def _add(self, data: Measurements, message: str, row: int, key: str | None = None, fix: str | None = None) -> None:
+    def report(
+        self, data: Measurements, message: str, row: int, key: str | None = None, fix: str | None = None
+    ) -> None:
         """Add a problem of a row to the log."""
-        self.log.add(message, data.line(row), None if key is None else self._names.get(key, key), fix)
+        self.log.add(message, data.line(row), None if key is None else self.headings.get(key, key), fix)
 
 
 # Proposal of a column map: what the reader takes each column of an export for, as a file to correct.

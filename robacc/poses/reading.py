@@ -548,7 +548,7 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
     """Return whether the convention with the smallest disagreement fits and another one does not."""
     best = min(trial.values())
-    # Ratio of the typical disagreements at which the second convention is ruled out, unless no test shows the difference.
+    # Ratio of the typical disagreements at which the second convention is ruled out.
     return bool(best < AGREES and trial[name] > max(5.0 * best, _DIFFERS))
 
 

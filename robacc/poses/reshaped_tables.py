@@ -3,15 +3,13 @@
 import itertools
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
-from functools import partial
 from typing import Any
 
 import numpy as np
 
 from robacc.errors import Note, Problem, refuse
-from robacc.geometry import Array, NDArray, nearest_rotation, quaternion_from_rotation
+from robacc.geometry import Array, NDArray
 from robacc.io.dialect import number_of
-from robacc.io.files import ProblemLog
 from robacc.io.table import Table, TableBody
 from robacc.plug_ins import plug_in
 from robacc.poses.reading import (

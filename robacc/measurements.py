@@ -236,7 +236,7 @@ class Measurements:
 
     @property
     def commands(self) -> Array | None:
-        """Commanded joints ``(J, N)``, else positions, m, above entries of rotations ``(3 or 12, N)``; None without both."""
+        """Commanded joints ``(J, N)``, else positions, m, above rotations ``(3 or 12, N)``; None without commands."""
         if self.q is not None or self.commanded_position is None or self.commanded_rotation is None:
             return self.q if self.q is not None else self.commanded_position
         return np.vstack([self.commanded_position, self.commanded_rotation.reshape(9, -1)])

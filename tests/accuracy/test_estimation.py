@@ -590,3 +590,26 @@ def test_one_pose_has_no_distances() -> None:
     """Nor have visits of one commanded pose."""
     position = np.array([[0.1, 0.1], [0.2, 0.2], [0.3, 0.3]])
     assert estimate(Measurements(position=position + 1e-5, commanded_position=position)).distances is None
+
+
+def test_a_commanded_orientation_tells_poses_at_one_place_apart() -> None:
+    rng = np.random.default_rng(3)
+    place = np.repeat(rng.uniform(-0.5, 0.5, (3, 4)), 3, axis=1)
+    turn = np.moveaxis(Rotation.random(12, random_state=4).as_matrix(), 0, 2)
+    data = Measurements(place, turn, commanded_position=place, commanded_rotation=turn)
+    twice = data.subset(np.tile(np.arange(12), 2))
+    groups = twice.groups().reshape(2, 12)
+    assert np.array_equal(*groups)
+    assert np.unique(groups).size == 12
+    assert dataclasses.replace(twice, commanded_rotation=None).groups().max() == 3
+
+
+def test_measured_orientations_say_nothing_of_the_frames_of_commanded_positions() -> None:
+    rng = np.random.default_rng(5)
+    commanded, base = rng.uniform(-0.5, 0.5, (3, 20)), Rotation.from_euler("xyz", (3, -2, 71), degrees=True)
+    position = base.apply(commanded.T).T + np.array([[2.0], [-1.0], [0.5]]) + 1e-5 * rng.normal(size=(3, 20))
+    turn = np.moveaxis(Rotation.random(20, random_state=6).as_matrix(), 0, 2)
+    data = Measurements(position, commanded_position=commanded)
+    found = [robacc.estimate(each).position.rms for each in (data, dataclasses.replace(data, rotation=turn))]
+    assert found[1] == pytest.approx(found[0])
+    assert found[0] < 3e-5

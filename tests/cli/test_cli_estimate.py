@@ -430,3 +430,15 @@ def _ended(group: int) -> bool:
             return True
         time.sleep(0.01)
     return False
+
+
+def test_the_next_step_reads_the_poses_as_this_one_did(tmp_path: Path) -> None:
+    (tmp_path / "cell 3").mkdir()
+    rows = [line.split(",") for line in POSES.read_text(encoding="utf-8").splitlines()[1:]]
+    parts = {"joints.csv": slice(6), "points.csv": slice(6, 9)}
+    joints, points = (
+        saved(tmp_path / "cell 3" / name, "".join(",".join(row[part]) + "\n" for row in rows))
+        for name, part in parts.items()
+    )
+    told = run(points, "--commanded", joints, "--robot", ROBOT, "--skip-gaps").stdout
+    assert f"robacc trace {points} --robot {ROBOT} --skip-gaps --commanded '{joints}'" in told

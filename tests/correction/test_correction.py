@@ -12,6 +12,7 @@ import independent_arm
 import numpy as np
 import pytest
 from arms import CONFIGS, arm, circumstances
+from commands import output, refused
 from slow_parameters import some_fast
 
 import robacc
@@ -610,3 +611,32 @@ def test_approaches_that_no_file_states_are_not_held_against_measurements() -> N
         coverage(model, model_fit(model), unstated, 0)
     with pytest.raises(robacc.UsageError, match="backlash needs the column dir_q1"):
         robacc.compare_paired(unstated, unstated, model=model, nominal=ROBOT, noise="0.02mm")
+
+
+JOB = """\
+/JOB
+//NAME CELL
+//POS
+///NPOS 2,0,0,0,0,0
+///TOOL 0
+///POSTYPE ANGLE
+///ANGLE
+C00000=10.0,20.0,-30.0,5.0,45.0,7.0
+C00001=12.0,22.0,-32.0,5.0,45.0,9.0
+//INST
+NOP
+MOVJ C00000 VJ=10.00
+MOVJ C00001 VJ=10.00
+END
+"""
+
+
+def test_positions_of_a_job_are_targets_that_a_csv_takes(tmp_path: Path) -> None:
+    job, model, corrected = tmp_path / "cell.JBI", tmp_path / "model.yaml", tmp_path / "corrected.csv"
+    job.write_text(JOB)
+    robacc.write_robot(model, independent_arm.robot())
+    words = ("correct", job, "--model", model, "--nominal", model, "--output")
+    output(*words, corrected)
+    found = np.loadtxt(corrected, delimiter=",", skiprows=2, usecols=range(6))
+    np.testing.assert_allclose(np.degrees(found), [[10, 20, -30, 5, 45, 7], [12, 22, -32, 5, 45, 9]], atol=1e-6)
+    assert "back.jbi is not written; name a CSV with --output" in refused(*words, tmp_path / "back.jbi")

@@ -70,8 +70,10 @@ def columns_of(c: Campaign) -> dict[str, np.ndarray]:
         **{"zyx": c.turn.as_euler("ZYX"), "rpy_deg": c.turn.as_euler("xyz", degrees=True)},
         "matrix": c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9),
         **{"cmd_m": c.commanded, "cmd_mm": c.commanded * MM, "cmd_xyzw": c.commanded_turn.as_quat()},
+        "cmd_rpy": c.commanded_turn.as_euler("xyz"),
         **{"cmd_rotvec": c.commanded_turn.as_rotvec(), "constant": np.tile((-0.214, 50.02, 27.74), (N, 1))},
         **{"cmd_abc_deg": c.commanded_turn.as_euler("ZYX", degrees=True), "off_mm": (c.position - c.commanded) * MM},
+        "off_cm": (c.position - c.commanded) * 100,
         **{"count": counted, "seconds": 2.5 * counted, "frames": counted / 120, "zero": 0 * counted},
     }
 
@@ -152,6 +154,23 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
             ),
             *("count q q_read zero", "", " "),
         ),
+    },
+    "targets_and_differences": {
+        "grid.csv": Text(
+            "step_order,x_t,y_t,z_t,x_dif,y_dif,z_dif," + ",".join(f"joint_{i}" for i in range(1, 7)),
+            *("cmd_mm off_mm deg", "{0}", ","),
+        )
+    },
+    "nominal_values_and_deviations": {
+        "report.csv": Text(
+            "Nominal X [mm];Nominal Y [mm];Nominal Z [mm];X-Abweichung [cm];Y-Abweichung [cm];Z-Abweichung [cm];"
+            + JOINTS,
+            "cmd_mm off_cm deg",
+        )
+    },
+    "keyence": {
+        "cmm.csv": Text("Element Name;Number;Deviation;MX Coord.;MY Coord.;MZ Coord.", "mm", "Point{0:03d};1;0.012"),
+        "joints.csv": Text(f"Name;{JOINTS}", "deg", "Point{0:03d}"),
     },
     "robodk": {"robodk.csv": Text(f"Name,{J},X,Y,Z,Error", "deg mm zero", "Target {0}", ",")},
     "bare_degrees_and_mm": {"poses.txt": Text("", "deg mm", sep=" ")},
@@ -338,6 +357,14 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
 }
 TABLES_OF_POSES: dict[str, dict[str, Text]] = {
+    "goals_in_m_and_a_tracker_in_mm": {
+        "series.csv": Text(
+            "Goal x;Goal y;Goal z;Goal roll;Goal pitch;Goal yaw;"
+            + ";".join(f"joint_{i}" for i in range(1, 7))
+            + ";measurement_x;measurement_y;measurement_z;measurement_rx;measurement_ry;measurement_rz",
+            *("cmd_m cmd_rpy q mm moving_deg", "", ";", "", "", True),
+        )
+    },
     "vicon": {
         "vicon.csv": Text(
             "Objects\n100\n,,Tool:Tool,,,,,,\nFrame,Sub Frame,RX,RY,RZ,RW,TX,TY,TZ\n,,,,,,mm,mm,mm",
@@ -787,6 +814,31 @@ def python_lists(c: Campaign) -> dict[str, str]:
     return {"run.txt": "".join(f"[{numbers(q, sep=', ')}] [{numbers(p, sep=', ')}]\n" for q, p in rows)}
 
 
+def lists_behind_names(c: Campaign) -> dict[str, str]:
+    """Points, and poses of ABB without brackets around their two lists; numbers alone tell which belong together."""
+    poses = zip(c.commanded * MM, np.roll(c.commanded_turn.as_quat(), 1, axis=1), strict=True)
+    robot = (f"Print{i}=[{numbers(place)}],[{numbers(turn)}]\n" for i, (place, turn) in enumerate(poses, 1))
+    points = (f"P{i}=[{numbers(place)}]\n" for i, place in enumerate(c.position * MM, 1))
+    return {"points.txt": "".join(points), "robot.txt": "".join(robot)}
+
+
+def printed_arrays(c: Campaign) -> dict[str, str]:
+    """Matrices as NumPy prints them, one behind the other."""
+    with np.printoptions(precision=10):
+        seen = "".join(f"{matrix}\n" for matrix in homogeneous(c.position, c.turn))
+    return {"seen.txt": seen, "joints.csv": Text(JOINTS, "deg").of(c)}
+
+
+def matrices_in_a_log(c: Campaign) -> dict[str, str]:
+    """Matrices below lines that say what they are of, between other lines."""
+    text, where = "Server listening on port 59153...\n", "Camera Position in Marker Coordinate Space"
+    hands, eyes = homogeneous(c.commanded * MM, c.commanded_turn), homogeneous(c.position * MM, c.turn)
+    for i, (hand, eye) in enumerate(zip(hands, eyes, strict=True)):
+        of_hand, of_eye = (lines(matrix, "  ") for matrix in (hand, eye))
+        text += f">>> Robot TCP Position:\n{of_hand}Scan was triggered, Frame Id: {i}\n>>> {where}:\n{of_eye}"
+    return {"scan.log": text}
+
+
 def abb_with_tracker(c: Campaign) -> dict[str, str]:
     """Joints, the controller's position and that of an instrument on each line."""
     rows = zip(np.degrees(c.q), c.commanded * MM, c.position * MM, strict=True)
@@ -940,13 +992,14 @@ POSITIONS: tuple[Form, ...] = (
         pc_dmis_with_graphs,
         dmis,
         franka_states,
+        lists_behind_names,
     ),
 )
 POSES: tuple[Form, ...] = (
     *(rotations_and_translations, lists_of_matrices),
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
-    *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo),
+    *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo, printed_arrays, matrices_in_a_log),
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
@@ -959,6 +1012,7 @@ WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
     *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye", "rotations_and_translations"),
+    *("lists_behind_names", "matrices_in_a_log", "goals_in_m_and_a_tracker_in_mm"),
 )
 
 
@@ -1361,3 +1415,71 @@ def test_variables_of_matlab_are_read(form: str, campaign: Campaign, tmp_path: P
     data = robacc.read_poses(tmp_path / "run.mat", robot=ROBOT)
     np.testing.assert_allclose(data.q.T, q, rtol=1e-12)
     np.testing.assert_allclose(data.position.T, position, rtol=1e-12)
+
+
+def test_the_sign_of_differences_is_a_warning_and_of_deviations_a_note(campaign: Campaign, tmp_path: Path) -> None:
+    opposite = "taken as measured less commanded; if they are the opposite, change their sign"
+    for form, is_open in (("targets_and_differences", True), ("nominal_values_and_deviations", False)):
+        data = robacc.read_poses(written(made(form, campaign), tmp_path)[0], robot=ROBOT)
+        said = [text for text in data.warnings if not isinstance(text, Note)]
+        assert any(opposite in text for text in said) == is_open
+        np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
+        np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-9)
+
+
+def test_matrices_without_a_partner_are_refused(campaign: Campaign, tmp_path: Path) -> None:
+    log = matrices_in_a_log(campaign)["scan.log"]
+    path = saved(tmp_path / "scan.log", log[: log.rindex(">>> Camera")])
+    with pytest.raises(InputError, match=f"has {N} matrices of robot and {N - 1} matrices of camera"):
+        robacc.read_poses(path)
+
+
+def test_an_uncertainty_that_an_instrument_rounds_to_0_is_its_least(campaign: Campaign, tmp_path: Path) -> None:
+    uncertainty = np.tile((2e-3, 4e-3, 8e-3), (N, 1))
+    uncertainty[::3, 1] = 0.0
+    head = f"{JOINTS};X [mm];Y [mm];Z [mm];U(95) X [mm];U(95) Y [mm];U(95) Z [mm]"
+    text = table(head, np.degrees(campaign.q), campaign.position * MM, uncertainty)
+    data = robacc.read_poses(saved(tmp_path / "leica.csv", text), robot=ROBOT)
+    np.testing.assert_allclose(data.sigma_position.T, np.tile((1e-6, 2e-6, 4e-6), (N, 1)))
+    assert any("U(95) Y [mm] counts as its smallest value above 0 where it is 0" in text for text in data.warnings)
+    zero = saved(tmp_path / "zero.csv", table(head, np.degrees(campaign.q), campaign.position * MM, 0 * uncertainty))
+    with pytest.raises(InputError, match="expected a standard deviation above 0"):
+        robacc.read_poses(zero, robot=ROBOT)
+
+
+def test_a_moment_is_no_coordinate(campaign: Campaign, tmp_path: Path) -> None:
+    text = table(f"{JOINTS};Fx;Fy;Fz;Mx;My;Mz", np.degrees(campaign.q), campaign.position, campaign.position)
+    with pytest.raises(InputError, match="columns x, y, z are missing"):
+        robacc.read_poses(saved(tmp_path / "force.csv", text), robot=ROBOT)
+
+
+ENTRIES = {"nm": "pose", "label": "pose", **{f"ax{i}": f"q{i}_deg" for i in range(1, 7)}}
+MAP = "robacc_columns: 1\ncolumns:\n" + "".join(f"  {name}: {key}\n" for name, key in ENTRIES.items())
+
+
+def test_a_column_map_names_the_columns_of_the_commands_too(campaign: Campaign, tmp_path: Path) -> None:
+    points = table("nm;ex;ey;ez", campaign.position * MM, name="P{}")
+    joints = table("label;" + ";".join(f"ax{i}" for i in range(1, 7)), np.degrees(campaign.q), name="P{}")
+    arguments = written({"points.csv": points, "joints.csv": joints}, tmp_path)
+    columns = saved(tmp_path / "map.yaml", MAP + "  ex: x_mm\n  ey: y_mm\n  ez: z_mm\n")
+    data = robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2], columns=columns)
+    np.testing.assert_allclose(data.q.T, campaign.q, atol=1e-9)
+    np.testing.assert_allclose(data.position.T, campaign.position, atol=1e-9)
+    alone = saved(tmp_path / "alone.yaml", MAP)
+    with pytest.raises(InputError, match="columns x, y, z are missing"):
+        robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2], columns=alone)
+    wrong = saved(tmp_path / "wrong.yaml", MAP + "  foo: x_mm\n")
+    with pytest.raises(InputError, match="the map names a column 'foo', which the file does not have"):
+        robacc.read_poses(arguments[0], robot=ROBOT, commanded=arguments[2], columns=wrong)
+
+
+def test_commands_that_no_unit_makes_readable_are_refused_soon(
+    campaign: Campaign, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    numbers = table("alpha;foo;bar", campaign.q[:, :3])
+    points, _, commands = written({"points.csv": POINTS["points.csv"].of(campaign), "commands.csv": numbers}, tmp_path)
+    read, calls = robacc.poses.csv_file.read_poses, []
+    monkeypatch.setattr(robacc.poses.csv_file, "read_poses", lambda *a, **k: calls.append(a) or read(*a, **k))
+    with pytest.raises(InputError, match=r"commands\.csv:1: the file has neither joint variables nor commanded poses"):
+        robacc.read_poses(points, commanded=commands)
+    assert len(calls) < 24  # of each convention of angles in one unit, not of all units

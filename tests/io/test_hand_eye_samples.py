@@ -134,3 +134,12 @@ def test_files_that_hold_no_poses_are_none_of_a_folder(tmp_path: Path) -> None:
     saved(tmp_path / "b.json", "{")
     with pytest.raises(robacc.InputError, match="is a folder, expected a file"):
         robacc.read_poses(str(tmp_path))
+
+
+def test_joints_in_a_file_of_their_own_belong_to_the_matrix_of_their_number(tmp_path: Path) -> None:
+    for i, (q, _, board) in enumerate(zip(*samples("world"), strict=True)):
+        np.savetxt(tmp_path / f"{i:03d}.csv", board)
+        np.savetxt(tmp_path / f"{i:03d}_joints.txt", q)
+    result = robacc.estimate(tmp_path, robot=robot(), align="base_frame,tool_frame")
+    assert result.n_poses == 30
+    assert 1e-3 * 0.5 < result.position.rms < 1.6e-3

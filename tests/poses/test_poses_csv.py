@@ -575,6 +575,16 @@ def test_the_data_show_their_convention_in_unknown_frames(truth: str) -> None:
     assert [name for name in trial if not is_ruled_out(name, trial)] == [truth]
 
 
+def test_turns_of_some_degrees_show_the_convention_of_good_measurements() -> None:
+    rng = np.random.default_rng(7)
+    angles = rng.uniform(-0.12, 0.12, (3, 60)) + np.array([[-1.57], [-0.35], [-1.57]])
+    noise = Rotation.from_rotvec(1e-3 * rng.normal(size=(60, 3))).as_matrix()
+    known = np.einsum("ijn,njk->ikn", CONVENTIONS["moving-xyz"](angles), noise)
+    trial = try_conventions(angles, known, ("rotvec", "fixed-xyz", "moving-xyz"))
+    assert max(trial.values()) < np.radians(3.0)
+    assert [name for name in trial if not is_ruled_out(name, trial)] == ["moving-xyz"]
+
+
 def test_small_turns_show_nothing() -> None:
     angles = np.random.default_rng(4).normal(0, 1e-3, (3, 30))
     assert try_conventions(angles, CONVENTIONS["rotvec"](angles), DISTINCT) is None

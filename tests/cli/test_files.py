@@ -154,9 +154,13 @@ def test_content_decides_the_format(
         (
             "calibration.conf",
             "[mounting]\ndelta_theta = [ 0, 0, 0, 0, 0, 0]\n",
-            "is a kinematics file; convert it first: robacc init --from",
+            "is a kinematics file; convert it first: robacc init takes it as `from`",
         ),
-        ("a.yaml", "kinematics:\n  shoulder: {x: 0}\n", "is a kinematics file; convert it first: robacc init --from"),
+        (
+            "a.yaml",
+            "kinematics:\n  shoulder: {x: 0}\n",
+            "is a kinematics file; convert it first: robacc init takes it as `from`",
+        ),
         ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
         ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),
         ("a.urdf", "robacc: 1", "not well-formed XML"),

@@ -154,12 +154,12 @@ def test_content_decides_the_format(
         (
             "calibration.conf",
             "[mounting]\ndelta_theta = [ 0, 0, 0, 0, 0, 0]\n",
-            "is a kinematics file; convert it first: robacc init takes it as `from`",
+            "is a kinematics file; convert it first, as the command init does for a kinematics file",
         ),
         (
             "a.yaml",
             "kinematics:\n  shoulder: {x: 0}\n",
-            "is a kinematics file; convert it first: robacc init takes it as `from`",
+            "is a kinematics file; convert it first, as the command init does for a kinematics file",
         ),
         ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
         ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),

@@ -6,6 +6,7 @@ import os
 import subprocess
 import sys
 from functools import cache
+from itertools import product
 from pathlib import Path
 
 import independent_arm
@@ -114,9 +115,9 @@ def with_effect(robot: Robot, name: str, data: Measurements) -> Robot | None:
     return dataclasses.replace(robot, effects=(entry_of(effect, values),), effect_units=(1.0, 1.0))
 
 
-@pytest.mark.parametrize("name", list(REGISTRY))
-@pytest.mark.parametrize("kind", some_fast(arms_of_all_kinds(), 3))
-def test_every_effect_on_every_arm(kind: str, name: str) -> None:
+# By default each effect on one arm or two, and each arm with several effects.
+@pytest.mark.parametrize(("name", "kind"), some_fast(product(REGISTRY, arms_of_all_kinds()), 8))
+def test_every_effect_on_every_arm(name: str, kind: str) -> None:
     robot = arms_of_all_kinds()[kind]
     data = dataclasses.replace(circumstances(robot, 24, seed=4), q=middle_joints(robot, 24, seed=4))
     model = with_effect(robot, name, data)

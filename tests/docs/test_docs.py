@@ -39,6 +39,7 @@ LONG = ("fleet", "history", "photos", "plan", "report", "sockets")
 SHOWN = [
     pytest.param(path, id=name, marks=[pytest.mark.slow] * (path.parent.name == "how-to" and path.stem in LONG))
     for path, name in zip(PAGES, NAMES, strict=True)
+    if blocks(path.read_text(encoding="utf-8"))
 ]
 
 

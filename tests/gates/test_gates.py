@@ -13,6 +13,7 @@ import pytest
 from commands import missing
 from refusals import problems_of
 from scipy import stats
+from slow_parameters import some_fast
 
 import robacc
 from robacc.accuracy.error_statistics import error_statistics, length_intervals, satterthwaite
@@ -728,11 +729,11 @@ def undecided(rng: np.random.Generator, n: int) -> tuple[Array, float, Evaluatio
             return errors, limit, decision
 
 
-@pytest.mark.parametrize("n", [30, pytest.param(120, marks=pytest.mark.slow)])
-def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int) -> None:
+@pytest.mark.parametrize(("n", "cases"), some_fast([(30, 40), (30, 150), (120, 150)], 3))
+def test_the_promised_poses_decide_in_nine_of_ten_cases(n: int, cases: int) -> None:
     rng = np.random.default_rng(n)
     decided = []
-    for _ in range(150):
+    for _ in range(cases):
         errors, limit, decision = undecided(rng, n)
         all_errors = np.hstack((errors, SD * rng.normal(size=(3, decision["poses_to_decide"] - n))))
         decided.append(

@@ -26,7 +26,7 @@ from robacc.robots.description import Fixture, Frame
 from robacc_plugins.cameras import Camera, three_points
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
-ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
+ZEROS = np.array([0.0, 2e-3, -1.5e-3, 1.2e-3, 1.5e-3, 0.0])
 """Errors of the joint zeros, rad."""
 NOISE = 1e-5
 """m"""
@@ -493,7 +493,7 @@ def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: 
     rows = [
         f"{name},{name}{line}"
         for number, (name, mount) in enumerate(zip("ab", mounts, strict=True), 1)
-        for line in lines(photos(mount, 20, number), 0.0)
+        for line in lines(photos(mount, 12, number), 0.0)
     ]
     (tmp_path / "points.csv").write_text("\n".join([f"camera,{COLUMNS}", *rows]) + "\n")
     path = PoseFile(tmp_path / "points.csv", camera=tmp_path / "cameras.yaml")
@@ -565,8 +565,8 @@ def test_photos_with_the_joints_of_the_next_are_refused(tmp_path: Path) -> None:
 
 
 def test_photos_in_their_order_show_the_backlash_of_a_servo(tmp_path: Path) -> None:
-    """Half a degree in the third joint, as servos of low-cost arms have it."""
-    gap, taken, before = math.radians(0.5), [], MIDDLE
+    """A fifth of a degree in the third joint, as servos of low-cost arms have it."""
+    gap, taken, before = math.radians(0.2), [], MIDDLE
     for reached, pixels in photos("world", 64):
         # The joint stands where its gear leaves it: behind its command by the gap, on the side that it came from.
         q, side = reached.copy(), math.copysign(1.0, reached[2] - before[2])

@@ -307,7 +307,7 @@ def position(reference: Any, name: str, configuration: Mapping[str, float]) -> f
     return rule.multiplier * position(reference, rule.joint, configuration) + rule.offset
 
 
-@pytest.mark.parametrize("arm", some_fast(ARMS, 2))
+@pytest.mark.parametrize("arm", some_fast(ARMS, 4))
 def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str) -> None:
     yourdfpy = pytest.importorskip("yourdfpy")
     logging.getLogger("yourdfpy").setLevel(logging.CRITICAL)

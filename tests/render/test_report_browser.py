@@ -20,7 +20,6 @@ pytestmark = [
     # The browser's own image library and driver warn of what is not this package's.
     pytest.mark.filterwarnings("default"),
 ]
-SIZES = {"desk": browser.DESKTOP, "phone": browser.PHONE}
 _HARMLESS = ("willReadFrequently", "GL Driver Message")
 """Advice to the library that draws views, and a remark of graphics without a graphics card."""
 
@@ -57,15 +56,9 @@ return Array.from(document.querySelectorAll('figure')).map(function (figure) {
 """
 
 
-@pytest.mark.parametrize("size", SIZES)
-@pytest.mark.parametrize("name", PAGES)
-def test_everything_is_drawn_and_nothing_asked_for(name: str, size: str, driver: Any, folder: Path) -> None:
-    page = folder / f"{name}.html"
-    browser.look(driver, page, SIZES[size])
-    browser.settled(driver)
+def check_that_all_is_drawn_and_nothing_asked_for(driver: Any, page: Path, width: int) -> None:
     figures = driver.execute_script(DRAWN)
-    assert len(figures) >= (3 if name == "compare" else 6)
-    width = SIZES[size][0]
+    assert len(figures) >= (3 if page.stem == "compare" else 6)
     for figure, wide, high, left, right, marks in figures:
         assert wide > 250, figure
         assert high > 120, figure
@@ -77,6 +70,14 @@ def test_everything_is_drawn_and_nothing_asked_for(name: str, size: str, driver:
     assert driver.execute_script("return document.documentElement.scrollWidth") <= width
     assert [text for text in browser.complaints(driver) if not any(harmless in text for harmless in _HARMLESS)] == []
     assert browser.requested(driver) == [page.as_uri()]
+
+
+@pytest.mark.parametrize("name", PAGES)
+def test_a_page_on_a_phone_is_drawn_whole(name: str, driver: Any, folder: Path) -> None:
+    page = folder / f"{name}.html"
+    browser.look(driver, page, browser.PHONE)
+    browser.settled(driver)
+    check_that_all_is_drawn_and_nothing_asked_for(driver, page, browser.PHONE[0])
 
 
 def pixels_of(driver: Any, selector: str) -> np.ndarray:
@@ -161,11 +162,13 @@ def test_the_table_of_a_chart_opens(driver: Any, folder: Path) -> None:
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_printed_on_a4_nothing_is_cut_off(name: str, driver: Any, folder: Path) -> None:
+def test_a_page_on_a_desk_is_drawn_whole_and_printed_on_a4(name: str, driver: Any, folder: Path) -> None:
     from pypdf import PdfReader
 
-    browser.look(driver, folder / f"{name}.html", browser.DESKTOP, "dark")
+    page_file = folder / f"{name}.html"
+    browser.look(driver, page_file, browser.DESKTOP, "dark")
     browser.settled(driver)
+    check_that_all_is_drawn_and_nothing_asked_for(driver, page_file, browser.DESKTOP[0])
     pdf = PdfReader(io.BytesIO(browser.printed(driver)))
     limit = 14 if name in ("several", "hostile") else 9
     assert 2 <= len(pdf.pages) <= limit

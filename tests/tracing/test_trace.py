@@ -143,7 +143,7 @@ def geometry(name: str, seed: int = 0) -> Entry:
     }
 
 
-def measured(name: str, *effects: Entry, n: int = 80, seed: int = 1, **changes: Any) -> Measurements:
+def measured(name: str, *effects: Entry, n: int = 60, seed: int = 1, **changes: Any) -> Measurements:
     plan = Plan(n, seed=seed, noise_position=NOISE_OF_TRACE, orientation=False)
     robot = dataclasses.replace(arm(name).robot, effects=(geometry(name), *effects))
     return simulate(robot, dataclasses.replace(plan, **changes)).data
@@ -511,11 +511,11 @@ def test_an_error_without_a_cause_is_corrected_between_the_poses(paths: int, poi
 def test_a_calibration_beside_a_process_fits_what_was_asked() -> None:
     """The joints of the compliance are searched, which needs the process that the arm has in place of one."""
     robot, rng = arm("ur10").robot, np.random.default_rng(0)
-    data = simulate(robot, Plan(120, orientation=False, sampling="random")).data
+    data = simulate(robot, Plan(80, orientation=False, sampling="random")).data
     assert data.q is not None
     waves, sizes = rng.normal(scale=0.7, size=(30, 6)), 5e-4 * rng.normal(size=(6, 30))
     read = data.q + sizes @ np.cos(waves @ data.q + rng.uniform(0.0, 2.0 * np.pi, (30, 1)))
-    position = predict(robot, replace(data, q=read)).translation + 2e-5 * rng.normal(size=(3, 120))
+    position = predict(robot, replace(data, q=read)).translation + 2e-5 * rng.normal(size=(3, 80))
     data, fitted = replace(data, position=position), "base_frame,tool_frame,joint_offset,joint_compliance"
     names = {parameter.name.split(".")[0] for parameter in robacc.calibrate(data, robot=robot, fit=fitted).parameters}
     assert names <= {*fitted.split(",")}

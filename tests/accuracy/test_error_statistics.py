@@ -3,6 +3,7 @@
 import dataclasses
 import math
 from collections.abc import Iterator
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from arms import arm
 from refusals import problems_of
 from scipy import stats
 from scipy.stats import chi2
+from slow_parameters import some_fast
 
 from robacc.accuracy.error_statistics import (
     ErrorStatistics,
@@ -217,9 +219,9 @@ def numbers(record: object) -> Iterator[float]:
         yield record
 
 
-@pytest.mark.parametrize("n", [1, 2, 3, 4, 5, 9, 10, 71])
-@pytest.mark.parametrize("kind", AWKWARD)
-@pytest.mark.parametrize("repeated", [False, True])
+@pytest.mark.parametrize(
+    ("kind", "n", "repeated"), some_fast(product(AWKWARD, [1, 2, 3, 4, 5, 9, 10, 71], [False, True]), 3)
+)
 def test_awkward_errors_are_handled_and_said(kind: str, n: int, repeated: bool) -> None:
     """No warning (they are errors here), no NaN; what is missing has its reason."""
     errors = AWKWARD[kind](n)
@@ -685,9 +687,10 @@ def test_probability_is_the_confidence_between_the_limits() -> None:
     assert result.probability_within(2) == pytest.approx(within[2])
 
 
-@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
-@pytest.mark.parametrize("n", [15, 40, 200])
-@pytest.mark.parametrize("kind", ["gauss", "mean", "repeated", "uniform"])
+@pytest.mark.parametrize(
+    ("n", "kind", "statistic"),
+    some_fast(product([15, 40, 200], ["gauss", "mean", "repeated", "uniform"], ["rms", "mean_error", "p95"]), 2),
+)
 def test_a_confirmed_grade_has_the_scales_confidence(statistic: str, n: int, kind: str) -> None:
     """The curve at the one-sided bound is the bound's confidence, whatever the method; to 2000 draws' own step."""
     rng = np.random.default_rng(n)

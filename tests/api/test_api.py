@@ -136,9 +136,9 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: run("check", f"{FOLDER}/a.json", "--gate", f"{FOLDER}/gate.yaml", "--format", "json").stdout,
     ),
     "plan": (
-        lambda: robacc.plan(ROBOT, poses=12, candidates=300, min_height="100mm", noise="0.05mm"),
+        lambda: robacc.plan(ROBOT, poses=12, candidates=100, min_height="100mm", noise="0.05mm"),
         lambda: printed(
-            *("plan", ROBOT, "--poses", "12", "--candidates", "300", "--min-height", "100mm", "--noise", "0.05mm"),
+            *("plan", ROBOT, "--poses", "12", "--candidates", "100", "--min-height", "100mm", "--noise", "0.05mm"),
             *("-o", f"{FOLDER}/plan.csv"),
         ),
     ),

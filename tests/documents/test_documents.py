@@ -215,9 +215,9 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "effects": lambda _: run("show", "effects"),
     "effects, poses": lambda _: run("show", "effects", "--robot", ROBOT, "--poses", POSES),
     "export": lambda folder: run("export", ROBOT, "--urdf", f"{folder}/arm.urdf"),
-    "plan": lambda folder: run("plan", ROBOT, "--poses", "12", "--candidates", "300", "-o", f"{folder}/plan.csv"),
+    "plan": lambda folder: run("plan", ROBOT, "--poses", "12", "--candidates", "100", "-o", f"{folder}/plan.csv"),
     "plan, enough": lambda folder: run(
-        *("plan", ROBOT, "--candidates", "300", "--already", POSES, "-o", f"{folder}/next.csv")
+        *("plan", ROBOT, "--candidates", "100", "--already", POSES, "-o", f"{folder}/next.csv")
     ),
     "plan, acceptance": lambda folder: run(
         *("plan", ROBOT, "--for", "acceptance", "--grade", "D", "--candidates", "400", "-o", f"{folder}/test.csv")

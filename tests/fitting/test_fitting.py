@@ -289,7 +289,7 @@ def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:
 @pytest.mark.parametrize(("cycles", "orientation"), [(1, False), (1, True), (3, True)])
 @pytest.mark.parametrize("folds", [None, 5])
 def test_each_pose_is_predicted_as_by_a_fit_without_it(cycles: int, orientation: bool, folds: int | None) -> None:
-    data = measured_of_held_out(36, cycles, orientation=orientation)
+    data = measured_of_held_out(24, cycles, orientation=orientation)
     found = fitted(data, robust=False)
     how = HoldOut.of(data, None, folds, 0)
     (apart,) = how.residuals(found)

@@ -26,7 +26,7 @@ from robacc.robots.description import Fixture, Frame
 from robacc_plugins.cameras import Camera, three_points
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
-ZEROS = np.array([0.0, 2e-3, -1.5e-3, 1.2e-3, 1.5e-3, 0.0])
+ZEROS = np.array([0.0, 4e-3, -3e-3, 3e-3, 4e-3, 0.0])
 """Errors of the joint zeros, rad."""
 NOISE = 1e-5
 """m"""

@@ -79,8 +79,8 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: results.text("predict"),
     ),
     "iso9283_poses": (
-        lambda: robacc.iso9283_poses("configs/robots/puma560.yaml", edge="400mm", cycles=3),
-        lambda: printed("plan", "configs/robots/puma560.yaml", "--for", "iso9283", "--edge", "400mm", "--cycles", "3"),
+        lambda: robacc.iso9283_poses("configs/robots/puma560.yaml", edge="250mm", cycles=3),
+        lambda: printed("plan", "configs/robots/puma560.yaml", "--for", "iso9283", "--edge", "250mm", "--cycles", "3"),
     ),
     "predict, against": (
         lambda: robacc.predict(

@@ -258,7 +258,7 @@ def test_planned_poses_are_met_by_the_robot(tmp_path: Path) -> None:
 
 
 def test_the_plane_of_a_plan_is_that_asked_for() -> None:
-    planned = output("plan", "--for", "iso9283", "-o", "-", ROBOT, "--cycles", "1", "--plane", "y+", "--edge", "400mm")
+    planned = output("plan", "--for", "iso9283", "-o", "-", ROBOT, "--cycles", "1", "--plane", "y+", "--edge", "250mm")
     assert "towards y+" in planned
 
 

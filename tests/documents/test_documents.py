@@ -222,7 +222,9 @@ MADE: dict[str, Callable[[Path], Document]] = {
     "plan, acceptance": lambda folder: run(
         *("plan", ROBOT, "--for", "acceptance", "--grade", "D", "--candidates", "400", "-o", f"{folder}/test.csv")
     ),
-    "iso9283-poses": lambda folder: run("plan", ROBOT, "--for", "iso9283", "-o", f"{folder}/five.csv"),
+    "iso9283-poses": lambda folder: run(
+        *("plan", ROBOT, "--for", "iso9283", "--edge", "250mm", "-o", f"{folder}/five.csv")
+    ),
 }
 """A result by what it is of; the first word is the schema's name."""
 CONTRACT = {

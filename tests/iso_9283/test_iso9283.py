@@ -746,8 +746,8 @@ def test_five_poses_on_every_arm(name: str) -> None:
 def test_the_cube_stands_in_the_axes_of_the_base() -> None:
     """A base that is turned and moved takes the cube with it; joint angles stay."""
     robot = configured("ur10")
-    moved = propose(dataclasses.replace(robot, base=Frame((1.0, 2.0, 0.5), (0.1, 0.2, 0.3))), edge=0.4)
-    plain = propose(robot, edge=0.4)
+    moved = propose(dataclasses.replace(robot, base=Frame((1.0, 2.0, 0.5), (0.1, 0.2, 0.3))), edge=0.25)
+    plain = propose(robot, edge=0.25)
     base = Poses.from_xyz_rpy(np.array([[1.0], [2.0], [0.5]]), np.array([[0.1], [0.2], [0.3]]))
     assert moved.q == pytest.approx(plain.q)
     assert moved.poses.translation == pytest.approx((base @ plain.poses).translation)

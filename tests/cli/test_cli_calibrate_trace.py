@@ -396,7 +396,7 @@ SCREENS = {
     "correct": "correct poses.csv --model model.yaml --output corrected.csv",
     "plan": "plan robot.yaml --output plan.csv --program plan.src",
     "correct_program": "correct plan.src --model model.yaml --output corrected.src",
-    "plan_trace": "plan robot.yaml --for trace --candidates 300",
+    "plan_trace": "plan robot.yaml --for trace --candidates 100",
     "plan_acceptance": "plan robot.yaml --for acceptance --grade D --candidates 300",
 }
 

@@ -34,24 +34,6 @@ def gaussian(n: int, seed: int = 0) -> np.ndarray:
     return np.linalg.cholesky(COVARIANCE) @ np.random.default_rng(seed).standard_normal((3, n))
 
 
-def test_sample_figures_against_numpy() -> None:
-    errors = gaussian(50) + 5e-5
-    result = error_statistics(errors, "m")
-    lengths = np.linalg.norm(errors, axis=0)
-    assert result.covariance == pytest.approx(np.mean([np.outer(d, d) for d in errors.T], axis=0))
-    assert result.centred_covariance == pytest.approx(np.cov(errors, bias=True))
-    assert result.mean == pytest.approx(errors.mean(axis=1))
-    assert result.rms == pytest.approx(np.sqrt(np.mean(lengths**2)))
-    assert result.mean_error == pytest.approx(lengths.mean())
-    assert result.p95 == pytest.approx(np.percentile(lengths, 95))
-    assert result.max == lengths.max()
-    assert (result.n, result.n_poses, result.unit, result.confidence) == (50, 50, "m", 0.95)
-    values = np.linalg.eigvalsh(result.covariance)[::-1]
-    assert result.ellipsoid.sd == pytest.approx(np.sqrt(values))
-    axes = result.ellipsoid.axes
-    assert axes @ np.diag(values) @ axes.T == pytest.approx(result.covariance)
-
-
 def test_intervals_of_gaussian_errors_are_the_chi_square_ones() -> None:
     errors = gaussian(40)
     result = error_statistics(errors, "m")

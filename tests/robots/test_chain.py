@@ -205,16 +205,6 @@ def test_jacobian_to_every_scalar_is_the_complex_step(robot: Robot) -> None:
     np.testing.assert_allclose(chain.jacobian(q), complex_step(chain, q), atol=1e-10)
 
 
-def test_a_mimic_joint_follows_its_master() -> None:
-    robot = finite_robots()[0]
-    chain = build_chain(robot)
-    assert chain.n_joints == 2
-    free = build_chain(replace(robot, joints=(*robot.joints[:3], replace(robot.joints[3], mimic=None))))
-    q = np.array([[0.4, -1.2], [0.1, 0.2]])
-    followed = np.vstack((q, -0.7 * q[0] + 0.3))
-    np.testing.assert_allclose(chain.forward(q).matrices(), free.forward(followed).matrices(), atol=1e-15)
-
-
 def test_poses_do_not_depend_on_how_many_are_asked_for() -> None:
     chain = build_chain(read_robot(CONFIGS[0]))
     q = np.random.default_rng(7).uniform(-2, 2, (chain.n_joints, BLOCK + 17))

@@ -1062,6 +1062,8 @@ def test_a_form_is_read_as_what_was_measured(form: str, campaign: Campaign, tmp_
         np.testing.assert_allclose(in_order(x, position), in_order(own_x, campaign.position), atol=2e-6)
         if data.q is None:
             np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=2e-6)
+            commanded_turn = np.moveaxis(campaign.commanded_turn.as_matrix(), 0, 2)
+            np.testing.assert_allclose(data.commanded_rotation, commanded_turn, atol=2e-6)
         else:
             np.testing.assert_allclose(in_order(x, data.q.T), in_order(own_x, campaign.q), atol=2e-6)
         if form in WITH_ORIENTATION:

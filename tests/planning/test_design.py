@@ -4,7 +4,6 @@ import itertools
 import math
 from collections.abc import Mapping
 from functools import cache
-from itertools import product
 from typing import get_args
 
 import numpy as np
@@ -266,7 +265,8 @@ def draws(count: int) -> list[np.ndarray]:
     return [rng.choice(count, POSES, replace=False) for _ in range(DRAWS)]
 
 
-@pytest.mark.parametrize(("criterion", "name"), some_fast(product(get_args(Criterion), ARMS), 2))
+@pytest.mark.parametrize("criterion", get_args(Criterion))
+@pytest.mark.parametrize("name", ARMS)
 def test_calibration(name: str, criterion: Criterion) -> None:
     plan = planned_of_never_worse(name, "calibrate", criterion)
     model = Model.of(plan.robot, free_effects(plan.robot, FIT))

@@ -430,11 +430,19 @@ _USUAL_ERROR = 3e-3
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """Raise an error if the data contain a mistake or are of another arm; return warnings of mistakes in a few rows.
 
-    Photos are checked by the poses that they show; other kinds of measurement than positions are not checked.
+    Photos are checked by the poses that they show to each camera; other kinds of measurement than positions are not
+    checked.
 
     Raises:
         InputError: the mistake, its errors and the fix.
     """
+    if data.photos is not None and data.fixture is not None:
+        # Cameras beside the arm are fixtures, those on its hand are targets.
+        names = np.stack((data.fixture, data.fixture if data.target is None else data.target))
+        camera = np.unique(names, axis=1, return_inverse=True)[1].ravel()
+        if camera.any():
+            of_each = (check_data(robot, data.subset(camera == one)) for one in np.unique(camera))
+            return tuple(dict.fromkeys(itertools.chain.from_iterable(of_each)))
     data = data.each_photo() or data
     if data.n < ENOUGH or data.q is None or data.kind is not None:
         return ()

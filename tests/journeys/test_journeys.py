@@ -485,23 +485,35 @@ def test_exact_pixels_give_exact_zeros_and_the_place_of_all(mount: str, tmp_path
     assert result.after.held_out.position.rms < 1e-8
 
 
-@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
-def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
+def photos_of_two_cameras(folder: Path, mounts: tuple[str, str], signs: np.ndarray | float = 1.0) -> PoseFile:
+    """Twelve photos of each camera; the joints are recorded times ``signs``."""
     lens = LENS.replace("\n", "\n    ")
     cameras = "".join(f"  {name}:\n    {lens}mount: {mount}\n" for name, mount in zip("ab", mounts, strict=True))
-    (tmp_path / "cameras.yaml").write_text(f"cameras:\n{cameras}")
+    (folder / "cameras.yaml").write_text(f"cameras:\n{cameras}")
     rows = [
         f"{name},{name}{line}"
         for number, (name, mount) in enumerate(zip("ab", mounts, strict=True), 1)
-        for line in lines(photos(mount, 12, number), 0.0)
+        for line in lines(tuple((signs * q, pixels) for q, pixels in photos(mount, 12, number)), 0.0)
     ]
-    (tmp_path / "points.csv").write_text("\n".join([f"camera,{COLUMNS}", *rows]) + "\n")
-    path = PoseFile(tmp_path / "points.csv", camera=tmp_path / "cameras.yaml")
+    (folder / "points.csv").write_text("\n".join([f"camera,{COLUMNS}", *rows]) + "\n")
+    return PoseFile(folder / "points.csv", camera=folder / "cameras.yaml")
+
+
+@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
+def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
+    path = photos_of_two_cameras(tmp_path, mounts)
     result = robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
     values = {parameter.name: parameter.value for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         assert values[f"joint_offset.j{number}"] == pytest.approx(ZEROS[number - 1], abs=1e-8)
     assert result.after.held_out.position.rms < 1e-8
+
+
+@pytest.mark.parametrize("mounts", [("hand", "world"), ("hand", "hand")], ids="+".join)
+def test_a_mistake_is_seen_by_each_of_two_cameras(mounts: tuple[str, str], tmp_path: Path) -> None:
+    path = photos_of_two_cameras(tmp_path, mounts, np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
+    with pytest.raises(InputError, match="the sign of joint j3 seems to be reversed"):
+        robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
 
 
 @pytest.mark.parametrize("mount", ["hand", "world"])

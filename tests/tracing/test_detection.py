@@ -121,7 +121,7 @@ def test_the_shift_at_the_limit_is_what_such_an_effect_does() -> None:
 
 
 def test_limits_stand_beside_what_was_found() -> None:
-    data = measured("puma560", entry("gear_ratio", "j2", 4e-4), **CIRCUMSTANCES)
+    data = measured("puma560", entry("gear_ratio", "j2", 4e-4), n=80, **CIRCUMSTANCES)
     loop = looped("puma560", data)
     assert [str(effect) for effect in loop.effects] == ["gear_ratio[j2]"]
     found, before = by_name(detection_limits(loop)), by_name(detection_limits(clean("puma560")[1]))

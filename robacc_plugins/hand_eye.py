@@ -30,8 +30,9 @@ _NUMBERS = re.compile(r"[-+.\deE,;\s]*")
 _SIZE = 4
 _LAST = (0.0, 0.0, 0.0, 1.0)
 _PAIR = re.compile(rf"^(hand|eye)((?:\s*,\s*{NUMBER.pattern}){{6}})\s*$", re.MULTILINE)
-_LINE = rf"[ \t\[]*{NUMBER.pattern}(?:[ \t]*[,;]?[ \t]+{NUMBER.pattern}){{3}}[ \t\],;]*\n"
-_CAPTIONED = re.compile(rf"^(?P<caption>[^\n]*[A-Za-z]{{3}}[^\n]*)\n(?P<matrix>(?:{_LINE}){{4}})", re.MULTILINE)
+_BETWEEN = r"(?:[ \t]++(?:[,;][ \t]++)?|[,;][ \t]++)"
+_LINE = rf"[ \t\[]*+(?>{NUMBER.pattern})(?:{_BETWEEN}(?>{NUMBER.pattern})){{3}}[ \t\],;]*+\n"
+_CAPTIONED = re.compile(rf"^(?=[^\n]*?[A-Za-z]{{3}})(?P<caption>[^\n]*+)\n(?P<matrix>(?:{_LINE}){{4}})", re.MULTILINE)
 """A matrix in four lines below the line that says what it is of."""
 _PARTS_OF = {0: "robot", 3: "camera"}
 """Words of the names of columns, by how surely an instrument measured the poses."""

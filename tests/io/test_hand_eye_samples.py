@@ -143,3 +143,18 @@ def test_joints_in_a_file_of_their_own_belong_to_the_matrix_of_their_number(tmp_
     result = robacc.estimate(tmp_path, robot=robot(), align="base_frame,tool_frame")
     assert result.n_poses == 30
     assert 1e-3 * 0.5 < result.position.rms < 1.6e-3
+
+
+@pytest.mark.timeout(100)
+def test_long_lines_of_a_log_are_read_once(tmp_path: Path) -> None:
+    _, hands, seen = samples("hand")
+    text = "".join(
+        f"Robot pose\n{matrix_text(hand)}Camera pose\n{matrix_text(board)}"
+        for hand, board in zip(hands, seen, strict=True)
+    )
+    result = robacc.estimate(saved(tmp_path / "log.txt", f"{text}{'word ' * 100_000}\n{'1' * 100_000}\n"))
+    assert result.n_poses == 30
+
+
+def matrix_text(pose: np.ndarray) -> str:
+    return "".join(" ".join(f"{value:.9f}" for value in row) + "\n" for row in pose)

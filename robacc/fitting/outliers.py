@@ -9,7 +9,7 @@ from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Noise, NoiseSource
 from robacc.robots.arm import BLOCK
-from robacc.statistics.intervals import TINY, quantiles, root
+from robacc.statistics.intervals import quantiles, root
 
 # Misfit of a model beyond the known measurement noise, and the inlier mask.
 
@@ -45,7 +45,7 @@ def _misfit(residual: Array, known: Array | float, used: float, count: int) -> f
     def excess(variance: float) -> float:
         return float((square / (known + variance)).sum()) - dof
 
-    return math.sqrt(root(excess, TINY, float(square.sum() / dof))) if excess(TINY) > 0.0 else 0.0
+    return math.sqrt(root(excess, ROUNDING**2, float(square.sum() / dof))) if excess(ROUNDING**2) > 0.0 else 0.0
 
 
 def row_weights(data: Measurements, misfit: tuple[float, float]) -> Array:

@@ -569,8 +569,8 @@ class _Search:
         aliases: list[float] = []
         at: list[float] = []
         for number in scores.ranking().tolist():
-            rival, behind = self.pool.all[number], float(scores.log_odds[own] - scores.log_odds[number])
-            if behind > ACCEPTED:
+            rival, behind = self.pool.all[number], float(scores.log_odds[own]) - float(scores.log_odds[number])
+            if not behind <= ACCEPTED:  # NaN where the poses show neither of them.
                 break
             effect, forms = rival.effect, [each.effect for each in (rival, candidate) if isinstance(each.effect, Step)]
             if len(forms) == 2 and forms[0].starting(0.0, self.data) == forms[1].starting(0.0, self.data):

@@ -97,7 +97,7 @@ class Commands(TyperGroup):
             written = getattr(sys.modules.get("robacc.io.files"), "WRITTEN", ())
             done = f"{', '.join(written)} was written, nothing else" if written else "nothing was written"
             say(f"interrupted; {''.join(map(str, interrupt.args)) or done}", "dim")
-            raise typer.Exit(130) from interrupt  # as a shell has it: 128 + SIGINT
+            raise typer.Exit(130) from None  # as a shell has it: 128 + SIGINT
 
 
 def form_of(name: str, arguments: list[str]) -> tuple[str, list[str]]:
@@ -162,6 +162,8 @@ def main() -> None:
             if isinstance(end.__context__, BrokenPipeError):
                 # typer and rich would exit with the status of a crash.
                 raise BrokenPipeError from end
+            if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
+                say("interrupted; nothing was written", "dim")  # before the command, where typer says nothing
             sys.stdout.flush()
             raise
     except OSError as error:

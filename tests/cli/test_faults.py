@@ -23,6 +23,7 @@ from sample_files import SAMPLES, saved
 
 import robacc
 from robacc import InputError, Measurements
+from robacc.cli.main import Commands, main
 from robacc.io.dialect import find_dialect
 from robacc.io.files import sha256_of
 from robacc.poses.csv_file import format_poses, read_poses
@@ -113,6 +114,20 @@ def test_an_interrupt_while_it_starts(delay: float) -> None:
     # On a loaded machine the signal may end the process before Python has a handler, or its own start.
     if process.returncode != -signal.SIGINT and not re.search("runpy|init_import_site", err):
         assert err == "interrupted; nothing was written\n"
+
+
+def test_an_interrupt_before_the_command_is_told(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    def interrupted(*_: object, **__: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(Commands, "make_context", interrupted)
+    monkeypatch.setattr(sys, "argv", ["robacc", "show", "robots"])
+    with pytest.raises(SystemExit) as end:
+        main()
+    assert end.value.code == 130
+    assert capsys.readouterr() == ("", "interrupted; nothing was written\n")
 
 
 def limited() -> None:

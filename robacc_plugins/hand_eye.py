@@ -24,7 +24,7 @@ from robacc.io.dialect import NUMBER
 from robacc.io.files import ProblemLog, bytes_of, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
 from robacc.poses.reading import QUATERNION, source_of
-from robacc.poses.reshaped_tables import ReshapedTable, Rows
+from robacc.poses.reshaped_tables import MATRIX_ENTRY, ReshapedTable, Rows
 
 _NUMBERS = re.compile(r"[-+.\deE,;\s]*")
 _SIZE = 4
@@ -142,14 +142,13 @@ def _matrices(text: str) -> Array | None:
 
 _NO_POSE = r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$"
 """Matrices that are no poses."""
-_ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
 
 
 def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
     """Return the name of the first matrix among the names, and the column of each entry; None without a matrix."""
     found: dict[str, dict[tuple[int, int], int]] = {}
     for index, name in enumerate(names):
-        if match := _ENTRY.fullmatch(name.strip()):
+        if match := MATRIX_ENTRY.fullmatch(name.strip()):
             found.setdefault(match["stem"], {})[int(match["row"]), int(match["column"])] = index
     for (stem, entries), first in itertools.product(found.items(), (0, 1)):
         at = {(row - first, column - first): index for (row, column), index in entries.items()}

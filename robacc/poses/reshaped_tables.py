@@ -174,12 +174,13 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
 
-_ENTRY = re.compile(r".*?[a-zA-Z][_.\[(, ]*[0-4][_., \])\[(]*[0-4][\])]*")
+MATRIX_ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \])\[(]*(?P<column>[0-4])[\])]*")
+"""Name of a column that is the entry of a matrix."""
 
 
 def with_poses_of_matrices(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
-    has_entries = sum(bool(_ENTRY.fullmatch(name.strip())) for name in table.names) >= 9
+    has_entries = sum(bool(MATRIX_ENTRY.fullmatch(name.strip())) for name in table.names) >= 9
     return plug_in("robacc.readers", "hand-eye").with_poses(table) if has_entries else table
 
 

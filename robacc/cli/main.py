@@ -163,7 +163,8 @@ def main() -> None:
                 # typer and rich would exit with the status of a crash.
                 raise BrokenPipeError from end
             if isinstance(getattr(end.__context__, "__cause__", None), KeyboardInterrupt):
-                say("interrupted; nothing was written", "dim")  # before the command, where typer says nothing
+                # Before the command typer would say nothing.
+                raise KeyboardInterrupt from end
             sys.stdout.flush()
             raise
     except OSError as error:

@@ -23,7 +23,8 @@ from sample_files import SAMPLES, saved
 
 import robacc
 from robacc import InputError, Measurements
-from robacc.cli.main import Commands, main
+from robacc.__main__ import main
+from robacc.cli.main import Commands
 from robacc.io.dialect import find_dialect
 from robacc.io.files import sha256_of
 from robacc.poses.csv_file import format_poses, read_poses
@@ -123,6 +124,7 @@ def test_an_interrupt_before_the_command_is_told(
         raise KeyboardInterrupt
 
     monkeypatch.setattr(Commands, "make_context", interrupted)
+    monkeypatch.setattr("robacc.__main__._handle_signals", lambda: None)
     monkeypatch.setattr(sys, "argv", ["robacc", "show", "robots"])
     with pytest.raises(SystemExit) as end:
         main()

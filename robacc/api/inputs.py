@@ -596,8 +596,9 @@ def _read_with_commands(
     from robacc.programs.program import LISTINGS, is_program
 
     entries = reading.columns or {}
-    theirs = {name: entries[name] for name in _column_names(commands) if name in entries} if entries else {}
-    others = {name: entries[name] for name in entries if name not in theirs or name in _column_names(path)}
+    own_names, their_names = ({*_column_names(each)} if entries else set() for each in (path, commands))
+    theirs = {name: entry for name, entry in entries.items() if name in their_names}
+    others = {name: entry for name, entry in entries.items() if name in own_names or name not in their_names}
     path = PoseFile.of(path, replace(reading_of(path), columns=others or None))
     if is_program(commands) and not commands.lower().endswith(LISTINGS):
         planned = _program(commands)

@@ -128,12 +128,14 @@ def read_robot(
     suffix = PurePath(name).suffix.lower()
     refuse((suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)))
     text, fix = read_text(name), "convert it first: xacro robot.xacro > robot.urdf"
-    kinematics = Problem(
-        "is a kinematics file", name, fix="convert it first, as the command init does for a kinematics file"
-    )
     refuse(
         (suffix == ".xacro", Problem("is xacro, not URDF", name, fix=fix)),
-        (re.search(r"^(delta_theta\s*=|kinematics\s*:)", text, re.MULTILINE), kinematics),
+        (
+            re.search(r"^(delta_theta\s*=|kinematics\s*:)", text, re.MULTILINE),
+            Problem(
+                "is a kinematics file", name, fix="convert it first, as the command init does for a kinematics file"
+            ),
+        ),
     )
     if suffix in (".urdf", ".xml") or text.lstrip().startswith("<"):
         from robacc.robots.urdf import parse_urdf

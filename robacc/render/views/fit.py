@@ -189,7 +189,7 @@ def next_step(document: Document, model: str | None = None) -> str:
     if _is_worth_it(document):
         return (
             f"{'' if model else 'write the model (`write_model`), then '}change the robot's targets: robacc correct "
-            f"TARGETS --model {model or 'MODEL'}"
+            f"TARGETS --model {model or 'MODEL'}; robacc predict {model or 'MODEL'} tells how accurate it is elsewhere"
         )
     registered = " with base and tool registered" * (_nominal(document) == "nominal")
     return f"nothing to correct: the model is hardly better than the nominal arm{registered}"

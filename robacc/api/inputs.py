@@ -10,6 +10,7 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
+from operator import itemgetter
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -59,7 +60,7 @@ from robacc.poses.reading import (
     parts_of,
     reading_of,
 )
-from robacc.poses.reshaped_tables import unit_of_positions
+from robacc.poses.reshaped_tables import following
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
@@ -565,7 +566,7 @@ def _with_commands(
         readings = {}
         stated = itertools.product(
             (robot,) if robot is None else (robot, None),
-            (None, "rotvec", "fixed-xyz", "moving-xyz", "wxyz", "xyzw")
+            (None, "rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "wxyz", "xyzw")
             if reading.angles is None
             else (reading.angles,),
         )
@@ -579,13 +580,16 @@ def _with_commands(
                     if wrong.problems == error.problems:
                         break  # what is wrong has to do with no unit
                     continue
-                if unit_of_positions(data.position, *poses) == "m":
+                unit, remaining = following(data.position, *poses)
+                if unit == "m":
                     taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
-                    readings[str(poses)] = data, record, taken
-        if len(readings) != 1:
+                    readings[str(poses)] = remaining, data, record, taken
+        ranked = sorted(readings.values(), key=itemgetter(0))
+        # One reading must follow the positions much better than the others, also where these are exact.
+        if not ranked or any(remaining < 4.0 * ranked[0][0] + 1e-6 for remaining, *_ in ranked[1:]):
             raise
-        ((data, record, taken),) = readings.values()
-        note = Note(f"{commands}: {taken}: no other reading agrees with the measured positions")
+        _, data, record, taken = ranked[0]
+        note = Note(f"{commands}: {taken}: no other reading agrees as well with the measured positions")
         return replace(data, warnings=(*data.warnings, note)), record
 
 

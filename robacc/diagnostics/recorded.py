@@ -77,6 +77,10 @@ _SHARES = np.geomspace(1e-3, 1.2, 24)
 size of the rounding cannot show it; exact data make the covariances singular."""
 
 
+_EXACT = 1e-5
+"""m; no arm and no instrument is as exact, but the positions of a controller with many digits are."""
+
+
 class Rounding(NamedTuple):
     """Steps of the recorded joint variables, which the residual shows."""
 
@@ -123,8 +127,8 @@ def evident_rounding(fit: "Fit", data: Measurements) -> Rounding | None:
 def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple[str, ...]:
     """Return the warning of numbers with few digits that position errors show; empty without one.
 
-    Errors no larger than the rounding of joints and positions are those of a controller's own positions, which it
-    computes from the joints.
+    Errors no larger than the rounding of joints and positions, or than any arm's, are those of a controller's own
+    positions, which it computes from the joints.
 
     Args:
         robot: The robot of the commanded poses, registered.
@@ -134,13 +138,14 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     rounding = _evident_rounding(Model.of(robot), data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
-    is_small = rms_length(errors) <= ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    rounded = math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    is_small = rms_length(errors) <= max(ALIKE * rounded, _EXACT)
     computed = "the positions look computed from the joints, not measured"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
         return (f"{text}{f', or {computed}' * is_small}",)
     size = f"{1e3 * rms_length(errors):.2g} mm rms"
-    return (f"the errors ({size}) are the rounding of the file: {computed}",) if is_small else ()
+    return (f"the errors ({size}) are the rounding of numbers: {computed}",) if is_small else ()
 
 
 def _evident_rounding(model: Model, data: Measurements, residual: Array) -> Rounding | None:

@@ -17,7 +17,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array, NDArray
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, clip, opened
-from robacc.io.table import MAX_TEXT, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
+from robacc.io.table import MAX_TEXT, SKIP, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
 from robacc.plug_ins import plug_in, plug_ins
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -104,7 +104,7 @@ class ColumnTable(Table):
         if self.skip_gaps:
             self.log.gaps.update(rows[missing | infinite].tolist())
         else:
-            self.log.add_rows(missing, rows, name, lambda i: "the value is missing, expected a number")
+            self.log.add_rows(missing, rows, name, lambda i: "the value is missing, expected a number", SKIP)
             self.log.add_rows(infinite, rows, name, lambda i: f"found {clip(str(values[i]))}, expected a finite number")
         return np.where(infinite, np.nan, values)
 

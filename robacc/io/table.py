@@ -156,7 +156,7 @@ Block = tuple[int, list[str]]
 
 _OF_NUMBERS = b"0123456789+-.eE \t"
 """Characters of numbers and around them."""
-_SKIP = "give `skip_gaps` to leave out rows with a missing value"
+SKIP = "give `skip_gaps` to leave out rows with a missing value"
 _STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
 _FAILED = frozenset(
     {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
@@ -204,6 +204,11 @@ class TextTable(Table):
         )
         """Whether the names stand above each block of rows, with other text above them."""
         self.log.remarks.append(dialect.description())
+        is_free = self.names[:1] == ("",) and "pose" not in self.names
+        index = ["".join(fields[:1]) for fields in grid] if is_free else []
+        if index and all(text and not dialect.is_number(text) for text in index):  # as pandas writes one
+            self.names = ("pose", *self.names[1:])
+            self.log.remarks.append("the first column, which has no name, has the names of the poses")
 
     def _read_blocks(self, stream: BinaryIO, number: int = 1) -> Iterator[Block]:
         """Yield blocks of complete lines, of which the first has the given number.
@@ -411,7 +416,7 @@ class TextTable(Table):
         if value is not None and math.isfinite(value):
             return value
         found = f"found {clip(cell)}, expected a {'' if value is None else 'finite '}number"
-        fix = _SKIP if is_gap else advice(cell, column, comma) if value is None else None
+        fix = SKIP if is_gap else advice(cell, column, comma) if value is None else None
         self.log.add(found if cell else "the value is missing, expected a number", line, column, fix)
         return math.nan
 

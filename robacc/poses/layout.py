@@ -28,6 +28,7 @@ from robacc.poses.reading import (
     NAME_UNITS,
     ORIENTATIONS,
     QUATERNION,
+    ROTATION_VECTOR,
     SIGMAS,
     TIME_KEYS,
     UNITS,
@@ -188,17 +189,21 @@ def read_layout(
         for key in layout.columns
     )
     is_repeated = "pose" in layout.columns and not layout.names.robot.joint_names
+    siblings = frozenset(heading_of(name).text for name in table.names)
+    turned = {getattr(meaning_of(heading_of(name), siblings), "key", "") for name in layout.unused}
     if reading.columns is None and (
         not table.dialect.is_documented
         or (attained and not layout.has(AXES))
         or not (has_commands or (is_repeated or not commands if attained or commands else layout.has(AXES)))
+        # A target's offset turns with the orientation of commands from another file.
+        or (not (commands or attained) and layout.orientation() is None and turned >= {*ROTATION_VECTOR})
     ):
         # The names are not all documented: notes say what each was taken for.
         layout = find_columns(table, layout, reading)
     else:
         # Names that say enough beside documented ones: of times, and of the poses of commands.
         of_time = ("time_s", "time", ("time", "timestamp", "t").__contains__)
-        open_keys = [of_time] if attained else [of_time, ("pose", "pose", is_point_name)]
+        open_keys = [of_time] if attained and commands else [of_time, ("pose", "pose", is_point_name)]
         for documented, key, says in open_keys if reading.columns is None else []:
             name = next(filter(says, filter(None, layout.unused)), None)
             if name is not None and documented not in layout.columns:

@@ -1,6 +1,7 @@
 """Tables of another shape: without a header, poses as matrices, one row an axis, or several targets a row."""
 
 import itertools
+import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -148,17 +149,24 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
 
 
 def unit_of_positions(position: Array, translation: Array | None, rotation: Array | None) -> str | None:
-    """Return the unit in which positions ``(3, N)`` follow the poses of an arm; None where they do not.
+    """Return the unit in which positions ``(3, N)`` follow the poses of an arm; None where they do not."""
+    return following(position, translation, rotation)[0]
+
+
+def following(
+    position: Array, translation: Array | None, rotation: Array | None
+) -> tuple[str | None, float]:
+    """Return the unit in which positions ``(3, N)`` follow the poses of an arm, and the rms error that remains, m.
 
     A target at c of the tool, measured in another frame and unit, is at A p + s = t + R c in the frame of the arm,
-    which is linear in A, s and c.
+    which is linear in A, s and c. The unit is None where the positions do not follow the poses.
     """
     n, eye = position.shape[1], np.eye(3)
     centred = position - position.mean(axis=1, keepdims=True)
     # 8 rows have 24 coordinates, well above the 15 parameters. No coordinate is larger in any unit: the Earth is 4e7 m
     # round.
     if translation is None or rotation is None or n < 8 or not np.abs(position).max() < 1e9:
-        return None
+        return None, math.inf
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
     wanted = translation - translation.mean(axis=1, keepdims=True)
@@ -166,10 +174,11 @@ def unit_of_positions(position: Array, translation: Array | None, rotation: Arra
     remaining = np.sum((design @ solution - wanted.T.ravel()) ** 2) / (3 * n - rank)
     # Largest remaining error as a share of the arm's motion: worse than any arm, and far below an unrelated motion's.
     if 3 * n * remaining >= 0.01**2 * np.sum(wanted**2):
-        return None
+        return None, math.inf
     scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
     # Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more.
-    return next((unit for unit in ("m", "mm", "cm", "in") if abs(scale * UNITS[unit][1] - 1) < 0.05), None)
+    unit = next((unit for unit in ("m", "mm", "cm", "in") if abs(scale * UNITS[unit][1] - 1) < 0.05), None)
+    return unit, math.sqrt(3 * remaining)
 
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.

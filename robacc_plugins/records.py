@@ -37,6 +37,10 @@ _CELL = re.compile(r'(?m)(^|[,;\t])"\[[\s\[]*[-+.\d]')
 """Beginning of a cell of a CSV that is a list."""
 _PART = re.compile(r"(?:[Rt]|rot|trans)_(?=[A-Za-z]{3})")
 """Beginning of the names of the two parts of a pose, as OpenCV has them: ``R_gripper2base`` and ``t_gripper2base``."""
+_VECTOR = re.compile(r"(?i)(.*?)(?:rvec|rot(?:ation)?_?vec(?:tor)?)")
+"""Name of a list of three numbers that are a rotation vector."""
+_POSE = re.compile(r"(?i)(.*_)?(pose|coords?|coordinates)")
+"""Name of a list of the position and three angles of a pose."""
 _JOINTS = re.compile(r"(?i)(^|[\W_\d])(joints?|q|angles?|jpos)([\W_\d]|$)")
 """Name of a file of the joints of one pose."""
 _SIZE = 16
@@ -182,10 +186,24 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         return TextTable(io.BytesIO(text.encode()), file, options)
     if longest is document and all(np.shape(_plain(row)) == (4, 4) for row in longest if isinstance(row, list)):
         longest = [{"pose": row} if isinstance(row, list) else row for row in longest]
-    rows = [dict(_leaves(record, ())) for record in longest if isinstance(record, dict)]
+    rows = _with_axes([dict(_leaves(record, ())) for record in longest if isinstance(record, dict)])
     no_list = Problem("has no list of records, expected a table of poses", file, fix=fix)
     refuse((not rows or len(rows) < len(longest), no_list))
     return ColumnTable(_columns(rows), file, options.skip_gaps, hashlib.sha256(data).hexdigest())
+
+
+def _with_axes(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
+    """Return records in which the six numbers of a pose, as controllers give it, have the names of axes and angles.
+
+    They have these beside another position alone, such as that of a marker: nothing else tells whose pose it is.
+    """
+    names = dict.fromkeys(name for row in rows for name in row)
+    stems = [name[:-2] for name in names if name.endswith("_6") and f"{name[:-1]}7" not in names]
+    stems = [stem for stem in stems if _POSE.fullmatch(stem) and {f"{stem}_{i}" for i in range(1, 7)} <= names.keys()]
+    if len(stems) != 1 or not any(re.search(r"(^|_)t?x(_u?mm?)?$", name) for name in names):
+        return rows
+    new = {f"{stems[0]}_{i}": f"{stems[0]}_{axis}" for i, axis in enumerate(("x", "y", "z", "rx", "ry", "rz"), 1)}
+    return [{new.get(name, name): value for name, value in row.items()} for row in rows]
 
 
 def _are_numbers(row: list[Any]) -> bool:
@@ -367,7 +385,9 @@ def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
         if path and np.shape(value) in ((3,), (3, 3), (9,)) and (match := _PART.match(path[-1])):
             path = (*path[:-1], path[-1][match.end() :])
             value = np.reshape(value, (3, 3)).tolist() if len(value) == 9 else value
-        names: Sequence[str] = "123" if path and path[-1].lower().endswith("rvec") else "xyz"
+        names: Sequence[str] = "xyz"
+        if len(value) == 3 and path and (match := _VECTOR.fullmatch(path[-1])):
+            path, names = (*path[:-1], f"{match[1]}rvec"), "123"
         if len(value) == 3 and path and path[-1].lower().endswith("tvec"):
             path, names = (*path[:-1], path[-1][:-4].rstrip("_")), ("tx", "ty", "tz")
         in_matrix = any(isinstance(item, list) for item in value) or (path and path[-1].isdecimal())

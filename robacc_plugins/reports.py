@@ -1,7 +1,8 @@
 """Reports of coordinate measuring machines: a line for each axis of a point, with nominal and measured values.
 
-Tables of such lines become tables of points (:func:`points`), and so do tables of commanded positions and deviations.
-Texts of PC-DMIS and DMIS, which are no tables, are read too.
+Tables of such lines become tables of points (:func:`points`), and so do tables of commanded positions and deviations,
+and tables with several targets in each row (:func:`targets_in_rows`). Texts of PC-DMIS and DMIS, which are no tables,
+are read too.
 """
 
 from __future__ import annotations
@@ -23,7 +24,7 @@ from robacc.io.files import bytes_of, clip, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
 from robacc.poses.layout import listing
 from robacc.poses.reading import AXES, DEVIATIONS, UNITS, heading_of, is_point_name, labelled, meaning_of, source_of
-from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, coordinates
+from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, points_in_rows
 
 _AXIS_NAMES = frozenset(
     {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
@@ -51,6 +52,55 @@ _POINT_AND_AXIS = (
 def points(table: Table) -> Table | None:
     """Return a table with measured points for a report without columns of them; None for another table."""
     return _by_axes(table) or _with_deviations(table)
+
+
+def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
+    """Return the names of coordinates with the units in the names of their columns, and these columns."""
+    units = (heading_of(table.names[index]).unit for index in columns)
+    names = (
+        f"{group} {axis.upper()}".strip() + (f" [{unit}]" if unit else "")
+        for axis, unit in zip(AXES, units, strict=True)
+    )
+    return dict(zip(names, columns, strict=True))
+
+
+def targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
+    """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
+    by_label = points_in_rows(table.names)
+    targets = [label if target_names is None else _target_of(label, target_names) for label in by_label]
+    if not by_label or not all(columns.keys() >= {*AXES} for columns in by_label.values()):
+        return None
+    points = [[columns[axis] for axis in AXES] for columns in by_label.values()]
+    units = [
+        {table.cell_units.get(index) or heading_of(table.names[index]).unit for index in columns}
+        for columns in zip(*points, strict=True)
+    ]
+    is_matched = None not in targets and len({*targets}) == len(targets)
+    words = {heading_of(name).text for name in table.names}
+    if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
+        return None
+    new = {**_coordinates(table, "", points[0]), "target": None}
+    new |= {} if words & {"visit", "arrival"} else {"visit": None}
+    parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
+
+    def make(old: TableBody) -> Rows:
+        rows = np.repeat(np.arange(old.lines.size), len(points))
+        coordinates = old.numbers.reshape(len(points), 3, -1).transpose(1, 2, 0).reshape(3, -1)
+        names = np.tile(np.array(targets, dtype=str), old.lines.size)
+        return (rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
+
+    used = [*itertools.chain(*points)]
+    return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")
+
+
+def _target_of(label: str, names: Sequence[str]) -> str | None:
+    """Return the robot's target that a label stands for: its name, or the target with the same number."""
+    exact = [name for name in names if name.lower() == label]
+    number = re.search(r"\d+$", label)
+    ends = ((name, re.search(r"\d+$", name)) for name in names)
+    alike = [name for name, end in ends if number and end and int(number[0]) == int(end[0])]
+    is_certain = len(alike) == 1 and (label.isdecimal() or alike[0].isdecimal())
+    return exact[0] if exact else alike[0] if is_certain else None
 
 
 def _with_deviations(table: Table) -> Table | None:
@@ -82,7 +132,7 @@ def _with_deviations(table: Table) -> Table | None:
         position, deviation = old.numbers[: len(AXES)], old.numbers[len(AXES) :]
         return np.arange(old.lines.size)[None], [*position, *(position + scale * deviation)]
 
-    new = {**coordinates(table, "Nominal", commanded), **coordinates(table, "Measured", commanded)}
+    new = {**_coordinates(table, "Nominal", commanded), **_coordinates(table, "Measured", commanded)}
     return ReshapedTable(table, {*commanded, *added}, new, ([*commanded, *added], []), make, remark)
 
 
@@ -102,8 +152,8 @@ def _by_axes(table: Table) -> Table | None:
     names = [table.names[i] for i in (*axis, *values)]
     points = [i for i, name in enumerate(table.names) if is_point_name(name) or heading_of(name).text in _POINT_NAMES]
     texts = [*axis, *[i for i in points if i not in (*axis, *values)][:1]] if axis[0] not in points else axis
-    new: dict[str, int | None] = {**coordinates(table, "", measured * 3)}
-    new |= coordinates(table, "Nominal", nominal * 3) if nominal else {}
+    new: dict[str, int | None] = {**_coordinates(table, "", measured * 3)}
+    new |= _coordinates(table, "Nominal", nominal * 3) if nominal else {}
     new |= {"Name": None} if len(texts) > 1 or axis[0] in points else {}
     remark = f"one row for each axis joined: {names[0]} is the axis, {names[1]} the measured"
     remark += f" and {names[2]} the commanded value" if nominal else " value"

@@ -10,7 +10,6 @@ from contextlib import suppress
 from dataclasses import replace
 from functools import partial
 from hashlib import sha256
-from operator import itemgetter
 from typing import Annotated, Any, TypeVar
 
 import numpy as np
@@ -584,7 +583,7 @@ def _with_commands(
                 if unit == "m":
                     taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
                     readings[str(poses)] = remaining, data, record, taken
-        ranked = sorted(readings.values(), key=itemgetter(0))
+        ranked = sorted(readings.values(), key=lambda reading: reading[0])
         # One reading must follow the positions much better than the others, also where these are exact.
         if not ranked or any(remaining < 4.0 * ranked[0][0] + 1e-6 for remaining, *_ in ranked[1:]):
             raise

@@ -138,9 +138,9 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     rounding = _evident_rounding(Model.of(robot), data, errors)
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
-    rounded = math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
-    is_small = rms_length(errors) <= max(ALIKE * rounded, _EXACT)
-    computed = "the positions look computed from the joints, not measured"
+    rounded = ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
+    is_small = rms_length(errors) <= max(rounded, _EXACT)
+    computed = "the positions look computed from the joints, not measured: give those of an instrument"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
         return (f"{text}{f', or {computed}' * is_small}",)

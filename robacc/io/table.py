@@ -204,8 +204,8 @@ class TextTable(Table):
         )
         """Whether the names stand above each block of rows, with other text above them."""
         self.log.remarks.append(dialect.description())
-        is_free = self.names[:1] == ("",) and "pose" not in self.names
-        index = ["".join(fields[:1]) for fields in grid] if is_free else []
+        lacks_names = self.names[0] == "" and "pose" not in self.names
+        index = ["".join(fields[:1]) for fields in grid if lacks_names]
         if index and all(text and not dialect.is_number(text) for text in index):  # as pandas writes one
             self.names = ("pose", *self.names[1:])
             self.log.remarks.append("the first column, which has no name, has the names of the poses")

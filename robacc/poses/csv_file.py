@@ -344,10 +344,12 @@ def _noise(values: Values, position: Array | None) -> tuple[Array | None, Array 
 _DAY = 86400.0
 _STAMP = (
     r"\s*(?:(\d{4})[-/.](\d{1,2})[-/.](\d{1,2})|(\d{1,2})[-/.](\d{1,2})[-/.](\d{4}|\d{2})|)[T ,;]*"
-    r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
+    r"(?:(\d{1,2}):(\d{2})(?::(\d{2})(?:[.,:_](\d{1,9}))?)?(?:\s*([AaPp])\.?[Mm]\.?)?"
     r"\s*(?:Z|UTC|GMT|([+-]\d{2}):?(\d{2}))?)?\s*"
 )
 """Date with the year first or last, and time of day with its zone."""
+_COMPACT = r"^((?:19|20)\d\d)(\d\d)(\d\d)[_T -]?(\d\d)(\d\d)(\d\d)(?!\d)"
+"""Date and time without signs between their numbers, as programs name files: ``20261122_100005``."""
 
 
 def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int64], log: ProblemLog) -> Array:
@@ -383,7 +385,7 @@ def read_times(stamps: Mapping[Column, NDArray[np.str_]], lines: NDArray[np.int6
             "nanoseconds without a column of seconds", None, columns["nanoseconds"].name, "leave it out with `columns`"
         )
         return np.full(lines.size, np.nan)
-    column = texts[key]
+    column = np.array([re.sub(_COMPACT, r"\1-\2-\3 \4:\5:\6", text) for text in texts[key].tolist()], dtype=str)
     if "date" not in texts and all(_number(text) is not None for text in column[:20]):
         values = each(key, column, _number, of_numbers)
         typical = float(np.nanmedian(np.abs(values))) if np.isfinite(values).any() else 0.0

@@ -1,7 +1,6 @@
 """Tables of another shape: without a header, poses as matrices, one row an axis, or several targets a row."""
 
 import itertools
-import math
 import re
 from collections.abc import Callable, Collection, Mapping, Sequence
 from typing import Any
@@ -113,7 +112,9 @@ def _of_numbers(
         is_constant = len(found) > 3 and not np.ptp(rows[:, i : i + 3], axis=0).any()  # so not measured
         if {*range(i, i + len(angles))} <= {*range(width)} - {*found} and not is_constant:
             found |= dict(enumerate(angles, i))
-    named = [found.get(i, "Name" if i == lead - 1 and texts[i] else f"column {i + 1}") for i in range(width)]
+    # A count that skips a number is that of points, of which some were not measured.
+    has_names = texts[lead - 1] or (steps.size > 0 and np.median(steps) == 1 < steps.max())
+    named = [found.get(i, "Name" if i == lead - 1 and has_names else f"column {i + 1}") for i in range(width)]
     reason = "only this reading agrees with the motion of the arm" if commands and attained else "by their number"
     read_as = ", ".join(found[i] for i in sorted(found))
     table.log.remarks.append(f"no header: columns {min(found) + 1} to {max(found) + 1} read as {read_as}, {reason}")
@@ -137,7 +138,7 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
             continue
         poses = robot.pose_at(q)
         for place in {*range(rows.shape[1] - 2)} - {*range(first - 2, first + joints)}:
-            if unit := unit_of_positions(rows[:, place : place + 3].T, poses.translation, poses.rotation):
+            if unit := following(rows[:, place : place + 3].T, poses.translation, poses.rotation)[0]:
                 units = [angle if turn else length for turn in turns.ravel()]
                 names = {first + i: f"q{i + 1}_{unit}" for i, unit in enumerate(units)}
                 result.append(names | {place + i: f"{AXES[i].upper()} [{unit}]" for i in range(3)})
@@ -148,14 +149,7 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
     return result
 
 
-def unit_of_positions(position: Array, translation: Array | None, rotation: Array | None) -> str | None:
-    """Return the unit in which positions ``(3, N)`` follow the poses of an arm; None where they do not."""
-    return following(position, translation, rotation)[0]
-
-
-def following(
-    position: Array, translation: Array | None, rotation: Array | None
-) -> tuple[str | None, float]:
+def following(position: Array, translation: Array | None, rotation: Array | None) -> tuple[str | None, float]:
     """Return the unit in which positions ``(3, N)`` follow the poses of an arm, and the rms error that remains, m.
 
     A target at c of the tool, measured in another frame and unit, is at A p + s = t + R c in the frame of the arm,
@@ -166,7 +160,7 @@ def following(
     # 8 rows have 24 coordinates, well above the 15 parameters. No coordinate is larger in any unit: the Earth is 4e7 m
     # round.
     if translation is None or rotation is None or n < 8 or not np.abs(position).max() < 1e9:
-        return None, math.inf
+        return None, np.inf
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
     wanted = translation - translation.mean(axis=1, keepdims=True)
@@ -174,11 +168,11 @@ def following(
     remaining = np.sum((design @ solution - wanted.T.ravel()) ** 2) / (3 * n - rank)
     # Largest remaining error as a share of the arm's motion: worse than any arm, and far below an unrelated motion's.
     if 3 * n * remaining >= 0.01**2 * np.sum(wanted**2):
-        return None, math.inf
+        return None, np.inf
     scale = np.linalg.norm(solution[:9].reshape(3, 3), 2)
     # Largest difference of a length from its unit, as a share: no arm is off by this much, and units are by 25 or more.
     unit = next((unit for unit in ("m", "mm", "cm", "in") if abs(scale * UNITS[unit][1] - 1) < 0.05), None)
-    return unit, math.sqrt(3 * remaining)
+    return unit, float(np.sqrt(3 * remaining))
 
 
 # Tables with a pose as the entries of a matrix, as hand-eye calibrations write it: ``m_00 … m_23``, ``r11 … r33``.
@@ -226,7 +220,9 @@ def reshaped(table: Table, robot: KnownRobot, attained: bool, commands: bool) ->
     is_report = any((texts and MEASURED.issuperset(texts)) or DEVIATIONS & {*texts} for texts in words)
     if is_report and not {("x",), ("y",), ("z",)} & words:
         table = plug_in("robacc.readers", "reports").points(table) or table
-    return _targets_in_rows(table, targets) or table
+    if points_in_rows(table.names):
+        table = plug_in("robacc.readers", "reports").targets_in_rows(table, targets) or table
+    return table
 
 
 def with_named_quaternion(table: Table) -> tuple[str, ...]:
@@ -323,52 +319,3 @@ class ReshapedTable(Table):
         by_index = {self._kept.index(column): values[first] for column, values in stay} | dict(enumerate(new, n))
         table = np.array([by_index[i] for i in numbers], dtype=float).reshape(len(numbers), first.size)
         return TableBody(table, [by_index[i] for i in texts], lines)
-
-
-def coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, int | None]:
-    """Return the names of coordinates with the units in the names of their columns, and these columns."""
-    units = (heading_of(table.names[index]).unit for index in columns)
-    names = (
-        f"{group} {axis.upper()}".strip() + (f" [{unit}]" if unit else "")
-        for axis, unit in zip(AXES, units, strict=True)
-    )
-    return dict(zip(names, columns, strict=True))
-
-
-def _targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
-    """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
-    by_label = points_in_rows(table.names)
-    targets = [label if target_names is None else _target_of(label, target_names) for label in by_label]
-    if not by_label or not all(columns.keys() >= {*AXES} for columns in by_label.values()):
-        return None
-    points = [[columns[axis] for axis in AXES] for columns in by_label.values()]
-    units = [
-        {table.cell_units.get(index) or heading_of(table.names[index]).unit for index in columns}
-        for columns in zip(*points, strict=True)
-    ]
-    is_matched = None not in targets and len({*targets}) == len(targets)
-    words = {heading_of(name).text for name in table.names}
-    if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
-        return None
-    new = {**coordinates(table, "", points[0]), "target": None}
-    new |= {} if words & {"visit", "arrival"} else {"visit": None}
-    parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
-
-    def make(old: TableBody) -> Rows:
-        rows = np.repeat(np.arange(old.lines.size), len(points))
-        coordinates = old.numbers.reshape(len(points), 3, -1).transpose(1, 2, 0).reshape(3, -1)
-        names = np.tile(np.array(targets, dtype=str), old.lines.size)
-        return (rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
-
-    used = [*itertools.chain(*points)]
-    return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")
-
-
-def _target_of(label: str, names: Sequence[str]) -> str | None:
-    """Return the robot's target that a label stands for: its name, or the target with the same number."""
-    exact = [name for name in names if name.lower() == label]
-    number = re.search(r"\d+$", label)
-    ends = ((name, re.search(r"\d+$", name)) for name in names)
-    alike = [name for name, end in ends if number and end and int(number[0]) == int(end[0])]
-    is_certain = len(alike) == 1 and (label.isdecimal() or alike[0].isdecimal())
-    return exact[0] if exact else alike[0] if is_certain else None

@@ -146,6 +146,17 @@ def test_positions_that_a_controller_computed_are_told_from_measured_ones(tmp_pa
         assert any("look computed from the joints, not measured" in text for text in warnings) == told
 
 
+@pytest.mark.parametrize("digits", [3, 12])
+def test_positions_of_many_digits_are_computed_ones_too(tmp_path: Path, digits: int) -> None:
+    """A controller shows joints to 0.001 degrees, and a program writes all digits of its positions."""
+    data = simulate(arm("puma560").robot, Plan(40, seed=4, noise_position=0.0, orientation=False)).data
+    assert data.q is not None
+    q = np.radians(np.round(np.degrees(data.q), digits))
+    path = saved(tmp_path / "poses.csv", format_poses(dataclasses.replace(data, q=q)))
+    warnings = robacc.estimate(path, robot=arm("puma560").robot, align="none").warnings
+    assert any("look computed from the joints, not measured: give those of an" in text for text in warnings)
+
+
 N_OF_PARTIAL_RESIDUALS = 160
 ENTRIES: dict[str, dict[str, Any]] = {
     "backlash": {"joints": ["j3"], "values": {"j3": -2e-4}},

@@ -267,6 +267,22 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
         "points.csv": Text("Collection::Group::Point;X;Y;Z", "mm", "Cell::Arm::P{0}", tail=DRIFT),
         **backwards("P{0}"),
     },
+    "documented_points_with_names": {
+        "points.csv": Text("Point,x_mm,y_mm,z_mm", "mm", "P{0}", ",", tail=DRIFT.replace(";", ",")),
+        **backwards("P{0}"),
+    },
+    "documented_points_with_an_index_of_pandas": {
+        "points.csv": Text(",x,y,z", "m", "J{0:03d}", ","),
+        "joints.csv": Text(",q1,q2,q3,q4,q5,q6", "q", "J{0:03d}", ",", backwards=True),
+    },
+    "points_with_an_index_of_pandas": {
+        "points.csv": Text(";X [mm];Y [mm];Z [mm];X error", "mm zero", "J{0:03d}"),
+        **backwards("J{0:03d}"),
+    },
+    "small_letters_with_angles_of_kuka": {
+        "vive.csv": Text("x,y,z", "mm", sep=","),
+        "robot.csv": Text("x,y,z,A,B,C", "cmd_mm cmd_abc_deg", sep=","),
+    },
     "names_of_repetitions": {"points.csv": Text("Name;X;Y;Z", "mm", "P{0}_1", tail=DRIFT), **backwards("P{0}")},
     "istwert": {
         "ist.csv": Text(
@@ -937,6 +953,21 @@ def pairs_with_euler_angles(c: Campaign) -> dict[str, str]:
     return {"pairs.csv": table(",".join(names), *columns, c.turn.as_euler("xyz", degrees=True), sep=",")}
 
 
+def coordinates_and_markers(c: Campaign) -> dict[str, str]:
+    """Six numbers of the controller beside what a camera saw, and times as programs name files."""
+    turns = c.commanded_turn.as_euler("xyz", degrees=True)
+    rows = zip(c.commanded * MM, turns, c.position * MM, c.turn.as_rotvec(), strict=True)
+    records = [
+        {
+            "timestamp": f"20260131_1818{i:02d}",
+            "robot_coords": [*p.tolist(), *angles.tolist()],
+            "aruco_markers": [{"id": 0, "translation_mm": seen.tolist(), "rotation_vector": turn.tolist()}],
+        }
+        for i, (p, angles, seen, turn) in enumerate(rows)
+    ]
+    return {"record.json": json.dumps(records)}
+
+
 def lines_of_hand_and_eye(c: Campaign) -> dict[str, str]:
     """As handeye-calib writes them for aubo, elfin and JAKA."""
     turns = (turn.as_euler("xyz", degrees=True) for turn in (c.commanded_turn, c.turn))
@@ -1000,6 +1031,7 @@ POSES: tuple[Form, ...] = (
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
     *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo, printed_arrays, matrices_in_a_log),
+    coordinates_and_markers,
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
@@ -1012,7 +1044,8 @@ WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
     *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye", "rotations_and_translations"),
-    *("lists_behind_names", "matrices_in_a_log", "goals_in_m_and_a_tracker_in_mm"),
+    *("lists_behind_names", "matrices_in_a_log", "goals_in_m_and_a_tracker_in_mm", "coordinates_and_markers"),
+    *("small_letters_with_angles_of_kuka",),
 )
 
 
@@ -1105,6 +1138,43 @@ def test_ids_with_gaps_are_no_coordinates(campaign: Campaign, tmp_path: Path) ->
         saved(tmp_path / name, lines(([i, *row.tolist()] for i, row in zip(ids, values, strict=True)), ", "))
     result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
     assert result["position"]["rms_m"] < 1e-4
+
+
+def test_a_count_that_skips_a_number_has_the_names_of_points(campaign: Campaign, tmp_path: Path) -> None:
+    ids = np.delete(np.arange(1, N + 3), (1, 4))
+    kept = np.delete(np.arange(N), 9)
+    points, joints = (np.column_stack((ids, values)) for values in (campaign.position * MM, np.degrees(campaign.q)))
+    for name, values in (("lt.txt", points), ("joints.txt", joints[kept])):
+        saved(tmp_path / name, lines(([int(row[0]), *row[1:].tolist()] for row in values), ", "))
+    arguments = [str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT]
+    result = figures(arguments)
+    assert (result["n_poses"], result["position"]["rms_m"] < 1e-4) == (N - 1, True)
+    assert f"are left out: {ids[9]}" in one_line(run("estimate", *arguments).stderr)
+
+
+@pytest.mark.parametrize("lever", [0.15, 0.0])
+def test_of_readings_that_agree_the_best_is_taken(lever: float, campaign: Campaign, tmp_path: Path) -> None:
+    """Small turns are alike in all conventions; without an offset of the target all are the same."""
+    turn = Rotation.from_rotvec(0.03 * campaign.q[:, :3])
+    measured = campaign.commanded + turn.apply([lever, -lever, lever])
+    saved(tmp_path / "lt.txt", lines(named(MM * measured, "{}"), ", "))
+    saved(tmp_path / "pose.txt", lines(named(np.hstack((campaign.commanded, turn.as_rotvec())), "{}")))
+    words = ("estimate", str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "pose.txt"))
+    if not lever:
+        assert "these columns state no unit" in refused(*words, status=3)
+        return
+    assert document(*words)["position"]["rms_m"] < 1e-6
+    assert "poses in m,rad, rotvec: no other reading agrees as well" in one_line(run(*words).stderr)
+
+
+def test_gaps_of_records_have_a_tip(campaign: Campaign, tmp_path: Path) -> None:
+    rows = [{"joints": q, "position": p} for q, p in zip(campaign.q.tolist(), campaign.position.tolist(), strict=True)]
+    rows[3] = {"joints": rows[3]["joints"]}
+    path = str(saved(tmp_path / "log.json", json.dumps(rows)))
+    text = refused("estimate", path, "--robot", ROBOT, status=3)
+    assert "row 4, position_x: the value is missing" in text
+    assert text.count("give --skip-gaps to leave out rows with a missing value") == 1
+    assert figures([path, "--robot", ROBOT, "--skip-gaps"])["n_poses"] == N - 1
 
 
 def test_stated_units_of_commands_are_not_those_of_points_that_they_cannot_be(

@@ -109,7 +109,8 @@ def test_every_bad_value_is_named_by_its_row(tmp_path: Path) -> None:
         ", row 1, y_mm: found 'nan', expected a finite number",
         ", row 2, z_mm: found 'inf', expected a finite number",
         ", row 2, pose: the value is missing, expected text",
-        ", row 3, x_mm: the value is missing, expected a number",
+        ", row 3, x_mm: the value is missing, expected a number; "
+        "give `skip_gaps` to leave out rows with a missing value",
         ", row 3, cycle: the text has 257 characters, expected at most 256",
     ]
 

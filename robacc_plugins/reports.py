@@ -65,7 +65,10 @@ def _coordinates(table: Table, group: str, columns: Sequence[int]) -> dict[str, 
 
 
 def targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table | None:
-    """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``."""
+    """Return a table with a row for each target of one that has several in each row: ``X1, Y1, Z1, X2, Y2, Z2``.
+
+    In a protocol of repetitions, which has a column of cycles but no commands, they are the poses of a cycle.
+    """
     by_label = points_in_rows(table.names)
     targets = [label if target_names is None else _target_of(label, target_names) for label in by_label]
     if not by_label or not all(columns.keys() >= {*AXES} for columns in by_label.values()):
@@ -75,13 +78,19 @@ def targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table |
         {table.cell_units.get(index) or heading_of(table.names[index]).unit for index in columns}
         for columns in zip(*points, strict=True)
     ]
+    headings = [heading_of(name) for name in table.names]
+    siblings = frozenset(heading.text for heading in headings)
+    keys = {meaning.key for heading in headings if (meaning := meaning_of(heading, siblings)) is not None}
+    are_poses = None in targets and "cycle" in keys and not any(re.fullmatch(r"q\d+|pose", key) for key in keys)
+    kind, column = ("pose", "Name") if are_poses else ("target", "target")
+    targets = [*by_label] if are_poses else targets
     is_matched = None not in targets and len({*targets}) == len(targets)
     words = {heading_of(name).text for name in table.names}
     if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
         return None
-    new = {**_coordinates(table, "", points[0]), "target": None}
-    new |= {} if words & {"visit", "arrival"} else {"visit": None}
-    parts = (f"{', '.join(table.names[i] for i in p)} of target {t}" for p, t in zip(points, targets, strict=True))
+    new = {**_coordinates(table, "", points[0]), column: None}
+    new |= {} if are_poses or words & {"visit", "arrival"} else {"visit": None}
+    parts = (f"{', '.join(table.names[i] for i in p)} of {kind} {t}" for p, t in zip(points, targets, strict=True))
 
     def make(old: TableBody) -> Rows:
         rows = np.repeat(np.arange(old.lines.size), len(points))
@@ -90,7 +99,7 @@ def targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table |
         return (rows[None], [*coordinates, names, old.lines.astype(str)[rows]])
 
     used = [*itertools.chain(*points)]
-    return ReshapedTable(table, used, new, (used, []), make, f"several targets in each row: {'; '.join(parts)}")
+    return ReshapedTable(table, used, new, (used, []), make, f"several {kind}s in each row: {'; '.join(parts)}")
 
 
 def _target_of(label: str, names: Sequence[str]) -> str | None:

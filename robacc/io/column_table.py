@@ -185,9 +185,12 @@ def frame_columns(frame: Any, name: str) -> list[tuple[str, NDArray[Any]]]:
 # Other packages add readers of further kinds of files, see :class:`Reader`.
 
 _EXPORT, _UNPACK = "export the poses as CSV", "unpack it first"
+_ARRAYS = "save its arrays with numpy.savez(file, joints=…, position=…), or export the poses as CSV"
 _FOLDER = "export the poses as CSV; of photos of a board, name the folder"
 _OTHER_FILES = {
     b"%PDF": ("a PDF document", _EXPORT),
+    **dict.fromkeys((b"\x80\x03", b"\x80\x04", b"\x80\x05"), ("a pickle of Python", _ARRAYS)),
+    b"\x89HDF": ("an HDF5 file", _ARRAYS),
     b"\x1f\x8b": ("compressed by gzip", _UNPACK),
     b"BZh": ("compressed by bzip2", _UNPACK),
     b"7z\xbc\xaf": ("an archive of 7-Zip", _UNPACK),

@@ -29,7 +29,8 @@ _WITH_UNIT = (
     re.compile(r"(.*?)\s*[\[( _/]\s*(Grad)\s*[\])]?"),
 )
 """Forms of a name with its unit; ``Grad`` is a degree in German, ``grad`` may be a gradian, 400 to the turn."""
-_TOKEN = re.compile(r"[^\W\d_]+|\d+")
+_TOKEN = re.compile(r"[\u3040-\u9fff]+|[^\W\d_\u3040-\u9fff]+|\d+")
+"""Words and numbers; those of Chinese and Japanese stand beside others without a blank: ``测量X``."""
 
 _COMMANDED = frozenset(
     [
@@ -50,7 +51,7 @@ _COMMANDED = frozenset(
         "planned",
         "goal",
         *("sollwert", "aspos", "rsol", "théorique", "theorique", "consigne", "teorico", "teórico", "nominale"),
-        *("名义", "标称", "理论", "指令"),
+        *("名义", "标称", "理论", "指令", "目标", "目標", "指令値"),
     ]
 )
 _ACTUAL = frozenset(["actual", "act", "ist", "istwert", "attained", "real", "aipos", "实际"])
@@ -59,7 +60,7 @@ _ATTAINED = _ACTUAL | frozenset(
     [
         *("meas", "measured", "measurement", "observed", "messwert", "gemessen", "messung"),
         *("tracker", "tracking", "camera", "cam", "optical", "marker", "sensor"),
-        *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata", "测量", "实测"),
+        *("mesuré", "mesurée", "mesure", "medido", "medida", "misurato", "misurata", "测量", "实测", "測定", "計測"),
     ]
 )
 _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
@@ -126,7 +127,7 @@ _FILLERS = frozenset(
         "axis",
         "header",
         "stamped",
-        *("effector", "gripper", "object", "wrt", "world"),
+        *("effector", "gripper", "object", "wrt", "world", "角度", "位置", "坐标", "座標", "值", "値", "第"),
     ]
 )
 _ORIENTED = frozenset(
@@ -142,7 +143,7 @@ DEVIATIONS = frozenset(
 _REFUSED = DEVIATIONS | frozenset(
     [
         *("min", "max", "residual", "resid", "normal", "gyro", "imu"),
-        *("余量", "公差"),
+        *("余量", "公差", "誤差"),
         "tolerance",
         "tol",
         "offset",
@@ -168,7 +169,20 @@ _REFUSED = DEVIATIONS | frozenset(
 _JOINT_WORDS = frozenset(
     [
         *("q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"),
-        *("axe", "articulation", "articulación", "articulacion", "eje", "asse", "giunto", "junta", "关节", "轴"),
+        *(
+            "axe",
+            "articulation",
+            "articulación",
+            "articulacion",
+            "eje",
+            "asse",
+            "giunto",
+            "junta",
+            "关节",
+            "轴",
+            "関節",
+            "軸",
+        ),
     ]
 )
 _ARMS = (
@@ -185,7 +199,9 @@ _WHOLE_NAMES = {
         ("point", "point name", "pointname", "point id", "name", "punkt", "punktname", "messpunkt"), "pose"
     ),
     **dict.fromkeys(("object", "object name", "collection group point"), "pose"),  # SpatialAnalyzer
-    **dict.fromkeys(("punto", "nombre", "nom", "nome", "merkmal", "characteristic name", "名称", "点名"), "pose"),
+    **dict.fromkeys(
+        ("punto", "nombre", "nom", "nome", "merkmal", "characteristic name", "名称", "点名", "点号", "测点"), "pose"
+    ),
     **dict.fromkeys(("label", "feature", "feature name", "element", "element name"), "pose"),  # CAM2, PolyWorks, GOM
     **dict.fromkeys(("target name", "target id", "frame name"), "pose"),
     **dict.fromkeys(("image", "image name", "image file", "photo", "file", "file name", "filename"), "pose"),
@@ -303,6 +319,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
+    of_joint = re.sub(r"^(\d\d?) (轴|軸)$", r"\2 \1", of_joint)
     # A path such as /joint_states/j1/position has both words.
     if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and match[1] in _JOINT_WORDS:
         return Meaning(f"q{int(match[2])}", commanded)

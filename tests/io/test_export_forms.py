@@ -361,6 +361,8 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
     "french": translated("Axe {} (°)", "{} mesuré (mm)"),
     "spanish": translated("Articulación {}", "{} medido"),
+    "chinese": translated("关节{}(°)", "实测{}(mm)"),
+    "japanese": translated("第{}軸", "測定{}"),
     "italian": translated("Asse {}", "{} misurato", "\n;" + ";".join(["gradi"] * 6 + ["mm"] * 3)),
     **{
         f"{controller} beside {measured}": beside(controller, measured)

@@ -49,7 +49,10 @@ NAMES = {
     "std x": ("sigma_x", None),
     "Temperature (°C)": ("temperature_c", "degC"),
     "Load [kg]": ("payload_kg", "kg"),
-    **dict.fromkeys(("dX", "X deviation", "velocity x", "Comment", "E1"), (None, None)),
+    "测量X(mm)": ("x", "mm"),
+    "J2角度": ("q2", None),
+    "第3軸 [deg]": ("q3", "deg"),
+    **dict.fromkeys(("dX", "X deviation", "velocity x", "Comment", "E1", "误差X"), (None, None)),
 }
 CELLS = {
     "381.289 mm": ("381.289", "mm"),
@@ -386,6 +389,16 @@ READ: list[tuple[str | bytes, dict[str, Any], dict[str, Any], list[str]]] = [
         {"position": [[0.0015], [0.0025], [0.0035]]},
         ["decimal comma"],
     ),
+    # Poses side by side in a row for each cycle.
+    (
+        "Zyklus;P1 X;P1 Y;P1 Z;P2 X;P2 Y;P2 Z\n1;0 mm;1 mm;2 mm;10 mm;11 mm;12 mm\n2;3 mm;4 mm;5 mm;13 mm;14 mm;15 mm\n",
+        {},
+        {
+            "position": np.array([[0, 10, 3, 13], [1, 11, 4, 14], [2, 12, 5, 15]]) / 1e3,
+            **{"pose": ["p1", "p2", "p1", "p2"], "cycle": ["1", "1", "2", "2"]},
+        },
+        ["several poses in each row: P1 X, P1 Y, P1 Z of pose p1; P2 X, P2 Y, P2 Z of pose p2"],
+    ),
     *(
         (
             WIDE.format(*labels),
@@ -473,6 +486,8 @@ NO_TABLES: list[Case] = [
     (b"q1,x,y,z\n" + b"1" * (1 << 21), {}, "2: the line is longer than 1 MB; expected one line per pose"),
     (b"x,y,z,pose\n1,2,3,A\n1,2,3,M\x81ller\n", {}, "3: byte 8 of the line, 0x81, is not UTF-8; save the file as UTF"),
     (b"%PDF-1.7\n1,2,3\n", {}, "is a PDF document, expected a table of poses; export the poses as CSV"),
+    (b"\x80\x04\x95\x1f\x00", {}, "is a pickle of Python, expected a table of poses; save its arrays with numpy.savez"),
+    (b"\x89HDF\r\n\x1a\n", {}, "is an HDF5 file, expected a table of poses; save its arrays with numpy.savez"),
     (b"\x1f\x8b\x08\x001,2,3\n", {}, "is compressed by gzip, expected a table of poses; unpack it first"),
     ("\ufeff\n<!DOCTYPE HTML><html>", {}, "is an HTML page, expected a table of poses; export the poses as CSV"),
     ('{"q1": [1, 2]', {}, "cannot be read as JSON or YAML"),

@@ -391,7 +391,7 @@ READ: list[tuple[str | bytes, dict[str, Any], dict[str, Any], list[str]]] = [
     ),
     # Poses side by side in a row for each cycle.
     (
-        "Zyklus;P1 X;P1 Y;P1 Z;P2 X;P2 Y;P2 Z\n1;0 mm;1 mm;2 mm;10 mm;11 mm;12 mm\n2;3 mm;4 mm;5 mm;13 mm;14 mm;15 mm\n",
+        "Zyklus;P1 X;P1 Y;P1 Z;P2 X;P2 Y;P2 Z\n1;0 mm;1 mm;2 mm;10 mm;11 mm;12 mm\n2;3 mm;4 mm;5 mm;13 mm;14 mm;15 mm",
         {},
         {
             "position": np.array([[0, 10, 3, 13], [1, 11, 4, 14], [2, 12, 5, 15]]) / 1e3,

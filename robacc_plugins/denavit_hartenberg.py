@@ -316,7 +316,7 @@ def read_json(text: str, file: str) -> Robot | None:
 
 # Table as text, as papers and spreadsheets have it: a row a joint, columns theta, d, a, alpha in any order.
 
-_COLUMN = re.compile(r"(theta|θ|alpha|α|a|d|type)(?![a-z])(.*)", re.IGNORECASE | re.DOTALL)
+_COLUMN = re.compile(r"(theta|θ|offset|alpha|α|a|d|type)(?![a-z])(.*)", re.IGNORECASE | re.DOTALL)
 _GREEK = {"θ": "theta", "α": "alpha"}
 _VARIABLE = re.compile(r"(?:q|theta|θ|d)_?\d*\s*(?=[+-]|$)|(?<=\d)\s*\+\s*(?:q|theta|θ|d)_?\d*$", re.IGNORECASE)
 """Name of the joint's variable in the cell of its offset, as in ``q2 - 90``."""
@@ -327,32 +327,42 @@ _PREVIOUS = re.compile(r"[-−]\s*1|prev", re.IGNORECASE)
 def read_table(text: str, file: str) -> Robot | None:
     """Return the arm of a Denavit-Hartenberg table with columns theta, d, a, alpha; None for another text.
 
-    Units are those in the names of the columns, else degrees and millimetres where the values are too large for rad and
-    m. Craig's (modified) form is told by columns such as ``alpha_i-1``, or by the first row, which has no twist and
-    length then; the last row of a standard table has none.
+    A column ``offset`` counts as theta, and is added to it. Units are those in the names of the columns, else degrees
+    and millimetres where the values are too large for rad and m. Craig's (modified) form is told by columns such as
+    ``alpha_i-1``, or by the first row, which has no twist and length then; the last row of a standard table has none.
 
     Raises:
-        InputError: A cell is no number, or the form is not told.
+        InputError: A cell is no number, or the form or an offset's joint is not told.
     """
     lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
     delimiter = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)
-    cells = [(number, [cell.strip() for cell in line.split(delimiter)]) for number, line in lines]
+    cells = [
+        (number, [cell.strip() for cell in line.split(delimiter if delimiter and delimiter in line else None)])
+        for number, line in lines
+    ]
     found = [_COLUMN.fullmatch(name) for name in (cells[0][1] if cells else ())]
     columns = {_GREEK.get(m[1].lower(), m[1].lower()): (place, m[2].lower()) for place, m in enumerate(found) if m}
-    if not {"theta", "d", "a", "alpha"} <= columns.keys():
+    if not {"d", "a", "alpha"} <= columns.keys() or not {"theta", "offset"} & columns.keys():
         return None
     values = {
-        name: [_number(row, columns[name][0], number, file) for number, row in cells[1:]] for name in DhRow._fields[:4]
+        name: [_number(row, columns[name][0], number, file) for number, row in cells[1:]]
+        for name in (*DhRow._fields[:4], "offset")
+        if name in columns
     }
+    angles = [name for name in ("theta", "alpha", "offset") if name in columns]
     for names, units, likely, most in (
-        (("theta", "alpha"), {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}, "deg", 2 * np.pi + 1e-3),
-        (("d", "a"), {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, "mm", 20.0),
+        (angles, {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}, "deg", 2 * np.pi + 1e-3),
+        (["d", "a"], {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, "mm", 20.0),
     ):
         largest = max((abs(value) for name in names for value in values[name]), default=0.0)
         for name in names:
             stated = next((size for unit, size in units.items() if unit in columns[name][1]), None)
             size = stated or (units[likely] if largest > most else 1.0)
             values[name] = [value * size for value in values[name]]
+    place = columns["type"][0] if "type" in columns else None
+    is_slide = [place is not None and row[place][:1].lower() in ("p", "t", "l") for _, row in cells[1:]]
+    offset, angle = (values.get(name, [0.0] * len(is_slide)) for name in ("offset", "theta"))
+    values["theta"] = [sum(pair) for pair in zip(angle, offset, strict=True)]
     rows = [DhRow(*row) for row in zip(*(values[name] for name in DhRow._fields[:4]), strict=True)]
     is_bare = [row.a == row.alpha == 0.0 for row in (rows[0], rows[-1])] if rows else [True, True]
     is_modified = any(_PREVIOUS.search(columns[name][1]) for name in ("a", "alpha"))
@@ -363,9 +373,16 @@ def read_table(text: str, file: str) -> Robot | None:
             not is_modified and is_bare[0] == is_bare[1],
             Problem("does not tell whether the table is standard or modified", file, cells[0][0], fix=fix),
         ),
+        (
+            any(of_q and (slides or theta) for of_q, slides, theta in zip(offset, is_slide, angle, strict=True)),
+            Problem(
+                "has an offset of a linear joint, or of one with an angle in theta, which may or may not have it",
+                file,
+                cells[0][0],
+                fix="add it to d or theta, or leave it out",
+            ),
+        ),
     )
-    place = columns["type"][0] if "type" in columns else None
-    is_slide = [place is not None and row[place][:1].lower() in ("p", "t", "l") for _, row in cells[1:]]
     kinds: list[JointType] = ["prismatic" if slides else "revolute" for slides in is_slide]
     joints = tuple(
         Joint(f"j{number}", kind, row._asdict(), limits=FULL_TURN if kind == "revolute" else None)

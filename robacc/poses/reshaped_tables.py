@@ -93,7 +93,9 @@ def _of_numbers(
     width, joints = texts.size, len(robot.joint_names or ())
     steps = np.diff(rows[:, 0])
     lead = int(texts.argmin()) or int(
-        len(rows) > 1 and np.all((steps >= 1) & (steps % 1 == 0)) and width not in (3, 6, joints)
+        len(rows) > 1
+        # A time since 1970 is no coordinate.
+        and (rows[:, 0].min() > 1e9 or (np.all((steps >= 1) & (steps % 1 == 0)) and width not in (3, 6, joints)))
     )
     found: dict[int, str] = {}
     if not attained and joints:
@@ -156,11 +158,11 @@ def following(position: Array, translation: Array | None, rotation: Array | None
     which is linear in A, s and c. The unit is None where the positions do not follow the poses.
     """
     n, eye = position.shape[1], np.eye(3)
-    centred = position - position.mean(axis=1, keepdims=True)
     # 8 rows have 24 coordinates, well above the 15 parameters. No coordinate is larger in any unit: the Earth is 4e7 m
     # round.
     if translation is None or rotation is None or n < 8 or not np.abs(position).max() < 1e9:
         return None, np.inf
+    centred = position - position.mean(axis=1, keepdims=True)
     of_a = np.einsum("ij,kn->nijk", eye, centred).reshape(3 * n, 9)
     design = np.hstack((of_a, np.tile(eye, (n, 1)), -np.moveaxis(rotation, 2, 0).reshape(3 * n, 3)))
     wanted = translation - translation.mean(axis=1, keepdims=True)

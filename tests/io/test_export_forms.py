@@ -1111,8 +1111,11 @@ def test_a_form_is_read_as_what_was_measured(form: str, campaign: Campaign, tmp_
         lambda c: np.hstack((c.q, c.commanded, c.position)),  # two columns of positions follow the arm
         lambda c: np.hstack((c.q, c.position))[:7],  # too few rows
         lambda c: np.hstack((c.q, c.position[::-1])),  # no position does
+        lambda c: np.hstack(
+            (c.q, c.position * np.resize([[1, 1, np.nan], [np.nan, 1, 1]], (N, 3)))
+        ),  # gaps in all rows
     ],
-    ids=["two", "few", "none"],
+    ids=["two", "few", "none", "gaps"],
 )
 def test_numbers_without_one_reading_stay_a_question(
     rows: Callable[[Campaign], np.ndarray], campaign: Campaign, tmp_path: Path
@@ -1120,6 +1123,14 @@ def test_numbers_without_one_reading_stay_a_question(
     path = written({"bare.csv": lines(rows(campaign))}, tmp_path)[0]
     with pytest.raises(InputError, match="found numbers, expected a header row"):
         robacc.read_poses(path, robot=ROBOT)
+
+
+def test_a_time_since_1970_leads_to_a_position(campaign: Campaign, tmp_path: Path) -> None:
+    stamped = np.column_stack((1578493243.25 + 0.5 * np.arange(N), campaign.position))
+    saved(tmp_path / "lt.txt", lines(stamped))
+    np.savetxt(tmp_path / "joints.txt", np.degrees(campaign.q))
+    result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
+    assert result["position"]["rms_m"] < 1e-4
 
 
 def test_three_targets_without_names_are_found_by_their_motion(campaign: Campaign, tmp_path: Path) -> None:

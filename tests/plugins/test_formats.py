@@ -637,10 +637,15 @@ TABLES = {
     "theta_deg;d_mm;a_mm;alpha_deg\nq1;285;0;-90\nq2 - 90;0;760;0\n90 + q3;20;30;90\nq4;540;0;0\n": "standard",
     "theta,d (m),a_i-1 (m),alpha_i-1\n0,0.3,0.1,0.5\n-1.5708,0,0,1.5708\n": "modified",
     "Joint\tType\tθ\td\ta\tα\n1\tR\t0\t0.4\t0\t1.5708\n2\tP\t0\t0.1\t0\t0\n": "standard",
+    # A program's own listing: blanks below a head of tabs, and the joint's offset in place of its angle.
+    "joint\t a\t d\t alpha\t offset\nS1 0.15 0.4 -1.5 0.0\nL1 0.6 0.0 3.1 -1.57\nT1 0.0 0.2 0.0 0.0\n": "standard",
+    "theta,d,a,alpha,offset\nq1,0.4,0.15,-1.5,0.0\nq2,0.0,0.6,3.1,-1.57\nq3,0.2,0.0,0.0,0.0\n": "standard",
 }
 
 
-@pytest.mark.parametrize(("text", "form"), TABLES.items(), ids=["sizes", "units", "names", "slide"])
+@pytest.mark.parametrize(
+    ("text", "form"), TABLES.items(), ids=["sizes", "units", "names", "slide", "listing", "offset"]
+)
 def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> None:
     """By the products of the rows' own matrices, whatever the order, the units and the delimiter of the columns."""
     path = saved(tmp_path / "dh.csv", text)
@@ -649,15 +654,15 @@ def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> 
     assert robot.convention == form
     head, *rows = text.splitlines()
     delimiter = next(mark for mark in "\t;," if mark in head)
-    names = [re.match("theta|θ|alpha|α|[da](?![a-z])|", name.strip())[0] for name in head.split(delimiter)]
-    cells = [dict(zip(names, row.split(delimiter), strict=True)) for row in rows]
+    names = [re.match("theta|θ|offset|alpha|α|[da](?![a-z])|", name.strip())[0] for name in head.split(delimiter)]
+    cells = [dict(zip(names, row.split(delimiter if delimiter in row else None), strict=True)) for row in rows]
     large = "90" in text
     q = np.linspace(0.1, 0.4, len(rows))
     pose = np.eye(4)
     for value, row in zip(q, cells, strict=True):
         theta, alpha = (
-            float(re.sub(r"\+?\s*q\d\s*|\s", "", row.get(name) or row[greek]) or 0)
-            for name, greek in (("theta", "θ"), ("alpha", "α"))
+            sum(float(re.sub(r"\+?\s*q\d\s*|\s", "", row.get(key, "")) or 0) for key in keys)
+            for keys in (("theta", "θ", "offset"), ("alpha", "α"))
         )
         theta, alpha = np.radians([theta, alpha]) if large else (theta, alpha)
         d, a = (float(row[name]) / (1000 if large else 1) for name in "da")
@@ -676,11 +681,13 @@ def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> 
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
-        ("0,0.3,0,0\n0,0.2,0,0\n", "does not tell whether the table is standard or modified"),
-        ("0,0.3,0,0\n0,x2,0.2,1.57\n", "dh.csv:3: found 'x2' in place of a number"),
-        ("", "has a head and no rows"),
+        ("\n0,0.3,0,0\n0,0.2,0,0\n", "does not tell whether the table is standard or modified"),
+        ("\n0,0.3,0,0\n0,x2,0.2,1.57\n", "dh.csv:3: found 'x2' in place of a number"),
+        ("\n", "has a head and no rows"),
+        (",type,offset\n0,0.3,0,0,P,0.1\n0,0.2,0.2,1.57,R,0\n", "has an offset of a linear joint"),
+        (",offset\nq1,0.3,0,0,0\nq2-1.5,0.2,0.2,1.57,-1.5\n", "with an angle in theta, which may or may not have it"),
     ],
 )
 def test_a_table_that_leaves_a_question_is_refused(tmp_path: Path, rows: str, said: str) -> None:
     with pytest.raises(InputError, match=re.escape(said)):
-        robacc.read_robot(saved(tmp_path / "dh.csv", f"theta,d,a,alpha\n{rows}"))
+        robacc.read_robot(saved(tmp_path / "dh.csv", f"theta,d,a,alpha{rows}"))

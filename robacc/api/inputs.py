@@ -59,7 +59,7 @@ from robacc.poses.reading import (
     parts_of,
     reading_of,
 )
-from robacc.poses.reshaped_tables import following
+from robacc.poses.reshaped_tables import unit_and_error
 from robacc.robots.description import Fixture, Frame, Robot
 from robacc.robots.yaml_robot import robot_to_yaml
 
@@ -579,7 +579,7 @@ def _with_commands(
                     if wrong.problems == error.problems:
                         break  # what is wrong has to do with no unit
                     continue
-                unit, remaining = following(data.position, *poses)
+                unit, remaining = unit_and_error(data.position, *poses)
                 if unit == "m":
                     taken = f"poses in {units}, {angles}" if data.q is None else f"joints taken as {units[-3:]}"
                     readings[str(poses)] = remaining, data, record, taken

@@ -10,7 +10,7 @@ from robacc.errors import Note
 from robacc.geometry import Array, Poses, compose, log_so3, nearest_rotation, transpose
 from robacc.measurements import Measurements, even_rows
 from robacc.plug_ins import plug_in
-from robacc.poses.reshaped_tables import following
+from robacc.poses.reshaped_tables import unit_and_error
 
 PHOTO = re.compile(r"\.(?:bmp|jpe?g|png|tiff?|webp)$")
 """End of the name of a photo, in small letters."""
@@ -46,7 +46,12 @@ def seen_from_board(
     # Three turns determine the axes and test them; a thousand decide well enough.
     rows = even_rows(data.n, 1000)
     place, turn = poses_of(data.subset(rows))
-    if turn is not None and camera is None and data.n > 3 and following(data.position[:, rows], place, turn)[0] is None:
+    if (
+        turn is not None
+        and camera is None
+        and data.n > 3
+        and unit_and_error(data.position[:, rows], place, turn)[0] is None
+    ):
         arm, measured = _turns(turn), data.rotation[..., rows]
         seen = [_turns(rotation) for rotation in (measured, transpose(measured))]
         as_given, inverted = (np.linalg.norm(arm - nearest_rotation(arm @ turns.T) @ turns) for turns in seen)

@@ -34,7 +34,7 @@ from robacc.poses.reading import (
     is_ruled_out,
     try_conventions,
 )
-from robacc.poses.reshaped_tables import following
+from robacc.poses.reshaped_tables import unit_and_error
 from robacc.statistics.intervals import interpolated
 
 # Plausibility of units: columns without a unit in their names must not be in degrees or millimetres.
@@ -378,7 +378,7 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
         return math.inf
     fits = 0
     for prefix, position in (("", measured), ("cmd_", commanded)):
-        fits += position is not None and following(position, *known)[0] == "m"
+        fits += position is not None and unit_and_error(position, *known)[0] == "m"
         angles = values.column_set(layout.orientation(prefix) or ())
         if angles is not None and len(angles) == 3 and known[1] is not None:
             tried = try_conventions(angles, known[1], ("rotvec", "fixed-xyz", "moving-xyz", "kuka-abc", "zyz"))

@@ -140,7 +140,7 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
             continue
         poses = robot.pose_at(q)
         for place in {*range(rows.shape[1] - 2)} - {*range(first - 2, first + joints)}:
-            if unit := following(rows[:, place : place + 3].T, poses.translation, poses.rotation)[0]:
+            if unit := unit_and_error(rows[:, place : place + 3].T, poses.translation, poses.rotation)[0]:
                 units = [angle if turn else length for turn in turns.ravel()]
                 names = {first + i: f"q{i + 1}_{unit}" for i, unit in enumerate(units)}
                 result.append(names | {place + i: f"{AXES[i].upper()} [{unit}]" for i in range(3)})
@@ -151,7 +151,7 @@ def _readings(rows: Array, robot: KnownRobot) -> list[dict[int, str]]:
     return result
 
 
-def following(position: Array, translation: Array | None, rotation: Array | None) -> tuple[str | None, float]:
+def unit_and_error(position: Array, translation: Array | None, rotation: Array | None) -> tuple[str | None, float]:
     """Return the unit in which positions ``(3, N)`` follow the poses of an arm, and the rms error that remains, m.
 
     A target at c of the tool, measured in another frame and unit, is at A p + s = t + R c in the frame of the arm,

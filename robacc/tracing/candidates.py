@@ -39,7 +39,7 @@ from robacc.effects.periodic import (
 )
 from robacc.error_model.covariance import Whitened
 from robacc.errors import UsageError
-from robacc.fitting.levels import ACCEPTED, BEST, NEW, STEPS
+from robacc.fitting.levels import ACCEPTED, BEST, BLOCK_NUMBERS, NEW, STEPS
 from robacc.fitting.visits import visit_numbers
 from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
@@ -372,8 +372,8 @@ class Evidence:
             same = np.asarray(numbers, dtype=np.int64)[sizes == size]
             at = np.array([self.places[number] for number in same.tolist()])
             scales, log_prior = np.stack([candidates[number].scales for number in same.tolist()], axis=1)
-            gram = _products(self.rows[at])
-            new, trace = gram - _products(self._reduced[at]), np.trace(gram, axis1=1, axis2=2)
+            gram = _products(self.rows, at)
+            new, trace = gram - _products(self._reduced, at), np.trace(gram, axis1=1, axis2=2)
             self._groups.append((same, at, trace, new, scales, log_prior))
 
     def new(self, first: NDArray[np.int64], second: NDArray[np.int64], restored: Array | None = None) -> Array:
@@ -401,7 +401,7 @@ class Evidence:
         count = self._log_prior.size
         log_bayes, scale, gain = np.full(count, -np.inf), np.ones(count), np.zeros(count)
         for numbers, at, trace, new, scales, log_prior in self._groups:
-            values, vectors = np.linalg.eigh(new + _products(restored.T[at]))
+            values, vectors = np.linalg.eigh(new + _products(restored.T, at))
             along = np.einsum("cqr,cq->cr", vectors, products[at])
             seen = values > NEW * trace[:, None]
             values, along = np.where(seen, values, 0.0)[:, None, :], np.where(seen, along, 0.0)[:, None, :]
@@ -423,9 +423,10 @@ class Evidence:
         return Scores(self, restored, products, log_bayes + self._log_prior, log_bayes, scale, gain)
 
 
-def _products(rows: Array) -> Array:
-    """Return the products ``(C, q, q)`` of ``C`` sets of rows ``(C, q, n)``."""
-    return np.asarray(np.einsum("cqn,crn->cqr", rows, rows))
+def _products(rows: Array, at: NDArray[np.int64]) -> Array:
+    """Return the products ``(C, q, q)`` of each of ``C`` sets ``(C, q)`` of rows ``(K, n)``."""
+    pieces = np.array_split(at, 1 + 8 * at.size * rows.shape[1] // BLOCK_NUMBERS)
+    return np.concatenate([np.einsum("cqn,crn->cqr", rows[piece], rows[piece]) for piece in pieces])
 
 
 # The test that the evidence amounts to.

@@ -317,8 +317,8 @@ class _Search:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
                 self.pool.add((TransmissionError((grid.joint,), (order,)), grid.log_prior) for order in peaks.tolist())
 
-    def _columns(self, state: State, candidates: Sequence[Candidate]) -> list[Array]:
-        """Return in blocks ``(N, M, k)`` the columns of candidates at a state, times their usual sizes.
+    def _columns(self, state: State, candidates: Sequence[Candidate]) -> Iterator[Array]:
+        """Yield in blocks ``(N, M, k)`` the columns of candidates at a state, times their usual sizes.
 
         A coefficient that moves one motion by a regressor has that motion's column times the regressor.
         """
@@ -339,10 +339,10 @@ class _Search:
         components = self.rows.stated.shape[1]
         _, jacobian = extended.linearise(theta, np.arange(count, count + added), rows=components)
         slots = dict(zip(sources, range(added), strict=True))
-        result = np.empty((len(columns), components, self.data.n))
-        for column, (source, factor) in zip(result, columns, strict=True):
-            np.multiply(jacobian[:, slots[source]], factor, out=column)
-        return np.array_split(result.T, 1 + 8 * result.size // BLOCK_NUMBERS, axis=2)
+        at_a_time = max(BLOCK_NUMBERS // (8 * components * self.data.n), 1)
+        for start in range(0, len(columns), at_a_time):
+            block = [jacobian[:, slots[source]] * factor for source, factor in columns[start : start + at_a_time]]
+            yield np.array(block).T
 
     def _scores(self, state: State, numbers: NDArray[np.int64] | None = None) -> tuple[Scores, list[Scores]]:
         """Return the scores beside a state, and beside it without each of its effects.

@@ -92,7 +92,15 @@ class BaseFrame(Effect):
             for prefix, kind in of_kind.items()
             if kind == "sphere"
         )
-        return *_terms_of_frames(arm, BASE, regressors, still), *radii
+        # A turn about a plane's normal, or along a line, shows nothing. The turn nearest to it comes last, so that it is
+        # the one left out: if it tilted the plane, by the small part that it can, it would turn by radians.
+        turns = [*TURN_OF_ANGLE]
+        idle = {
+            f"{self.name}.{name}.{turns[np.abs(each.base.pose.rotation[2]).argmax()]}"
+            for name, each in arm.robot.fixtures.items()
+            if each.kind in ("plane", "line")
+        }
+        return *sorted(_terms_of_frames(arm, BASE, regressors, still), key=lambda term: term.name in idle), *radii
 
 
 @register

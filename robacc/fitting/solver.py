@@ -38,11 +38,11 @@ from robacc.fitting.normal_equations import (
 )
 from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_pattern, row_weights
 from robacc.fitting.visits import random_rows, visit_numbers
-from robacc.geometry import Array, NDArray
+from robacc.geometry import Array, NDArray, Poses
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.robots.arm import Arm
-from robacc.robots.description import Robot
+from robacc.robots.description import Frame, Robot
 
 # Priors of a fit: the broad one of the arm's constants, given ones, and those of groups.
 #
@@ -200,7 +200,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
         if data.fixture is not None and options.inliers is None:
-            model, inliers = _placed(model, data)
+            model, inliers = _placed(_with_normals_by_readings(model, data), data)
             options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
@@ -214,6 +214,28 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     return solver.result(linear)
 
 
+def _with_normals_by_readings(model: Model, data: Measurements) -> Model:
+    """Return the model with the normal of each plane on the side on which the readings of its gauge grow.
+
+    A gauge's range is less than what the nominal arm and its tool are off, so that heights by these show no side. A fit
+    that counts the readings as noise does: what remains of it is the readings, but for what the coefficients take.
+    """
+    assert data.fixture is not None
+    readings = data.position[2] * (data.kind == "plane")
+    if not readings.any():
+        return model
+    touching = dataclasses.replace(data, position=data.position - readings * np.eye(3)[:, 2:])
+    start = np.zeros(len(PoseEquations(model, data).terms))
+    depth = fit(model, touching, Options(robust=False, start=start)).residual[2]
+    robot = model.arm.robot
+    fixtures, over = dict(robot.fixtures), Poses(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
+    for name in np.unique(data.fixture[readings != 0.0]).tolist():
+        rows = data.fixture == name
+        if depth[rows] @ (readings[rows] - readings[rows].mean()) > 0.0:
+            fixtures[name] = fixtures[name]._replace(base=Frame.of(over @ fixtures[name].base.pose))
+    return dataclasses.replace(model, arm=Arm.of(dataclasses.replace(robot, fixtures=fixtures)))
+
+
 def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]:
     """Return the model with its frames at the best four fifths of the rows of each socket, plane, anchor or camera.
 
@@ -225,8 +247,9 @@ def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]
     alone, inliers = dataclasses.replace(model, free=frames), np.ones(data.n, dtype=bool)
     assert data.fixture is not None
     of_fixture = [np.flatnonzero(data.fixture == name) for name in np.unique(data.fixture)]
+    start = np.zeros(len(PoseEquations(alone, data).terms))  # The frames are registered, and normals chosen.
     for _ in range(ROUNDS):
-        placed, before = fit(alone, data, Options(robust=False, inliers=inliers)), inliers
+        placed, before = fit(alone, data, Options(robust=False, start=start, inliers=inliers)), inliers
         error, inliers = np.square(placed.residual * placed.weight).sum(axis=0), np.zeros(data.n, dtype=bool)
         for rows in of_fixture:
             inliers[rows[np.argsort(error[rows])[: -(-4 * rows.size // 5)]]] = True

@@ -181,6 +181,21 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     assert calibrated < elsewhere * nominal
 
 
+@pytest.mark.parametrize("seed", [0, 1, 2])
+def test_a_gauge_on_a_cube_along_the_axes_of_the_base(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    """Readings within 2 mm, on faces whose normals are axes of the base, show an arm whose tool is 20 mm off."""
+    cube = {name: (axis, height) for name, axis, height in zip("xyz", np.eye(3), (0.7, 0.1, 0.3), strict=True)}
+    monkeypatch.setitem(globals(), "PLANES", cube)
+    monkeypatch.setitem(FIXTURES, "plane", cube)
+    generator = np.random.default_rng(seed)
+    rows = rows_of("plane", 42, generator) + rows_of("position", 20, generator)
+    x, y, z = robot().tool.xyz
+    arm = dataclasses.replace(robot(), tool=Frame((x, y, z - 0.02)))
+    result = robacc.calibrate(written(rows, tmp_path / "poses.csv"), robot=arm, fit=DECLARED)
+    assert not result.fit.outliers.size
+    assert result.after.held_out.position.rms < 4.0 * NOISE
+
+
 def test_rows_of_several_kinds_show_no_less_than_those_of_one(tmp_path: Path) -> None:
     """Standard errors of joint zeros: of lines, of spheres, and of both, at the same stated noise."""
     generator = np.random.default_rng(5)

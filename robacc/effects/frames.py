@@ -81,26 +81,28 @@ class BaseFrame(Effect):
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return six terms, or those of each fixture that the poses are measured from, and the radii of spheres."""
-        fixture, of_kind = np.full(data.n, "") if data.fixture is None else data.fixture, {}
-        regressors: dict[str, Array | float] = {} if arm.robot.fixtures else {self.name: 1.0}
-        for name, each in arm.robot.fixtures.items():
-            prefix = f"{self.name}.{name}" if name else self.name
-            regressors[prefix], of_kind[prefix] = (fixture == name).astype(float), each.kind
-        still = [prefix for prefix, kind in of_kind.items() if kind in ("point", "sphere", "distance")]
+        fixture = np.full(data.n, "") if data.fixture is None else data.fixture
+        placed = {
+            f"{self.name}.{name}" if name else self.name: (name, each) for name, each in arm.robot.fixtures.items()
+        }
+        regressors: dict[str, Array | float] = {
+            prefix: (fixture == name).astype(float) for prefix, (name, _) in placed.items()
+        }
+        still = [prefix for prefix, (_, each) in placed.items() if each.kind in ("point", "sphere", "distance")]
         radii = (
             Term(f"{prefix}.radius", "m", 1e-3, (Part(RADIUS, regressors[prefix]),), least_part=LEAST_OF_CONSTANT)
-            for prefix, kind in of_kind.items()
-            if kind == "sphere"
+            for prefix, (_, each) in placed.items()
+            if each.kind == "sphere"
         )
-        # A turn about a plane's normal, or along a line, shows nothing. The turn nearest to it comes last, so that it is
-        # the one left out: if it tilted the plane, by the small part that it can, it would turn by radians.
-        turns = [*TURN_OF_ANGLE]
+        # A turn about a plane's normal, or along a line, shows nothing. The turn nearest to it comes last, and is left
+        # out: if it tilted the plane, by the small part that it can, it would turn by radians.
         idle = {
-            f"{self.name}.{name}.{turns[np.abs(each.base.pose.rotation[2]).argmax()]}"
-            for name, each in arm.robot.fixtures.items()
+            f"{prefix}.{[*TURN_OF_ANGLE][np.abs(each.base.pose.rotation[2]).argmax()]}"
+            for prefix, (_, each) in placed.items()
             if each.kind in ("plane", "line")
         }
-        return *sorted(_terms_of_frames(arm, BASE, regressors, still), key=lambda term: term.name in idle), *radii
+        frames = _terms_of_frames(arm, BASE, regressors or {self.name: 1.0}, still)
+        return *sorted(frames, key=lambda term: term.name in idle), *radii
 
 
 @register

@@ -153,9 +153,11 @@ def _with_placed_fixtures(robot: Robot, data: Measurements, tool: bool) -> Robot
         if poses is not None:
             robot, tool = register_frames(robot, poses, base=True, tool=tool), False
         fixtures[name] = fixtures[name]._replace(base=robot.base)
-    for name, fixture in fixtures.items():
-        if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any():
-            fixtures[name] = _placed(fixture.kind, position[:, rows], data.position[2, rows])
+    fixtures |= {
+        name: _placed(fixture.kind, position[:, rows], data.position[2, rows])
+        for name, fixture in fixtures.items()
+        if name and fixture.kind not in IMAGES and (rows := data.fixture == name).any()
+    }
     if data.is_placed_by_images:
         robot = dataclasses.replace(robot, gravity=gravity_turned(before, robot))
     elif (rows := data.kind == "position").sum() >= 3:
@@ -170,8 +172,7 @@ def _placed(kind: str, position: Array, value: Array) -> Fixture:
     if kind in ("plane", "line"):
         principal = np.linalg.svd((position - centre[:, None]).T, full_matrices=True)[2]
         rotation = principal[[1, 2, 0]] if kind == "line" else principal
-        above = rotation[2] @ position
-        up = float(above @ (value - value.mean())) or float(rotation[2, 2])
+        up = float(rotation[2] @ position @ (value - value.mean())) or float(rotation[2, 2])
         rotation[2] *= np.copysign(1.0, up)
         rotation[0] = np.cross(rotation[1], rotation[2])
         origin = centre - rotation[2] * value.mean()

@@ -37,6 +37,7 @@ from robacc.fitting.solver import broad_precision, broad_stds, fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
+from robacc.robots.description import DH_PARAMETERS
 from robacc.statistics.intervals import chi2_sf
 
 WEAK = 0.3
@@ -193,10 +194,9 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     columns = fitted.identifiability.columns
     rotations = [i for i in columns if fitted.owners[i] in whole and fitted.terms[i].label == "beta"]
     covariance, value = fitted.covariance[np.ix_(rotations, rotations)], fitted.theta[rotations]
-    if options.priors is not None or not rotations or not np.isfinite(covariance).all():
+    is_open = options.priors is None and rotations and np.isfinite(covariance).all()
+    if not is_open or chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
         return fitted
-    if chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
-        return fitted
-    labels = ("theta", "d", "a", "alpha")
-    effects = (LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free))
+    # DH_PARAMETERS ends with beta.
+    effects = (LinkGeometry(e.joints, DH_PARAMETERS[:-1]) if i in whole else e for i, e in enumerate(original.free))
     return fit(dataclasses.replace(original, free=tuple(effects)), data, options)

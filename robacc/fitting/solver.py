@@ -37,12 +37,13 @@ from robacc.fitting.normal_equations import (
     whitening,
 )
 from robacc.fitting.outliers import inlier_mask, misfits, noise_of, outlier_pattern, row_weights
+from robacc.fitting.parameters import apply_fit
 from robacc.fitting.visits import random_rows, visit_numbers
-from robacc.geometry import Array, NDArray, Poses
+from robacc.geometry import Array, NDArray
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, joint_columns
 from robacc.robots.arm import Arm
-from robacc.robots.description import Frame, Robot
+from robacc.robots.description import Robot
 
 # Priors of a fit: the broad one of the arm's constants, given ones, and those of groups.
 #
@@ -200,7 +201,7 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
         robot = register_frames(model.arm.robot, data, "base_frame" in names, "tool_frame" in names)
         model = dataclasses.replace(model, arm=Arm.of(robot))
         if data.fixture is not None and options.inliers is None:
-            model, inliers = _placed(_with_normals_by_readings(model, data), data)
+            model, inliers = _placed(model, data)
             options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
@@ -214,42 +215,24 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
     return solver.result(linear)
 
 
-def _with_normals_by_readings(model: Model, data: Measurements) -> Model:
-    """Return the model with the normal of each plane on the side on which the readings of its gauge grow.
-
-    A gauge's range is less than what the nominal arm and its tool are off, so that heights by these show no side. A fit
-    that counts the readings as noise does: what remains of it is the readings, but for what the coefficients take.
-    """
-    assert data.fixture is not None
-    readings = data.position[2] * (data.kind == "plane")
-    if not readings.any():
-        return model
-    touching = dataclasses.replace(data, position=data.position - readings * np.eye(3)[:, 2:])
-    start = np.zeros(len(PoseEquations(model, data).terms))
-    depth = fit(model, touching, Options(robust=False, start=start)).residual[2]
-    robot = model.arm.robot
-    fixtures, over = dict(robot.fixtures), Poses(np.diag([1.0, -1.0, -1.0]), np.zeros(3))
-    for name in np.unique(data.fixture[readings != 0.0]).tolist():
-        rows = data.fixture == name
-        if depth[rows] @ (readings[rows] - readings[rows].mean()) > 0.0:
-            fixtures[name] = fixtures[name]._replace(base=Frame.of(over @ fixtures[name].base.pose))
-    return dataclasses.replace(model, arm=Arm.of(dataclasses.replace(robot, fixtures=fixtures)))
-
-
 def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]:
     """Return the model with its frames at the best four fifths of the rows of each socket, plane, anchor or camera.
 
     A row of another socket displaces the place of its own one, so that the median of all rows does not show it, and
     would take the constants of the arm far away. Least trimmed squares find it, by concentration steps (Rousseeuw and
     Van Driessen, "Computing LTS regression for large data sets", 2006). The mask ``(N,)`` of inliers comes too.
+
+    A gauge moves by less than the nominal arm and its tool are off, so that heights above a plane do not show its side.
+    Frames, and then all coefficients, are fitted without the readings first. By this arm, the heights grow with them.
     """
+    readings = data.position[2] * (data.kind == "plane")
+    touching = dataclasses.replace(data, position=data.position - readings * np.eye(3)[:, 2:])
     frames = tuple(effect for effect in model.free if effect.traits.is_frame)
     alone, inliers = dataclasses.replace(model, free=frames), np.ones(data.n, dtype=bool)
     assert data.fixture is not None
     of_fixture = [np.flatnonzero(data.fixture == name) for name in np.unique(data.fixture)]
-    start = np.zeros(len(PoseEquations(alone, data).terms))  # The frames are registered, and normals chosen.
     for _ in range(ROUNDS):
-        placed, before = fit(alone, data, Options(robust=False, start=start, inliers=inliers)), inliers
+        placed, before = fit(alone, touching, Options(robust=False, inliers=inliers)), inliers
         error, inliers = np.square(placed.residual * placed.weight).sum(axis=0), np.zeros(data.n, dtype=bool)
         for rows in of_fixture:
             inliers[rows[np.argsort(error[rows])[: -(-4 * rows.size // 5)]]] = True
@@ -258,6 +241,9 @@ def _placed(model: Model, data: Measurements) -> tuple[Model, NDArray[np.bool_]]
     robot = absorbed(placed.model.arm.robot, frames, dict(zip(placed.names, placed.theta.tolist(), strict=True)))
     white, every = placed.residual * placed.weight, np.ones_like(inliers)
     inliers = inlier_mask(placed.residual, white, every, len(placed.names), shown=data.shown)
+    if readings.any():
+        near = fit(model, touching, Options(robust=False, inliers=inliers))
+        robot = dataclasses.replace(robot, fixtures=register_frames(apply_fit(near), data, True, False).fixtures)
     return dataclasses.replace(model, arm=Arm.of(robot)), inliers
 
 
@@ -327,7 +313,6 @@ class _Solver:
         identified = identify_terms(root, free, self.data.n)
         partners = {free[i].name: (partner,) for i, partner in unmeasured.items()}
         dropped = tuple(Dropped(each.name, partners.get(each.name, each.partners)) for each in identified.dropped)
-        identified = dataclasses.replace(identified, dropped=dropped)
         measured = self.data.count(np.ones_like(self.inliers))
         if identified.columns.size >= measured and equations.terms:
             raise InputError(
@@ -338,7 +323,7 @@ class _Solver:
         equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
         if at_nominal:
             self.normal = normal.subset(equations.columns)
-        return dataclasses.replace(identified, columns=equations.columns)
+        return dataclasses.replace(identified, columns=equations.columns, dropped=dropped)
 
     def _unmeasured(self, free: Sequence[Term]) -> dict[int, str]:
         """Return the numbers of terms that rows without positions do not measure, and what cannot be told from them.

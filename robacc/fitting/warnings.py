@@ -326,6 +326,7 @@ def image_scales(fit: Fit) -> tuple[str, ...]:
         place
         for place, column in enumerate(fit.identifiability.columns)
         if fit.names[column].startswith("link_geometry.") and fit.terms[column].unit == "m"
+        if fit.precision[place] * inverse[place, place] < 0.5  # A length that a prior holds follows no scale.
     ]
     # Of fewer lengths, some common scale is always near.
     if len(lengths) > 3:

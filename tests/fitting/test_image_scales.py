@@ -1,10 +1,12 @@
 """Wrong sizes of a board and a lens, which the lengths of the arm contradict."""
 
 import csv
+from importlib import resources
 from pathlib import Path
 
 import pytest
 import yaml
+from sample_files import saved
 
 import robacc
 from robacc.poses.reading import PoseFile
@@ -47,3 +49,13 @@ def test_a_wrong_board_and_a_wrong_lens_are_named(
         # One step of a fit with a wrong size is off by its square.
         assert float(amount) == pytest.approx(abs(share), abs=max(float(std), 0.1 + share**2 / 100.0))
         assert ("smaller" in text or "shorter" in text) == (share < 0.0)
+
+
+def test_two_links_that_are_longer_are_no_smaller_board(tmp_path: Path) -> None:
+    """Both long links are 3 mm longer than in this file, and no other length: priors hold the others, not the board."""
+    text = resources.files("robacc").joinpath("data/robots/ur10.yaml").read_text()
+    text = text.replace("a: -612,", "a: -608.7,").replace("a: -572.3,", "a: -569.7,")
+    arm = saved(tmp_path / "arm.yaml", text)
+    poses = PoseFile(SAMPLE / "points.csv", camera=SAMPLE / "camera.yaml")
+    result = robacc.calibrate(poses, robot=arm)
+    assert not any("the images fit" in text for text in result.warnings)

@@ -182,7 +182,9 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
 
 
 @pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_gauge_on_a_cube_along_the_axes_of_the_base(seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_gauge_on_a_cube_along_the_axes_of_the_base(
+    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """Readings within 2 mm, on faces whose normals are axes of the base, show an arm whose tool is 20 mm off."""
     cube = {name: (axis, height) for name, axis, height in zip("xyz", np.eye(3), (0.7, 0.1, 0.3), strict=True)}
     monkeypatch.setitem(globals(), "PLANES", cube)

@@ -205,11 +205,10 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
             options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
-    if is_trimmed:
-        solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
-    linear = solver.solve()
-    for _ in range(ROUNDS):
-        if not (is_trimmed and solver.trim()):
+    for solved in range(1 + ROUNDS):
+        # Gross rows would pull constants far from nominal, where the broad prior is weak: they go before the first.
+        changed = is_trimmed and solver.trim()
+        if solved and not changed:
             break
         linear = solver.solve()
     return solver.result(linear)

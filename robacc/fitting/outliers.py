@@ -130,11 +130,14 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         return None
     from scipy.special import bdtrc  # Its import takes longer than an estimate of 100 poses.
 
-    joints = [] if data.q is None else list(zip(names, data.q, strict=True))
+    joints, approaches = (
+        [] if values is None else list(zip(names, values, strict=True)) for values in (data.q, data.direction)
+    )
     from_centre = np.linalg.norm(data.position - np.median(data.position, axis=1, keepdims=True), axis=0)
     quantities: list[tuple[str, str, Array | None]] = [
         *((name, "(rad or m)", q) for name, q in joints),
         *((f"the distance of {name} from its median", "(rad or m)", np.abs(q - np.median(q))) for name, q in joints),
+        *((f"the direction of approach of {name}", "", values) for name, values in approaches),
         *((name, "m", values) for name, values in zip("xyz", data.position, strict=True)),
         ("the distance from the centre of the poses", "m", from_centre),
         ("time", "s", data.time),
@@ -145,7 +148,7 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
     tested = [(name, unit, values) for name, unit, values in quantities if values is not None and np.ptp(values) > 0]
     least, pattern = SIGNIFICANT / (2.0 * len(tested) * count), None
     for name, unit, values in tested:
-        for side, sign in (("above", 1.0), ("below", -1.0)):
+        for side, sign in (("at or above", 1.0), ("at or below", -1.0)):
             levels, ordered = np.sort(sign * values[outliers])[::-1], np.sort(sign * values)
             inside = count - np.searchsorted(levels[::-1], levels)
             share = 1.0 - np.searchsorted(ordered, levels) / data.n
@@ -157,6 +160,6 @@ def outlier_pattern(data: Measurements, outliers: NDArray[np.bool_], names: tupl
         return None
     name, unit, side, limit, beyond, part = pattern
     return (
-        f"{beyond} of {count} outliers have {name} {side} {limit:.4g} {unit}, "
+        f"{beyond} of {count} outliers have {name} {side} {f'{limit:.4g} {unit}'.strip()}, "
         f"but only {100 * part:.0f} % of all rows have: the outliers have a common cause"
     )

@@ -33,7 +33,7 @@ from robacc.effects.frames import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ROUNDING, SETTLED, SIGNIFICANT, STEPS
 from robacc.fitting.normal_equations import posterior, solved
-from robacc.fitting.solver import broad_precision, broad_stds, fit
+from robacc.fitting.solver import broad_precision, broad_stds, fit, refit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -128,8 +128,8 @@ def shrink_to_nominal(
         identified=fitted.identifiability,
         group_stds=fitted.group_stds,
     )
-    refit = fit(fitted.model, data, again)
-    return dataclasses.replace(refit, covariance=fitted.covariance), tuple(shrunk)
+    found_again = fit(fitted.model, data, again)
+    return dataclasses.replace(found_again, covariance=fitted.covariance), tuple(shrunk)
 
 
 def _select(fitted: Fit, kinds: dict[str, list[int]]) -> dict[str, tuple[Array, Array, float]]:
@@ -198,5 +198,6 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     if not is_open or chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
         return fitted
     # DH_PARAMETERS ends with beta.
-    effects = (LinkGeometry(e.joints, DH_PARAMETERS[:-1]) if i in whole else e for i, e in enumerate(original.free))
-    return fit(dataclasses.replace(original, free=tuple(effects)), data, options)
+    effects = [LinkGeometry(e.joints, DH_PARAMETERS[:-1]) if i in whole else e for i, e in enumerate(original.free)]
+    values = zip(fitted.owners, fitted.names, fitted.theta.tolist(), strict=True)
+    return refit(fitted, effects, data, options, {(effects[owner].key(), name): value for owner, name, value in values})

@@ -514,15 +514,21 @@ class _Solver:
         )
 
 
-def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Options) -> Fit:
+def refit(
+    like: Fit,
+    free: Sequence[Effect],
+    data: Measurements,
+    options: Options,
+    found: Mapping[tuple[object, str], float] | None = None,
+) -> Fit:
     """Fit a model with the effects ``free``, starting at a similar fit and with that fit's registered base and tool.
 
-    Coefficients that the similar fit lacks start at zero. The first step is always taken, so the poses of ``data``
-    decide.
+    Coefficients that the similar fit lacks start at those of ``found``, by the key of their effect and their name, or
+    at zero. The first step is always taken, so the poses of ``data`` decide.
     """
     model = dataclasses.replace(like.model, free=tuple(free))
     keys = [effect.key() for effect in like.model.free]
-    previous = {
+    previous = (found or {}) | {
         (keys[owner], name): value
         for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
     }
@@ -533,7 +539,8 @@ def refit(like: Fit, free: Sequence[Effect], data: Measurements, options: Option
         for effect, key in ((effect, effect.key()) for effect in free)
         for term in effect.terms(model.arm, first_row)
     ]
-    # Outliers are known from the similar fit; on the same rows they start left out.
-    inliers = like.inliers if options.robust and like.inliers.size == data.n else None
+    # Outliers are known from the similar fit; on the same rows they start left out. What was found may explain them, as
+    # a backlash explains its smaller side.
+    inliers = like.inliers if options.robust and like.inliers.size == data.n and not found else None
     warm_start = dataclasses.replace(options, start=np.array(start), inliers=inliers, group_stds=like.group_stds)
     return fit(model, data, warm_start)

@@ -172,6 +172,14 @@ class SearchResult:
         """Return the identified effects."""
         return tuple(identified.effect for identified in self.identified)
 
+    @property
+    def coefficients(self) -> dict[tuple[object, str], float]:
+        """Return the coefficients of the search's effects by the key of the effect and their name, m and rad."""
+        bound, declared = self.state.bound, len(self.model.free)
+        keys = [candidate.effect.key() for candidate in self.state.chosen]
+        values = zip(bound.owners, bound.names, self.state.theta.tolist(), strict=True)
+        return {(keys[owner - declared], name): value for owner, name, value in values if owner >= declared}
+
 
 def search(
     model: Model, data: Measurements, only: Sequence[str] | None = None, progress: Progress = lambda count: None

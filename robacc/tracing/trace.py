@@ -560,7 +560,7 @@ def trace(
             extended = model.with_free(
                 *sorted((one.effect for one in some), key=lambda effect: not effect.traits.is_frame)
             )
-            again = refit(declared, extended.free, data, Options())
+            again = refit(declared, extended.free, data, Options(), found.coefficients)
             return again if again.group_stds else without_idle_rotations(again, extended, data, Options())
 
         final = fitted(identified)

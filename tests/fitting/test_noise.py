@@ -321,18 +321,24 @@ NAMES = ("j1", "j2", "j3", "j4", "j5", "j6")
 
 def sample(n: int, seed: int) -> Measurements:
     rng = np.random.default_rng(seed)
+    direction = np.ones((6, n))
+    direction[2, rng.choice(n, 6, replace=False)] = -1.0
     return Measurements(
-        position=rng.normal(size=(3, n)), q=rng.uniform(-1.5, 1.5, size=(6, n)), time=np.arange(n) * 9.0
+        position=rng.normal(size=(3, n)),
+        q=rng.uniform(-1.5, 1.5, size=(6, n)),
+        time=np.arange(n) * 9.0,
+        direction=direction,
     )
 
 
 @pytest.mark.parametrize(
     ("chosen", "expected"),
     [
-        (lambda data: data.q[1] > 1.3, r"j2 above 1\.3\d* \(rad or m\)"),
-        (lambda data: data.time >= 9.0 * 143, "(time|row number) above "),
+        (lambda data: data.q[1] > 1.3, r"j2 at or above 1\.3\d* \(rad or m\),"),
+        (lambda data: data.time >= 9.0 * 143, "(time|row number) at or above "),
+        (lambda data: data.direction[2] < 0, "the direction of approach of j3 at or below -1,"),
     ],
-    ids=["large angles of a joint", "one time"],
+    ids=["large angles of a joint", "one time", "one side"],
 )
 def test_rows_that_share_a_circumstance_are_named(chosen: Callable[[Measurements], np.ndarray], expected: str) -> None:
     data = sample(150, 1)

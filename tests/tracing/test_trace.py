@@ -22,6 +22,7 @@ from robacc.effects.elastic import JointCompliance
 from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
+from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import fit, refit
 from robacc.fitting.warnings import LackOfFit
 from robacc.modelling.model import Known, Model, Noise, predict
@@ -363,6 +364,23 @@ def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
     again = refit(found, model.free, data, Options())
     assert again.identifiability.columns.tolist() == found.identifiability.columns.tolist()
     assert np.abs(again.theta).max() < 0.1
+
+
+def test_the_smaller_side_of_a_backlash_is_no_outlier() -> None:
+    # Beside a fit without the effect, its rows are outliers; left out, they would not show it.
+    one = arm("irb1600")
+    data = measured("irb1600", entry("backlash", "j1", 5e-4), n=100)
+    up, down = (np.flatnonzero(data.direction[0] == sign) for sign in (1, -1))
+    few = data.subset(np.sort(np.concatenate((up, down[:3]))))
+    declared = fit(model_of(one.robot, DECLARED, few), few, Options())
+    assert np.flatnonzero(few.direction[0] < 0).tolist() == declared.outliers.tolist()
+    effect = effect_class("backlash").from_settings(("j1",), {})
+    again = refit(declared, [*declared.model.free, effect], few, Options(), {(effect.key(), "backlash.j1"): 4e-4})
+    assert not again.outliers.size
+    assert again.theta[-1] == pytest.approx(5e-4, rel=0.1)
+    kept = without_idle_rotations(again, again.model, few, Options())
+    assert kept is not again
+    assert not kept.outliers.size
 
 
 @pytest.mark.slow

@@ -519,7 +519,7 @@ def refit(
     free: Sequence[Effect],
     data: Measurements,
     options: Options,
-    found: Mapping[tuple[object, str], float] | None = None,
+    found: dict[tuple[object, str], float] | None = None,
 ) -> Fit:
     """Fit a model with the effects ``free``, starting at a similar fit and with that fit's registered base and tool.
 
@@ -527,7 +527,7 @@ def refit(
     at zero. The first step is always taken, so the poses of ``data`` decide.
     """
     model = dataclasses.replace(like.model, free=tuple(free))
-    keys = [effect.key() for effect in like.model.free]
+    keys: list[object] = [effect.key() for effect in like.model.free]
     previous = (found or {}) | {
         (keys[owner], name): value
         for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)

@@ -369,7 +369,8 @@ class _Search:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
         blocks = self._columns(state, [pool[number] for number in numbers.tolist()])
-        evidence = Evidence(white, np.concatenate([white.apply(block).T for block in blocks]), pool, numbers.tolist())
+        columns = np.concatenate([np.empty((0, white.y.size)), *(white.apply(block).T for block in blocks)])
+        evidence = Evidence(white, columns, pool, numbers.tolist())
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         flat = evidence.effective(owners < 0)
         without = [evidence.scores(np.flatnonzero(owners == k), flat) for k in range(len(state.chosen))]

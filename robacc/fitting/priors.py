@@ -33,7 +33,7 @@ from robacc.effects.frames import LinkGeometry
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ROUNDING, SETTLED, SIGNIFICANT, STEPS
 from robacc.fitting.normal_equations import posterior, solved
-from robacc.fitting.solver import broad_precision, broad_stds, fit, refit
+from robacc.fitting.solver import broad_precision, broad_stds, by_effect, fit, refit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -199,5 +199,4 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
         return fitted
     # DH_PARAMETERS ends with beta.
     effects = [LinkGeometry(e.joints, DH_PARAMETERS[:-1]) if i in whole else e for i, e in enumerate(original.free)]
-    values = zip(fitted.owners, fitted.names, fitted.theta.tolist(), strict=True)
-    return refit(fitted, effects, data, options, {(effects[owner].key(), name): value for owner, name, value in values})
+    return refit(fitted, effects, data, options, by_effect(effects, fitted.owners, fitted.names, fitted.theta))

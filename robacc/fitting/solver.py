@@ -514,6 +514,14 @@ class _Solver:
         )
 
 
+def by_effect(
+    effects: Sequence[Effect], owners: Sequence[int], names: Sequence[str], theta: Array
+) -> dict[tuple[object, str], float]:
+    """Return coefficients ``(P,)`` by the key of their effect and their name; ``owners`` are its numbers."""
+    keys = [effect.key() for effect in effects]
+    return {(keys[owner], name): value for owner, name, value in zip(owners, names, theta.tolist(), strict=True)}
+
+
 def refit(
     like: Fit,
     free: Sequence[Effect],
@@ -523,15 +531,11 @@ def refit(
 ) -> Fit:
     """Fit a model with the effects ``free``, starting at a similar fit and with that fit's registered base and tool.
 
-    Coefficients that the similar fit lacks start at those of ``found``, by the key of their effect and their name, or
-    at zero. The first step is always taken, so the poses of ``data`` decide.
+    Coefficients that the similar fit lacks start at those of ``found`` (see :func:`by_effect`), or at zero. The first
+    step is always taken, so the poses of ``data`` decide.
     """
     model = dataclasses.replace(like.model, free=tuple(free))
-    keys: list[object] = [effect.key() for effect in like.model.free]
-    previous = (found or {}) | {
-        (keys[owner], name): value
-        for owner, name, value in zip(like.owners, like.names, like.theta.tolist(), strict=True)
-    }
+    previous = (found or {}) | by_effect(like.model.free, like.owners, like.names, like.theta)
     # A term's name does not depend on the poses, so the first row is enough to list them.
     first_row = data.subset(np.arange(1))
     start = [
@@ -542,5 +546,8 @@ def refit(
     # Outliers are known from the similar fit; on the same rows they start left out. What was found may explain them, as
     # a backlash explains its smaller side.
     inliers = like.inliers if options.robust and like.inliers.size == data.n and not found else None
-    warm_start = dataclasses.replace(options, start=np.array(start), inliers=inliers, group_stds=like.group_stds)
-    return fit(model, data, warm_start)
+    return fit(
+        model,
+        data,
+        dataclasses.replace(options, start=np.array(start), inliers=inliers, group_stds=like.group_stds),
+    )

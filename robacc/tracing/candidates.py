@@ -348,13 +348,15 @@ class Evidence:
     """Scores of candidates beside the effects of a whitened model, and beside all but some of them."""
 
     def __init__(
-        self, white: Whitened, columns: Array, candidates: Sequence[Candidate], numbers: Sequence[int]
+        self, white: Whitened, blocks: Iterable[Array], candidates: Sequence[Candidate], numbers: Sequence[int]
     ) -> None:
-        """Take the whitened ``columns`` ``(K, n)`` of the candidates ``numbers``, which are scored."""
-        self.white, self.rows = white, columns
+        """Take the columns ``(N, M, k)`` of the candidates ``numbers``, which are scored, in blocks."""
+        self.white = white
+        self.rows = np.concatenate([np.empty((0, white.y.size)), *(white.apply(block).T for block in blocks)])
         """``(K, n)`` whitened columns of the candidates."""
-        reduced = solve_triangular(white.triangle, (self.rows @ white.columns).T, lower=True)
-        self._reduced = np.ascontiguousarray(reduced.T)
+        self._reduced = np.ascontiguousarray(
+            solve_triangular(white.triangle, (self.rows @ white.columns).T, lower=True).T
+        )
         self._inverse = solve_triangular(white.triangle, np.eye(len(white.triangle)), lower=True)
         self._products = self.rows @ white.y - self._reduced @ white.reduced
         self.square = float(white.y @ white.y - white.reduced @ white.reduced)

@@ -49,7 +49,7 @@ from robacc.fitting.levels import (
     SHORTLIST,
     STEPS,
 )
-from robacc.fitting.solver import broad_precision, broad_stds
+from robacc.fitting.solver import broad_precision, broad_stds, by_effect
 from robacc.fitting.visits import random_rows
 from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements
@@ -174,11 +174,9 @@ class SearchResult:
 
     @property
     def coefficients(self) -> dict[tuple[object, str], float]:
-        """Return the coefficients of the search's effects by the key of the effect and their name, m and rad."""
-        bound, declared = self.state.bound, len(self.model.free)
-        keys = [candidate.effect.key() for candidate in self.state.chosen]
-        values = zip(bound.owners, bound.names, self.state.theta.tolist(), strict=True)
-        return {(keys[owner - declared], name): value for owner, name, value in values if owner >= declared}
+        """Return the coefficients of the search's model; see :func:`by_effect`."""
+        effects = (*self.model.free, *(candidate.effect for candidate in self.state.chosen))
+        return by_effect(effects, self.state.bound.owners, self.state.bound.names, self.state.theta)
 
 
 def search(
@@ -249,9 +247,7 @@ class _Search:
         theta = np.zeros(len(bound.terms))
         kinds = residuals(self.data, bound.poses(theta)).reshape(-1, 3, self.data.n)
         # The median of the length of three normal components is 1.54 standard deviations, that of one 0.674.
-        usual, shown = np.full(self.data.n, 1.54), self.data.shown
-        if shown is not None:
-            usual = np.where(shown.all(axis=0), 1.54, 0.674)
+        usual = np.where(self.rows.shown[:, :3].all(axis=1), 1.54, 0.674)
         stds = np.sqrt(np.mean(np.square(kinds), axis=(1, 2)))
         noise = CovarianceParameters(np.log(np.maximum(stds, RESOLUTION)), np.ones(self.data.n))
         state = State(noise, bound, theta, self._linearised(bound, theta, ()))
@@ -297,15 +293,13 @@ class _Search:
 
     def _with_effects(self, state: State, chosen: Sequence[Candidate], scales: Sequence[float]) -> State:
         """Return a state fitted with other effects; coefficients that it had are the start of the fit."""
-
-        def coefficients(bound: BoundModel, effects: Sequence[Candidate]) -> list[tuple[object, str]]:
-            """Return the effect and the name of each coefficient."""
-            keys = [*range(len(self.model.free)), *(candidate.key for candidate in effects)]
-            return [(keys[owner], name) for owner, name in zip(bound.owners, bound.names, strict=True)]
-
-        values = dict(zip(coefficients(state.bound, state.chosen), state.theta.tolist(), strict=True))
-        bound = self.model.with_free(*(candidate.effect for candidate in chosen)).bind(self.data)
-        theta = np.array([values.get(coefficient, 0.0) for coefficient in coefficients(bound, chosen)])
+        before, after = (
+            (*self.model.free, *(candidate.effect for candidate in some)) for some in (state.chosen, chosen)
+        )
+        values = by_effect(before, state.bound.owners, state.bound.names, state.theta)
+        bound = dataclasses.replace(self.model, free=after).bind(self.data)
+        coefficients = by_effect(after, bound.owners, bound.names, np.zeros(len(bound.terms)))
+        theta = np.array([values.get(coefficient, 0.0) for coefficient in coefficients])
         linear = self._linearised(bound, theta, scales)
         return self._fitted(State(state.noise, bound, theta, linear, tuple(chosen), tuple(scales), state.steps))
 
@@ -368,9 +362,9 @@ class _Search:
         else:
             own = [self.pool.number(candidate) for candidate in state.chosen]
             numbers = np.unique(np.concatenate((numbers, own, np.arange(earlier, len(pool)))).astype(np.int64))
-        blocks = self._columns(state, [pool[number] for number in numbers.tolist()])
-        columns = np.concatenate([np.empty((0, white.y.size)), *(white.apply(block).T for block in blocks)])
-        evidence = Evidence(white, columns, pool, numbers.tolist())
+        evidence = Evidence(
+            white, self._columns(state, [pool[number] for number in numbers.tolist()]), pool, numbers.tolist()
+        )
         owners = np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         flat = evidence.effective(owners < 0)
         without = [evidence.scores(np.flatnonzero(owners == k), flat) for k in range(len(state.chosen))]

@@ -226,11 +226,13 @@ class Inputs:
                 raise
             record = InputFile.at(path, data.sha256 or "", kind)
             record = record._replace(reading={**(record.reading or {}), **reading} or None)
-        if data.seen is not None and any_kind:
-            note = Note(
-                f"{data.source}: each photo counts as three points of the board, whose six numbers are its pose"
+        if data.seen is not None and (any_kind or data.photos is not None):
+            counted = (
+                "three points of the board, whose six numbers are its pose"
+                if any_kind
+                else "one pose; calibrate and trace, where they read the photos, fit their points, which tells more"
             )
-            data = replace(data, warnings=(*data.warnings, note))
+            data = replace(data, warnings=(*data.warnings, Note(f"{data.source}: each photo counts as {counted}")))
         is_of_photos = data.is_of_images
         if is_of_photos and not any_kind:
             data = replace(data.each_photo() or data, warnings=data.warnings)

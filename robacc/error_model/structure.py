@@ -129,10 +129,8 @@ def with_error_structure(
         )
         if log_evidence(alone, linear) >= log_evidence(noise, linear) - 0.5 * math.log(rows.size):
             noise = alone  # The noise is what the file states.
-    directional = None
-    if data.position_variance is None and data.kind is None:
-        directional = _directional(start, noise, linear)
-        noise = start if directional is not None else noise
+    directional = _directional(start, noise, linear) if data.position_variance is None and data.kind is None else None
+    noise = noise if directional is None else start
     visits = different(visit_numbers(data))
     source: Source = "residual"
     if visits > different(data.groups()):

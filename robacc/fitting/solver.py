@@ -322,6 +322,10 @@ class _Solver:
         equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
         if at_nominal:
             self.normal = normal.subset(equations.columns)
+        lacking = np.setdiff1d(np.arange(self.theta.size), equations.columns)
+        if self.theta[lacking].any():  # Coefficients of a start that the poses do not identify are nominal.
+            self.theta[lacking] = 0.0
+            self.residual = equations.residual(self.theta)
         return dataclasses.replace(identified, columns=equations.columns, dropped=dropped)
 
     def _unmeasured(self, free: Sequence[Term]) -> dict[int, str]:

@@ -23,8 +23,9 @@ from robacc.error_model.structure import Repeatability
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.priors import without_idle_rotations
-from robacc.fitting.solver import fit, refit
+from robacc.fitting.solver import by_effect, fit, refit
 from robacc.fitting.warnings import LackOfFit
+from robacc.geometry import rms_length
 from robacc.modelling.model import Known, Model, Noise, predict
 from robacc.render.views.fit import _at_tool, _remaining_error, _residual
 from robacc.robots.arm import Arm
@@ -364,6 +365,15 @@ def test_a_refit_decides_what_can_be_told_apart_at_the_nominal_robot() -> None:
     again = refit(found, model.free, data, Options())
     assert again.identifiability.columns.tolist() == found.identifiability.columns.tolist()
     assert np.abs(again.theta).max() < 0.1
+    # Others are nominal, wherever they start.
+    frames = fit(model_of(one.robot, "base_frame,tool_frame", data), data, Options())
+    start = by_effect(model.free, found.owners, found.names, np.full(found.theta.size, 1e-4))
+    from_there = refit(frames, model.free, data, Options(), start)
+    assert from_there.identifiability.columns.tolist() == found.identifiability.columns.tolist()
+    others = np.setdiff1d(np.arange(found.theta.size), found.identifiability.columns)
+    assert others.size
+    assert not from_there.theta[others].any()
+    assert rms_length(from_there.residual) == pytest.approx(rms_length(found.residual), rel=1e-6)
 
 
 def test_the_smaller_side_of_a_backlash_is_no_outlier() -> None:

@@ -14,7 +14,7 @@ import dataclasses
 import itertools
 import json
 import re
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import PurePath
 from typing import NamedTuple
@@ -316,86 +316,256 @@ def read_json(text: str, file: str) -> Robot | None:
 
 # Table as text, as papers and spreadsheets have it: a row a joint, columns theta, d, a, alpha in any order.
 
-_COLUMN = re.compile(r"(theta|θ|offset|alpha|α|a|d|type)(?![a-z])(.*)", re.IGNORECASE | re.DOTALL)
-_GREEK = {"θ": "theta", "α": "alpha"}
-_VARIABLE = re.compile(r"(?:q|theta|θ|d)_?\d*\s*(?=[+-]|$)|(?<=\d)\s*\+\s*(?:q|theta|θ|d)_?\d*$", re.IGNORECASE)
+_COLUMN = re.compile(
+    r"(theta|θ|off(?:set)?|alpha|[α⍺]|beta|β|a|d|sigma|sign|direction|(?:joint|axis)?[ _]?type)"
+    r"(?:[ijn]|_[ij]|[ⱼᵢ])?(?![a-z])(.*)",
+    re.DOTALL,
+)
+_ROLES = {"θ": "theta", "α": "alpha", "⍺": "alpha", "β": "beta", "off": "offset", "direction": "sign"}
+_ASIDE = re.compile(
+    r"\W*|.*(?:min|max|low|upp|lim|range|std|tol|unnamed).*|[ijkn]"
+    r"|(?:joint|link|axis|frame|name|row|index|id|no|num|mass|com|speed|vel|unit|comment|desc|关节|连杆|轴)(?!.*type).*",
+    re.DOTALL,
+)
+"""Names of columns that do not change the arm."""
+_VARIABLE = re.compile(r"(?:q|theta|θ|d)_?\d*\*?\s*(?=[+-]|$)|(?<=\d)\s*\+\s*(?:q|theta|θ|d)_?\d*\*?$", re.IGNORECASE)
 """Name of the joint's variable in the cell of its offset, as in ``q2 - 90``."""
+_PI = re.compile(r"([+-]?)(\d*\.?\d*)\*?(?:pi|π)(?:/(\d+))?", re.IGNORECASE)
 _PREVIOUS = re.compile(r"[-−]\s*1|prev", re.IGNORECASE)
 """Sign of Craig's form in the name of a column: the twist and length of the link before."""
+_RULE = re.compile(r"[-+=|:\s\u2500-\u257f]*")
+"""Line of a drawn table without words."""
+_ANGLES = {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}
+_LENGTHS = {"mm": 1e-3, "cm": 1e-2, "m": 1.0}
+_LARGEST = {"deg": 2 * np.pi + 1e-3, "mm": 20.0}
+"""Values above are in this unit, where no unit is stated; those below are in rad and m."""
+_SUM_OF_LENGTHS = (0.15, 10.0)
+"""m: smallest and largest sum of an arm's lengths for which a unit is believed that nobody stated."""
+
+
+class _Cell(NamedTuple):
+    """Number in a cell of a table."""
+
+    value: float
+    has_variable: bool = False
+    unit: str | None = None
+    """Unit of an angle that the cell itself states."""
+
+
+class _Table(NamedTuple):
+    """Columns of a table by their roles: theta, d, a, alpha, and offset, beta, sign, type, sigma where it has them."""
+
+    head: Problem
+    """Place of the head, for messages."""
+    names: dict[str, str]
+    """Rest of each column's name, behind the word for its role."""
+    rows: list[Problem]
+    """Place of each row, for messages."""
+    cells: dict[str, list[str]]
 
 
 def read_table(text: str, file: str) -> Robot | None:
     """Return the arm of a Denavit-Hartenberg table with columns theta, d, a, alpha; None for another text.
 
-    A column ``offset`` counts as theta, and is added to it. Units are those in the names of the columns, else degrees
-    and millimetres where the values are too large for rad and m. Craig's (modified) form is told by columns such as
-    ``alpha_i-1``, or by the first row, which has no twist and length then; the last row of a standard table has none.
+    A column ``offset`` counts as theta, and is added to it. Units are those in the names of the columns or in cells,
+    else degrees and millimetres where the values are too large for rad and m. Craig's (modified) form is told by
+    columns such as ``alpha_i-1``, by ``modDH`` in a listing, or by the first row, which has no twist and length then;
+    the last row of a standard table has none. A joint is linear by its ``type``, by a ``sigma`` of 1, or by a variable
+    in d.
 
     Raises:
-        InputError: A cell is no number, or the form or an offset's joint is not told.
+        InputError: A cell is no number, a column changes the arm in an unknown way, or the form, a unit or an offset's
+            joint is not told.
     """
-    lines = [(number, line) for number, line in enumerate(text.splitlines(), 1) if line.strip() and line[0] != "#"]
-    delimiter = next((mark for mark in ",;\t" if lines and mark in lines[0][1]), None)
-    cells = [
-        (number, [cell.strip() for cell in line.split(delimiter if delimiter and delimiter in line else None)])
-        for number, line in lines
-    ]
-    found = [_COLUMN.fullmatch(name) for name in (cells[0][1] if cells else ())]
-    columns = {_GREEK.get(m[1].lower(), m[1].lower()): (place, m[2].lower()) for place, m in enumerate(found) if m}
-    if not {"d", "a", "alpha"} <= columns.keys() or not {"theta", "offset"} & columns.keys():
+    table = _table(text, file)
+    if table is None:
         return None
-    values = {
-        name: [_number(row, columns[name][0], number, file) for number, row in cells[1:]]
-        for name in (*DhRow._fields[:4], "offset")
-        if name in columns
+    numbers = {
+        role: [_number(cell, role, row) for cell, row in zip(cells, table.rows, strict=True)]
+        for role, cells in table.cells.items()
+        if role not in ("type", "sigma")
     }
-    angles = [name for name in ("theta", "alpha", "offset") if name in columns]
-    for names, units, likely, most in (
-        (angles, {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}, "deg", 2 * np.pi + 1e-3),
-        (["d", "a"], {"mm": 1e-3, "cm": 1e-2, "m": 1.0}, "mm", 20.0),
-    ):
-        largest = max((abs(value) for name in names for value in values[name]), default=0.0)
-        for name in names:
-            stated = next((size for unit, size in units.items() if unit in columns[name][1]), None)
-            size = stated or (units[likely] if largest > most else 1.0)
-            values[name] = [value * size for value in values[name]]
-    place = columns["type"][0] if "type" in columns else None
-    is_slide = [place is not None and row[place][:1].lower() in ("p", "t", "l") for _, row in cells[1:]]
-    offset, angle = (values.get(name, [0.0] * len(is_slide)) for name in ("offset", "theta"))
-    values["theta"] = [sum(pair) for pair in zip(angle, offset, strict=True)]
-    rows = [DhRow(*row) for row in zip(*(values[name] for name in DhRow._fields[:4]), strict=True)]
-    is_bare = [row.a == row.alpha == 0.0 for row in (rows[0], rows[-1])] if rows else [True, True]
-    is_modified = any(_PREVIOUS.search(columns[name][1]) for name in ("a", "alpha"))
+    kinds = [_joint_type(table, numbers, k) for k in range(len(table.rows))]
+    values = {name: [cell.value for cell in cells] for name, cells in numbers.items()}
+    for units, names in ((_ANGLES, ("theta", "alpha", "offset", "beta")), (_LENGTHS, ("d", "a"))):
+        values |= _in_si(table, {name: numbers[name] for name in names if name in numbers}, units)
+    zeros = [0.0] * len(kinds)
+    offset, angle, beta = (values.get(name, zeros) for name in ("offset", "theta", "beta"))
+    signs = values.get("sign", [1.0] * len(kinds))
+    values |= {"theta": [sum(pair) for pair in zip(angle, offset, strict=True)], "beta": beta}
+    is_bare = [values["a"][k] == values["alpha"][k] == 0.0 for k in (0, -1)]
+    is_craig = "modDH" in text or any(_PREVIOUS.search(table.names[name]) for name in ("a", "alpha"))
+    is_standard = "stdDH" in text and not is_craig
     fix = "name the columns alpha_i-1 and a_i-1 for the modified (Craig's) form, or write a robot file"
-    refuse(
-        (not rows, Problem("has a head and no rows", file, cells[0][0], fix="add a row for each joint")),
+    _refuse(
+        table.head,
         (
-            not is_modified and is_bare[0] == is_bare[1],
-            Problem("does not tell whether the table is standard or modified", file, cells[0][0], fix=fix),
+            not (is_craig or is_standard) and is_bare[0] == is_bare[1],
+            "does not tell whether the table is standard or modified",
+            fix,
         ),
         (
-            any(of_q and (slides or theta) for of_q, slides, theta in zip(offset, is_slide, angle, strict=True)),
-            Problem(
-                "has an offset of a linear joint, or of one with an angle in theta, which may or may not have it",
-                file,
-                cells[0][0],
-                fix="add it to d or theta, or leave it out",
+            any(
+                of_q and (kind == "prismatic" or theta) for of_q, kind, theta in zip(offset, kinds, angle, strict=True)
             ),
+            "has an offset of a linear joint, or of one with an angle in theta, which may or may not have it",
+            "add it to d or theta, or leave it out",
+        ),
+        (
+            any(abs(sign) != 1 or (sign < 0 and of_q) for sign, of_q in zip(signs, offset, strict=True)),
+            "has a sign other than 1 and -1, or one of -1 beside an offset, which may count before or after it",
+            "write the offset as theta, the angle of the table where the joint reads zero",
         ),
     )
-    kinds: list[JointType] = ["prismatic" if slides else "revolute" for slides in is_slide]
     joints = tuple(
-        Joint(f"j{number}", kind, row._asdict(), limits=FULL_TURN if kind == "revolute" else None)
-        for number, (kind, row) in enumerate(zip(kinds, rows, strict=True), 1)
+        Joint(
+            f"j{k + 1}",
+            kind,
+            {name: values[name][k] for name in DhRow._fields},
+            limits=FULL_TURN if kind == "revolute" else None,
+            sign=1 if signs[k] > 0 else -1,
+        )
+        for k, kind in enumerate(kinds)
     )
-    return Robot(PurePath(file).stem, "modified" if is_modified or is_bare[0] else "standard", joints)
+    is_modified = is_craig or (is_bare[0] and not is_standard)
+    return Robot(PurePath(file).stem, "modified" if is_modified else "standard", joints)
 
 
-def _number(row: Sequence[str], place: int, line: int, file: str) -> float:
-    """Return the number in a cell, without the joint's variable."""
-    cell = row[place] if place < len(row) else ""
+def _refuse(place: Problem, *cases: tuple[object, str, str]) -> None:
+    """Raise InputError of the first case that holds, with its message and its fix at a place."""
+    refuse(*((holds, dataclasses.replace(place, message=text, fix=fix)) for holds, text, fix in cases))
+
+
+def _table(text: str, file: str) -> _Table | None:
+    """Return the table in a text, None where it has no head of one.
+
+    Raises:
+        InputError: It has no rows, or columns that are not clear.
+    """
+    lines = [(number, line.strip("% \r").replace("│", "|")) for number, line in enumerate(text.splitlines(), 1)]
+    lines = [(number, line) for number, line in lines if line[:1] != "#" and not _RULE.fullmatch(line)]
+    for start, (number, line) in enumerate(lines[:10]):
+        mark = next((mark for mark in "|,;\t" if mark in line), None)
+        titles = [title.lower() for title in _split(line, mark)]
+        found = {_role(match) for title in titles if (match := _COLUMN.fullmatch(title))}
+        if {"d", "a", "alpha"} <= found and {"theta", "offset"} & found:
+            # Empty rows of a sheet are none, nor is the text below a drawn table.
+            rows = [(below, _split(row, mark)) for below, row in lines[start + 1 :] if mark != "|" or mark in row]
+            return _columns(titles, [row for row in rows if any(row[1])], Problem("", file, number))
+    return None
+
+
+def _split(line: str, mark: str | None) -> list[str]:
+    """Return the cells of a line; blanks part those of a line without the mark."""
+    cells = line.strip("|") if mark == "|" else line
+    return [cell.strip() for cell in cells.split(mark if mark and mark in cells else None)]
+
+
+def _role(match: re.Match[str]) -> str:
+    """Return the role of a column of this name."""
+    return "type" if match[1].endswith("type") else _ROLES.get(match[1], match[1])
+
+
+def _columns(titles: Sequence[str], rows: Sequence[tuple[int, list[str]]], head: Problem) -> _Table:
+    """Return the table with these titles of its columns, and these rows by their lines."""
+    table = _Table(head, {}, [dataclasses.replace(head, line=number) for number, _ in rows], {})
+    matches = {
+        place: None if _ASIDE.fullmatch(title) else _COLUMN.fullmatch(title) for place, title in enumerate(titles)
+    }
+    of_theta = [place for place, match in matches.items() if match and _role(match) == "theta"]
+    for place, match in matches.items():
+        if match is None:
+            unknown = f"the column {titles[place]!r} may change the arm in a way that robacc does not know"
+            _refuse(head, (not _ASIDE.fullmatch(titles[place]), unknown, "leave it out if it does not"))
+            continue
+        role = "offset" if len(of_theta) > 1 and place in of_theta and "off" in match[2] else _role(match)
+        _refuse(head, (role in table.names, f"two columns say {role}", "leave one of them out"))
+        table.names[role] = match[2]
+        table.cells[role] = [row[place] if place < len(row) else "" for _, row in rows]
+    _refuse(head, (not rows, "has a head and no rows", "add a row for each joint"))
+    return table
+
+
+def _number(cell: str, role: str, where: Problem) -> _Cell:
+    """Return the number in a cell, without the joint's variable; a blank one is none but in an optional column."""
+    plain = re.sub(r"[\s°]", "", cell.replace("−", "-"))
+    rest = _VARIABLE.sub("", plain) if role in ("theta", "offset", "d") else plain
+    has_variable = rest != plain
+    if (match := _PI.fullmatch(rest)) is not None:
+        return _Cell(float(f"{match[1]}{match[2] or 1}") * np.pi / float(match[3] or 1), has_variable, "rad")
+    is_optional = has_variable or role in ("theta", "offset", "beta", "sign")
+    blank = ("1" if role == "sign" else "0") if is_optional else ""
     try:
-        return float(_VARIABLE.sub("", cell).replace(" ", "").replace("−", "-") or "0")
+        return _Cell(float(rest or blank), has_variable, "°" if "°" in cell else None)
     except ValueError:
         fix = "give numbers, and offsets of the joint's variable such as q2 - 90"
-        raise InputError(Problem(f"found {cell!r} in place of a number", file, line, fix=fix)) from None
+        problem = dataclasses.replace(where, message=f"found {cell!r} in place of a number", fix=fix)
+        raise InputError(problem) from None
+
+
+def _joint_type(table: _Table, numbers: Mapping[str, Sequence[_Cell]], k: int) -> JointType:
+    """Return the type of the joint of a row: by its column, or by the place of its variable.
+
+    Raises:
+        InputError: It is not clear.
+    """
+    of_theta = [cell.has_variable for cell in numbers.get("theta", ())]
+    has_theta, has_d = bool(of_theta and of_theta[k]), numbers["d"][k].has_variable
+    column = next((name for name in ("type", "sigma") if name in table.cells), None)
+    types = {"type": ("ptls", "rc"), "sigma": ("1", "0")}
+    # Letters q are of variables; d may be a length whose number stands elsewhere.
+    is_slide, is_turn = has_d and (any(of_theta) or table.cells["d"][k][:1] == "q"), not has_d
+    if column is not None:
+        first = table.cells[column][k][:1].lower() or "?"
+        is_slide, is_turn = (first in letters for letters in types[column])
+    fix = "write the number; only d of a linear joint and theta of another one have a variable"
+    _refuse(
+        table.rows[k],
+        (column and not (is_slide or is_turn), "is neither revolute nor prismatic", "a fixed row belongs to the tool"),
+        ((has_theta if is_slide else has_d), "has a symbol in place of a number in d or theta", fix),
+        (
+            column is None and any(of_theta) and not (has_theta or has_d),
+            "has no variable, unlike other rows",
+            "a fixed row belongs to the tool or the base of a robot file",
+        ),
+    )
+    return "prismatic" if is_slide else "revolute"
+
+
+def _in_si(table: _Table, numbers: Mapping[str, Sequence[_Cell]], units: Mapping[str, float]) -> dict[str, list[float]]:
+    """Return the columns of angles, or of lengths, in SI units.
+
+    Raises:
+        InputError: A unit is not clear.
+    """
+    likely, is_angle = next(iter(units)), units is _ANGLES
+    marks = {name: {cell.unit for cell in cells if cell.unit} for name, cells in numbers.items()}
+    stated = {
+        name: next((unit for unit in units if unit in table.names[name] or unit in marks[name]), None)
+        for name in numbers
+    }
+    values = {name: np.array([cell.value for cell in cells]) for name, cells in numbers.items()}
+    largest = max(float(np.abs(column).max()) for column in values.values())
+    guess = likely if largest > _LARGEST[likely] else list(units)[-1]
+    scaled = {name: column * units[stated[name] or guess] for name, column in values.items()}
+    is_free = [name for name, unit in stated.items() if unit is None and np.any(values[name])]
+    total = sum(float(np.abs(column).sum()) for column in scaled.values())
+    low, high = _SUM_OF_LENGTHS
+    fix = (
+        f"check the order of the columns, and write units in their names, as in {'alpha' if is_angle else 'd'}_{likely}"
+    )
+    for name, column in scaled.items():
+        turns = values[name] / (np.pi / 2)
+        is_rad = name in is_free and guess == likely and np.allclose(turns, np.round(turns), atol=1e-3)
+        _refuse(
+            table.head,
+            (is_angle and len(marks[name]) > 1, f"{name} has several units", fix),
+            (is_angle and is_rad, f"{name} is in quarter turns of rad, but another angle is too large for rad", fix),
+            (is_angle and np.abs(column).max() > _LARGEST["deg"], f"{name} is more than a turn", fix),
+            (
+                not is_angle and is_free and not (low if guess == likely else 0.0) <= total <= high,
+                f"does not tell the unit of the lengths: in {guess} they sum to {total:g} m",
+                fix,
+            ),
+        )
+    return {name: [float(value) for value in column] for name, column in scaled.items()}

@@ -678,6 +678,76 @@ def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> 
     np.testing.assert_allclose(found.rotation[..., 0], pose[:3, :3], atol=1e-12)
 
 
+# A Stanford arm's first axes: theta, d, a, alpha, whether the joint slides, its sign. Each text has exactly these rows.
+_ROWS = (
+    (0.0, 0.4, 0.0, -np.pi / 2, False, 1),
+    (-np.pi / 2, 0.15, 0.2, np.pi / 2, False, 1),
+    (0.0, 0.0, 0.0, 0.0, True, 1),
+)
+_TURNED = (*_ROWS[:1], (*_ROWS[1][:5], -1), (*_ROWS[2][:4], False, 1))
+_LISTING = """arm:: 3 axis, RRP, {form}, slowRNE
++---+-----------+-----------+-----------+-----------+-----------+
+| j |     theta |         d |         a |     alpha |    offset |
++---+-----------+-----------+-----------+-----------+-----------+
+|  1|         q1|        0.4|          0|      -pi/2|          0|
+|  2|         q2|       0.15|        0.2|       pi/2|      -pi/2|
+|  3|          0|         q3|          0|          0|          0|
++---+-----------+-----------+-----------+-----------+-----------+
+grav =    0  base = 1  0  0  0
+"""
+SAME_ARM = {
+    "joint type": (
+        "theta,d,a,alpha,joint_type\n0,0.4,0,-90,revolute\n-90,0.15,0.2,90,revolute\n0,0,0,0,prismatic\n",
+        _ROWS,
+    ),
+    "sigma": ("sigma,theta,d,a,alpha\n0,0,0.4,0,-90\n0,-90,0.15,0.2,90\n1,0,0,0,0\n", _ROWS),
+    "variable in d": ("theta,d,a,alpha\nq1,400,0,-90\nq2 - 90,150,200,90\n0,q3,0,0\n", _ROWS),
+    "listing": (_LISTING.format(form="stdDH"), _ROWS),
+    "comment": ("".join(f"% {line}\n" for line in _LISTING.format(form="").splitlines()), _ROWS),
+    "drawn": (
+        "┌──┐\n│ θⱼ │ dⱼ │ aⱼ │ ⍺ⱼ │\n├──┤\n│ q1 │ 0.4 │ 0 │ -90.0° │\n│ q2 - 90.0° │ 0.15 │ 0.2 │ 90.0° │\n"
+        "│ 0.0° │ q3 │ 0 │ 0.0° │\n└──┘\n",
+        _ROWS,
+    ),
+    "sign": ("joint,theta,d,a,alpha,sign\n1,0,0.4,0,-90,1\n2,-90,0.15,0.2,90,-1\n3,0,0,0,0,1\n,,,,,\n", _TURNED),
+    "offset first": (
+        "theta_offset,theta,d,a,alpha,direction\n0,q1,0.4,0,-90,1\n,q2-90,0.15,0.2,90,-1\n0,q3,0,0,0,1\n",
+        _TURNED,
+    ),
+    "limits": (
+        "name,min_theta,max_theta,theta,d (cm),a (cm),alpha,sign\n"
+        "A,-170,170,0,40,0,-90,1\nB,-90,90,-90,15,20,90,-1\nC,-9,9,0,0,0,0,1\n",
+        _TURNED,
+    ),
+}
+
+
+@pytest.mark.parametrize("name", SAME_ARM)
+@pytest.mark.parametrize("is_modified", [False, True])
+def test_a_table_has_the_same_arm_in_every_form(tmp_path: Path, name: str, is_modified: bool) -> None:
+    """By the products of the rows' own matrices."""
+    text, rows = SAME_ARM[name]
+    if is_modified:
+        text = text.replace("stdDH", "modDH").replace("alpha", "alpha(i-1)").replace("⍺ⱼ", "⍺ⱼ-1")
+    robot = robacc.read_robot(saved(tmp_path / "dh.txt", text))
+    assert robot.convention == ("modified" if is_modified else "standard")
+    q, pose = (0.3, -0.4, 0.25), np.eye(4)
+    for value, (theta, d, a, alpha, slides, sign) in zip(q, rows, strict=True):
+        theta, d = (theta, d + value) if slides else (theta + sign * value, d)
+        steps = [turn(2, theta), shift(0, 0, d), shift(a, 0, 0), turn(0, alpha)]
+        for step in [steps[3], steps[2], steps[0], steps[1]] if is_modified else steps:
+            pose = pose @ step
+    found = Arm.of(robot).chain.forward(np.array(q)[:, None])
+    np.testing.assert_allclose(found.translation[:, 0], pose[:3, 3], atol=1e-12)
+    np.testing.assert_allclose(found.rotation[..., 0], pose[:3, :3], atol=1e-12)
+
+
+def test_a_table_keeps_the_rotation_about_y(tmp_path: Path) -> None:
+    text = "theta,d,a,alpha,beta\n0,0.4,0.1,-90,0\n0,0,0.5,0,0.5\n0,0,0.3,0,-0.2\n0,0.1,0,0,\n"
+    robot = robacc.read_robot(saved(tmp_path / "dh.csv", text))
+    assert [joint.parameters["beta"] for joint in robot.joints] == pytest.approx(np.radians([0.0, 0.5, -0.2, 0.0]))
+
+
 @pytest.mark.parametrize(
     ("rows", "said"),
     [
@@ -686,6 +756,28 @@ def test_a_table_of_a_paper_is_a_robot(tmp_path: Path, text: str, form: str) -> 
         ("\n", "has a head and no rows"),
         (",type,offset\n0,0.3,0,0,P,0.1\n0,0.2,0.2,1.57,R,0\n", "has an offset of a linear joint"),
         (",offset\nq1,0.3,0,0,0\nq2-1.5,0.2,0.2,1.57,-1.5\n", "with an angle in theta, which may or may not have it"),
+        (
+            ",coupling\n0,0.3,0,0,0\n0,0.2,0.2,1.57,1\n",
+            "the column 'coupling' may change the arm in a way that robacc does",
+        ),
+        (",α\n0,0.3,0,0,0\n0,0.2,0.2,1.57,1\n", "two columns say alpha"),
+        (
+            ",offset,sign\nq1,0.3,0,0,0,1\nq2,0.2,0.2,1.57,-1.5,-1\n",
+            "has a sign other than 1 and -1, or one of -1 beside",
+        ),
+        (",type\n0,0.3,0,0,R\n0,0.2,0.2,1.57,fixed\n", "dh.csv:3: is neither revolute nor prismatic"),
+        ("\nq1,d1,0,0\nq2,0.2,0.2,1.57\n", "dh.csv:2: has a symbol in place of a number in d or theta"),
+        ("\n0,d1,0,0\n0,d2,0.2,1.57\n", "dh.csv:2: has a symbol in place of a number in d or theta"),
+        ("\nq1,0.3,0,0\nq2,0.2,0.2,1.57\n0,0.1,0,0\n", "dh.csv:4: has no variable, unlike other rows"),
+        ("\n0,0.3,0,0\n0,0.2,,1.57\n", "dh.csv:3: found '' in place of a number"),
+        (
+            "\n-90,0.3,0,1.5708\n0,0.2,0.2,0\n",
+            "alpha is in quarter turns of rad, but another angle is too large for rad",
+        ),
+        ("\n0,1.5708,445,209\n0,0,0,780\n", "alpha is more than a turn"),
+        ("\n0,pi/2,0.2,90°\n0,0.3,0,pi/2\n", "alpha has several units"),
+        ("\n0,14,0,1.57\n0,0,10.5,0\n0,0,10.5,0\n", "does not tell the unit of the lengths: in m they sum to 35 m"),
+        ("\n0,30,0,90\n0,0,25,0\n0,0,20,0\n", "does not tell the unit of the lengths: in mm they sum to 0.075 m"),
     ],
 )
 def test_a_table_that_leaves_a_question_is_refused(tmp_path: Path, rows: str, said: str) -> None:

@@ -4,11 +4,12 @@ The library raises these and never prints or exits; :mod:`robacc.cli` maps them 
 message names a parameter of the call in backquotes, as its signature spells it; the command line shows it as an option.
 """
 
-from collections.abc import Sequence
+from collections.abc import Hashable, Iterable, Sequence
 from dataclasses import dataclass
 from typing import Literal, TypeVar
 
 Value = TypeVar("Value")
+Key = TypeVar("Key", bound=Hashable)
 Counted = Literal["line", "row", "photo", "pose"]
 """Unit that places in a file are counted in."""
 
@@ -72,6 +73,14 @@ def refuse(*cases: tuple[object, str | Problem | Sequence[Problem]], error: type
 def applying(*cases: tuple[object, Value]) -> tuple[Value, ...]:
     """Return the texts, or other values, of the cases that apply; the case ``(True, …)`` always does."""
     return tuple(value for applies, value in cases if applies)
+
+
+def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
+    """Return the values of each key, keys and values in the order in which they come."""
+    groups: dict[Key, list[Value]] = {}
+    for key, value in pairs:
+        groups.setdefault(key, []).append(value)
+    return groups
 
 
 def given(value: Value | None, reason: str | Problem, error: type[Exception] = UsageError) -> Value:

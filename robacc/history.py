@@ -33,7 +33,7 @@ from robacc.documents.envelope import StoredResult, understood
 from robacc.documents.history import date_text
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.effects.specification import absorbed
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, by_key, refuse
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, rms_length
@@ -208,9 +208,7 @@ def find_changes(series: Sequence[ArmSeries], level: float) -> tuple[list[Entry]
     A detection limit, with the keys of the result, is the change that the next test finds with a probability of 95 %.
     """
     spread = Spread.of([one for one in series if not one.is_of_setup] or series)
-    together: dict[tuple[bytes, bytes], list[ArmSeries]] = {}
-    for one in series:
-        together.setdefault((one.times.tobytes(), one.temperatures.tobytes()), []).append(one)
+    together = by_key(((one.times.tobytes(), one.temperatures.tobytes()), one) for one in series)
     found = {
         one.key: of_series
         for some in together.values()

@@ -33,7 +33,7 @@ from robacc.correction import (
     correction,
 )
 from robacc.documents.envelope import csv_text
-from robacc.errors import InputError, MissingColumnError, Problem, refuse
+from robacc.errors import InputError, MissingColumnError, Problem, by_key, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
@@ -142,9 +142,7 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
     Args:
         unchanged: Line, name and reason of each target; a target without a name has its line or row.
     """
-    groups: dict[str, list[tuple[int, str, str]]] = {}
-    for each in unchanged:
-        groups.setdefault(_SIZES.sub("", each[2]), []).append(each)
+    groups = by_key((_SIZES.sub("", each[2]), each) for each in unchanged)
     texts = {}
     for group in groups.values():
         places = ", ".join(

@@ -39,7 +39,7 @@ from robacc.diagnostics.robot_poses import check_size, nominal_poses, read_robot
 from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
 from robacc.errors import InputError, Note, Problem, UsageError, refuse
-from robacc.geometry import Array, NDArray, rotation_from_quaternion
+from robacc.geometry import Array, NDArray
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_file
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered_visits
@@ -666,7 +666,8 @@ def _table(path: PoseFile | str, reading: Reading, robot: Robot | None, ignore_l
 
 def _program(path: str) -> Measurements:
     """Return the targets of a robot program in the order of its motions."""
-    from robacc.programs.program import companions, read_program
+    from robacc.programs.program import ProgramFrame, companions, read_program
+    from robacc.programs.targets import flange_targets
 
     # A KUKA program has its points in the file of the same name.
     program = max((read_program(name) for name in (path, *companions(path))), key=lambda item: len(item.targets))
@@ -679,10 +680,23 @@ def _program(path: str) -> Measurements:
     data = Measurements(np.zeros((3, names.size)), pose=names, source=path, sha256=sha256_of(path))
     if kinds == {"joint"}:
         return replace(data, q=values)
-    based = sorted({target.base.name for target in targets if target.base is not None and target.base.name})
-    warning = f"{path}: commanded poses are in the program's base frame{' ' + ', '.join(based) if based else ''}"
-    rotation = rotation_from_quaternion(values[3:])
-    return replace(data, commanded_position=values[:3], commanded_rotation=rotation, warnings=(warning,))
+    # Registration fits one tool and one base, so a frame that all targets share need not be known.
+    tools, bases = {target.tool for target in targets}, {target.base for target in targets}
+    shared = ProgramFrame("", Frame())
+    own = (
+        replace(target, tool=target.tool if len(tools) > 1 else shared, base=target.base if len(bases) > 1 else shared)
+        for target in targets
+    )
+    _, poses, unknown = flange_targets(replace(program, targets=tuple(own)))
+    several, fix = (
+        f"moves with {len(tools)} tools in {len(bases)} base frames",
+        "give a program for each frame and tool",
+    )
+    refuse(*((True, Problem(f"{several}, and {why}", path, targets[i].line, fix=fix)) for i, why in unknown))
+    based = sorted({base.name for base in bases if base is not None and base.name})
+    frame = "the robot's" if len(bases) > 1 else "the program's"
+    warning = f"{path}: commanded poses are in {frame} base frame{' ' + ', '.join(based) if len(based) == 1 else ''}"
+    return replace(data, commanded_position=poses.translation, commanded_rotation=poses.rotation, warnings=(warning,))
 
 
 _GROUP = r".*(?:::|/|\\)_?"

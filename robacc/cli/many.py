@@ -134,12 +134,10 @@ def _check_call(paths: Sequence[str], options: Mapping[str, Any], extra: str | N
         (sheet, f"--contact-sheet {sheet}: shows the photos of one folder; give it with each folder alone"),
         ("-" in paths, "- (standard input) has no name for the table of several files; give it alone"),
         *((places[i] in places[:i], f"{path} is given twice; give each file once") for i, path in enumerate(paths)),
-    )
-    refuse(
         (
             extra is not None and _folder(extra) is None,
             f"{name} {extra}: several files need a folder, whose name ends with /",
-        )
+        ),
     )
     inputs = Inputs(options)
     inputs.optional_robot()

@@ -26,7 +26,7 @@ from robacc.comparison.stored_results import (
     pair_poses,
     unit_of,
 )
-from robacc.errors import Problem, applying, given, refuse
+from robacc.errors import Problem, applying, by_key, given, refuse
 from robacc.fitting.parameters import absorb_constants
 from robacc.geometry import Array, rms_length
 from robacc.measurements import Measurements
@@ -510,10 +510,8 @@ def rows_of_targets(data: Measurements) -> dict[tuple[str, ...], list[int]]:
     """
     poses = np.arange(1, data.n + 1) if data.pose is None else data.pose
     columns = (poses,) if data.target is None or data.pose is None else (poses, data.target)
-    rows: dict[tuple[str, ...], list[int]] = {}
-    for i, key in enumerate(zip(*(map(str, column) for column in columns), strict=True)):
-        rows.setdefault(key, []).append(i)
-    return rows
+    names = zip(*(map(str, column) for column in columns), strict=True)
+    return by_key(zip(names, range(data.n), strict=True))
 
 
 def _means(values: Array, rows: Rows) -> Array:

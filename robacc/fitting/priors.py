@@ -30,6 +30,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from robacc.effects.frames import LinkGeometry
+from robacc.errors import by_key
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ROUNDING, SETTLED, SIGNIFICANT, STEPS
 from robacc.fitting.normal_equations import posterior, solved
@@ -66,9 +67,8 @@ def weak_kinds(fit: Fit) -> tuple[WeakKind, ...]:
     broad = broad_stds(fit.model, fit.terms, fit.owners)[columns]
     is_weak = np.sqrt(np.diag(posterior(fit.gram, fit.precision))) > WEAK * broad
     is_weak &= np.isclose(fit.precision, broad_precision(broad, fit.theta[columns]), rtol=0.5)
-    kinds: dict[tuple[str, str, float], list[str]] = {}
-    for i, std in zip(columns[is_weak].tolist(), broad[is_weak].tolist(), strict=True):
-        kinds.setdefault((fit.model.free[fit.owners[i]].name, fit.terms[i].unit, std), []).append(fit.names[i])
+    weak = zip(columns[is_weak].tolist(), broad[is_weak].tolist(), strict=True)
+    kinds = by_key(((fit.model.free[fit.owners[i]].name, fit.terms[i].unit, std), fit.names[i]) for i, std in weak)
     return tuple(WeakKind(*kind, tuple(names)) for kind, names in kinds.items())
 
 

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 import numpy as np
 
 from robacc.accuracy.error_statistics import principal_axes
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, by_key, refuse
 from robacc.geometry import Array, NDArray, compose, log_so3, rpy_from_rotation, transpose
 from robacc.measurements import Measurements
 from robacc.statistics.intervals import (
@@ -169,9 +169,7 @@ def visits_of(
     # Grouped by id even if the commands differ, which a warning reports: then the command is wrong.
     ids = data.groups() if data.pose is None else data.pose
     targets = np.zeros(data.n) if data.target is None else data.target
-    members: dict[tuple[object, object], list[int]] = {}
-    for row, key in enumerate(zip(ids.tolist(), targets.tolist(), strict=True)):
-        members.setdefault(key, []).append(row)
+    members = by_key(zip(zip(ids.tolist(), targets.tolist(), strict=True), range(data.n), strict=True))
     several_targets, poses = len({target for _, target in members}) > 1, []
     for index, ((own, target), visits) in enumerate(members.items()):
         rows = np.array(visits)

@@ -10,7 +10,7 @@ from typing import Any, Literal, NamedTuple, cast
 
 import numpy as np
 
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, by_key, refuse
 from robacc.geometry import Array, NDArray, Poses
 from robacc.io.files import read_bytes, read_text
 from robacc.io.yaml_nodes import top_section
@@ -236,9 +236,7 @@ class Program:
 
 def by_convention(targets: Mapping[int, ProgramTarget]) -> Iterable[tuple[Convention | None, list[int]]]:
     """Return the keys of targets that are converted at once: of one convention and number of components."""
-    groups: dict[tuple[Convention | None, int], list[int]] = {}
-    for i, target in targets.items():
-        groups.setdefault((target.convention, len(target.numbers)), []).append(i)
+    groups = by_key(((target.convention, len(target.numbers)), i) for i, target in targets.items())
     return ((convention, rows) for (convention, _), rows in groups.items())
 
 

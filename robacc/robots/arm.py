@@ -26,7 +26,7 @@ from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
-from robacc.errors import Problem, UsageError, refuse
+from robacc.errors import Problem, UsageError, by_key, refuse
 from robacc.geometry import Array, NDArray, Poses, compose, cross, log_so3, rms_length, transpose
 from robacc.robots.description import (
     FRAME_PARAMETERS,
@@ -153,9 +153,7 @@ class Chain:
         jacobian = np.empty((6, len(wanted), n), dtype=dtype)
         stored = {count: _empty_poses(n, dtype) for count in frames}
         tip = _empty_poses(n, dtype)
-        slots: dict[int, list[int]] = {}
-        for slot, k in enumerate(wanted):
-            slots.setdefault(k, []).append(slot)
+        slots = by_key((k, slot) for slot, k in enumerate(wanted))
         rotations = [slot for slot, k in enumerate(wanted) if self.motions[k].kind == "rotation"]
         for block in self.blocks(n):
             columns, origin = [np.eye(3)[:, [axis]] for axis in range(3)], np.zeros((3, 1))

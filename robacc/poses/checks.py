@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robacc.errors import InputError, Note, Problem
+from robacc.errors import InputError, Note, Problem, by_key
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
@@ -337,11 +337,12 @@ _Group = tuple[str, bool]
 
 def _groups(columns: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
     """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
-    groups: dict[_Group, list[Column]] = {}
-    for column in columns:
-        is_command = column.key.startswith("cmd_") or JOINT_COLUMN.fullmatch(column.key) is not None
-        groups.setdefault((QUANTITY[column.kind], are_apart and is_command), []).append(column)
-    return groups
+    return by_key(((QUANTITY[column.kind], are_apart and _is_commanded(column.key)), column) for column in columns)
+
+
+def _is_commanded(key: str) -> bool:
+    """Return whether a column is one of commands."""
+    return key.startswith("cmd_") or JOINT_COLUMN.fullmatch(key) is not None
 
 
 def _scaled(values: Values, groups: Mapping[_Group, Sequence[Column]], units: Mapping[_Group, str]) -> Values:
@@ -496,9 +497,9 @@ def conventions(
         if doubt:
             by = ", ".join(f"{name} by {missed[name]}" for name in trial or ())
             fitting = [name for name in options if not (is_settled and trial and is_ruled_out(name, trial))]
-            listed = ", ".join(f"{name} ({_WRITERS[name]})" if name in _WRITERS else name for name in fitting)
+            listed = " or ".join(f"`angles={name}` ({_WRITERS.get(name, 'fixed axes')})" for name in fitting)
             message = f"these {doubt}" + (f" (they miss the known orientations: {by})" if by else "")
-            log.add(message, values.header, ", ".join(names), f"give `angles`: {listed}")
+            log.add(message, values.header, ", ".join(names), f"give {listed}")
         elif missed:
             best, worse, *_ = missed
             fits = f"it fits the known orientations to {missed[best]}, others miss by {missed[worse]}"

@@ -568,7 +568,7 @@ HEADERS: list[Case] = [
     (
         f"X [m],Y [m],Z [m],Rx [deg],Ry [deg],Rz [deg],{COMMANDED[:17]}\n0,0,0,1,2,3,0,0,0\n0,0,1,2,3,4,0,0,1\n",
         {},
-        "these may be angles of several conventions; give `angles`: rotvec (Universal Robots), fixed-xyz (trackers,",
+        "these may be angles of several conventions; give `angles=rotvec` (Universal Robots) or `angles=fixed-xyz`",
     ),
     ("\n".join((LINES[0], *LINES[1:3], *LINES[1:])), {}, "point 'P1' has no row for Z"),
     ("\n".join((*LINES, LINES[2])), {}, "point 'P1' has no row for X and Z"),

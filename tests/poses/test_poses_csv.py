@@ -495,7 +495,7 @@ def test_numbers_from_zero_beside_joints_are_a_quaternion_with_the_scalar_part_f
 
 def test_numbers_from_one_are_a_question(tmp_path: Path) -> None:
     path = written(tmp_path, ["Q1", "Q2", "Q3", "Q4"], TURNS.as_quat().T)
-    with pytest.raises(InputError, match=r"give `angles`: wxyz \(scalar part first\), xyzw") as caught:
+    with pytest.raises(InputError, match=r"give `angles=wxyz` \(scalar part first\) or `angles=xyzw`") as caught:
         read_turned(path)
     assert len(caught.value.problems) == 1
 
@@ -608,7 +608,7 @@ def test_documented_names_that_the_data_contradict_are_a_question(read: Reader) 
     (problem,) = problem_texts(read, text)
     assert problem.startswith("1, rx_deg, ry_deg, rz_deg: these are documented as a rotation vector, which they do not")
     assert "fixed-xyz by " in problem
-    assert problem.endswith("give `angles`: fixed-xyz (trackers, FANUC, Yaskawa)")
+    assert problem.endswith("give `angles=fixed-xyz` (trackers, FANUC, Yaskawa)")
 
 
 def test_ambiguous_names_are_taken_as_the_data_show_or_asked_for(read: Reader) -> None:
@@ -620,7 +620,10 @@ def test_ambiguous_names_are_taken_as_the_data_show_or_asked_for(read: Reader) -
     (problem,) = problem_texts(
         read, "\n".join(["X [m],Y [m],Z [m],Rx [deg],Ry [deg],Rz [deg],cmd_x,cmd_y,cmd_z,pose", *alone])
     )
-    assert "these may be angles of several conventions; give `angles`: rotvec (Universal Robots), fixed-xyz" in problem
+    assert (
+        "these may be angles of several conventions; give `angles=rotvec` (Universal Robots) or `angles=fixed-xyz`"
+        in problem
+    )
 
 
 def test_every_pair_of_conventions_is_told_apart() -> None:

@@ -9,12 +9,14 @@ from __future__ import annotations
 
 import hashlib
 import io
+import itertools
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from typing import BinaryIO, NamedTuple
 
 import numpy as np
 
+from robacc.errors import Problem, by_key, refuse
 from robacc.geometry import NDArray, quaternion_from_rotation, rotation_from_rpy
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import bytes_of, decode
@@ -64,6 +66,8 @@ class _Record(NamedTuple):
     values: dict[str, float]
     line: int
     name: str
+    caption: str = ""
+    """Words in front of the values, in their line and in the line above, without numbers."""
 
 
 class LogTable(ColumnTable):
@@ -101,11 +105,12 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
     """Return the poses of a log as a table; lists that no word tells apart as numbers without a header.
 
     Raises:
-        InputError: The file is not text.
+        InputError: The file is not text, or has poses of several kinds.
     """
     data = bytes_of(stream, file)
     text = decode(data, file)
     records = [*_records(text)]
+    _check_captions(records, file)
     if _ROKAE.search(text) and not any(record.values.get(_SEVENTH) for record in records):
         for record in records:
             record.values.pop(_SEVENTH, None)
@@ -132,9 +137,29 @@ def _records(text: str) -> Iterator[_Record]:
                 if record.values:
                     yield record
                 record = _Record({}, line, name)
+            above = text.rfind("\n", 0, max(text.rfind("\n", 0, at.start()), 0)) + 1
+            record = record if record.values else record._replace(caption=_caption(text[above : at.start()]))
             record.values.update(values)
             record = record._replace(line=record.line or line, name=record.name or name)
     yield record
+
+
+def _caption(text: str) -> str:
+    """Return the words of a text, without values and numbers but that of a type."""
+    return " ".join(re.findall(r"\btype\W*\d+|[^\W\d_]{2,}", _VALUES.sub("", text)))
+
+
+def _check_captions(records: Sequence[_Record], file: str) -> None:
+    """Raise InputError where the captions of poses change in turn, as those of an arm and of an instrument do."""
+    lines = by_key((record.caption, record.line) for record in records)
+    kinds = {caption: found for caption, found in lines.items() if len(found) > 2}
+    n_changes = sum(first.caption != second.caption for first, second in itertools.pairwise(records))
+    has_same_values = len({tuple(record.values) for record in records}) == 1
+    listed = ", ".join(f"{caption or 'none'!r} (line {found[0]})" for caption, found in kinds.items())
+    message = f"has poses of {len(kinds)} kinds in turn, by their captions: {listed}"
+    fix = "write the poses of the instrument and those of the arm to a file each"
+    is_mixed = has_same_values and len(kinds) > 1 and 3 * n_changes > 2 * len(records)
+    refuse((is_mixed, Problem(message, file, fix=fix)))
 
 
 def _named(text: str, before: str) -> Iterator[dict[str, float]]:

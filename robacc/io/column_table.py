@@ -209,6 +209,7 @@ search takes a tenth of a second."""
 _OF_RECORDS = re.compile(
     rb"""(?xsm) [{\[] | --- | header: | hand, | [-+.\deE,;\ \t]{1000}
     | .*( [\n,;\t]"\[ | [\[({]\s*[-+.\d]+\s*,\s*[-+.\d] | :\s*[-+.\d]+,\s | \b(X|[AJ]1)\s*[:=\ ]\s*[-+.\d]
+        | \bx\s*[:=]\s*[-+.\d]
         | ^\s*DIM\s | ^[\ \t\[]*(0(\.0*)?(e[-+]?0+)?[,;\s]+){3}1(\.0*)?(e[-+]?0+)?[\s\]]*$ )"""
 )
 """Beginning of a document of records: JSON, YAML, pairs of hand and eye, matrices, a CSV whose cells are lists, a log

@@ -92,4 +92,5 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> ColumnTab
     columns = [("pose", np.array([label or name for name, label in moves]))]
     for i, name in enumerate(_NAMES[forms[0]]):
         columns.append((name, np.array([float(points[point].cells[i]) for point, _ in moves])))
-    return ColumnTable(columns, file, options.skip_gaps, hashlib.sha256(data).hexdigest())
+    remark = f"positions are in the frame {frames[0]}" if frames[0] else ""
+    return ColumnTable(columns, file, options.skip_gaps, hashlib.sha256(data).hexdigest(), remark)

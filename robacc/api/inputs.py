@@ -688,10 +688,7 @@ def _program(path: str) -> Measurements:
         for target in targets
     )
     _, poses, unknown = flange_targets(replace(program, targets=tuple(own)))
-    several, fix = (
-        f"moves with {len(tools)} tools in {len(bases)} base frames",
-        "give a program for each frame and tool",
-    )
+    several, fix = "has several tools or base frames", "give a program for each tool and base frame"
     refuse(*((True, Problem(f"{several}, and {why}", path, targets[i].line, fix=fix)) for i, why in unknown))
     based = sorted({base.name for base in bases if base is not None and base.name})
     frame = "the robot's" if len(bases) > 1 else "the program's"
@@ -762,7 +759,11 @@ def _joined(
         order = {name: i for i, name in enumerate(dict.fromkeys(measured.tolist()))}
         poses_and_rows = f"{len(order)} measured poses ({n} rows)" if order else f"{n} measured rows"
         message = f"found {poses_and_rows} and {planned.n} commands in {path}, which share no names"
-        problem = Problem(message, source, fix="name the poses in both files, in a column pose")
+        problem = Problem(
+            message,
+            source,
+            fix="name the poses in both files, in a column pose; give each of several tools (Tool ID) its own file",
+        )
         refuse((planned.n not in (every.size, n, len(order)), problem))
         # Rows that were left out have a command too.
         at = np.searchsorted(every, lines) if every.size == planned.n else np.arange(n)

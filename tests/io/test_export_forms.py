@@ -1412,6 +1412,82 @@ def test_a_job_of_poses_has_commanded_poses(campaign: Campaign, tmp_path: Path) 
     )
 
 
+def test_positions_of_a_job_in_several_frames_are_refused(tmp_path: Path) -> None:
+    places = "C00000=1,2,3,0,0,0\nC00001=4,5,6,0,0,0\n"
+    user = f"///USER 2\n///POSTYPE USER\n///RECTAN\n{places}"
+    base = "///TOOL 1\n///POSTYPE BASE\n///RECTAN\nP00001=9,9,9,0,0,0\n///POSTYPE PULSE\n///PULSE\nC00009=1,2,3,4,5,6\n"
+    reader = plug_in("robacc.readers", "jobs")
+
+    def read(moves: str) -> Any:
+        job = f"/JOB\n//POS\n{user}{base}//INST\nNOP\n{moves}END\n"
+        return reader.read_stream(io.BytesIO(job.encode()), "run.jbi", TableOptions(lambda text: False))
+
+    assert read("MOVL C00000\nMOVL C00001\n").n == 2
+    with pytest.raises(InputError, match=r"positions of several kinds: BASE with TOOL 1, USER 2 with TOOL 0"):
+        read("MOVL C00000\nMOVL P00001\n")
+    with pytest.raises(InputError, match="positions of several kinds: PULSE, RECTAN"):
+        read("MOVL C00000\nMOVJ C00009\n")
+
+
+WORK_OBJECTS = (
+    (np.array([400.0, -100.0, 50.0]), Rotation.from_euler("z", 40, degrees=True)),
+    (np.array([0.0, 200.0, 30.0]), Rotation.from_euler("z", -25, degrees=True)),
+)
+
+
+def rapid_of_work_objects(c: Campaign, *, defined: bool) -> str:
+    """Moves of the commanded poses, in two work objects in turn, with one tool that the module does not define."""
+    lines, moves = [], []
+    for k, (origin, turn) in enumerate(WORK_OBJECTS if defined else ()):
+        frame = f"[{numbers(origin)}],[{numbers(turn.as_quat()[[3, 0, 1, 2]])}]"
+        lines.append(f'PERS wobjdata w{k}:=[FALSE,TRUE,"",[{frame}],[[0,0,0],[1,0,0,0]]];')
+    for i, (place, turn) in enumerate(zip(c.commanded * MM, c.commanded_turn, strict=True)):
+        origin, frame = WORK_OBJECTS[i % 2]
+        pose = (
+            f"[{numbers(frame.inv().apply(place - origin))}],[{numbers((frame.inv() * turn).as_quat()[[3, 0, 1, 2]])}]"
+        )
+        lines.append(f"CONST robtarget p{i}:=[{pose},[0,0,0,0],[9E9,9E9,9E9,9E9,9E9,9E9]];")
+        moves.append(f"MoveL p{i},v100,fine,tSmr\\WObj:=w{i % 2};")
+    return "\n".join(["MODULE m", *lines, "PROC main()", *moves, "ENDPROC", "ENDMODULE", ""])
+
+
+def test_commands_in_several_work_objects_are_poses_in_the_base(campaign: Campaign, tmp_path: Path) -> None:
+    """Registration fits one base: poses of two work objects read as of one have errors of decimetres."""
+    points = saved(tmp_path / "points.csv", mm(campaign)["points.csv"])
+    module = saved(tmp_path / "cell.mod", rapid_of_work_objects(campaign, defined=True))
+    data = robacc.read_poses(points, commanded=module)
+    np.testing.assert_allclose(data.commanded_position.T, campaign.commanded, atol=1e-6)
+    turns = np.moveaxis(data.commanded_rotation, 2, 0)
+    np.testing.assert_allclose(turns, campaign.commanded_turn.as_matrix(), atol=1e-6)
+    module = saved(tmp_path / "other.mod", rapid_of_work_objects(campaign, defined=False))
+    said = refused("estimate", points, "--commanded", module, status=3)
+    assert "has several tools or base frames, and the base w0 is in none of the files read" in said
+
+
+@pytest.mark.parametrize(
+    "captions", [("tracker_point {}", "flange_point {}"), ("type: 1 index: {}", "type: 0 index: {}")]
+)
+def test_a_log_of_two_kinds_of_poses_is_refused(campaign: Campaign, tmp_path: Path, captions: tuple[str, str]) -> None:
+    """The captions above tell the poses of the instrument from those of the arm, which have the same names."""
+    text = "Thread started.\n"
+    for i, (measured, commanded) in enumerate(zip(campaign.position * MM, campaign.commanded * MM, strict=True)):
+        for caption, place in zip(captions, (measured, commanded), strict=True):
+            text += f"{caption.format(i)}\npoint x:{place[0]:.3f} y:{place[1]:.3f} z:{place[2]:.3f} A:0.1 B:0.2 C:0.3\n"
+    path = saved(tmp_path / "print.txt", text)
+    with pytest.raises(InputError, match=r"has poses of 2 kinds in turn, by their captions: '.*' \(line 3\)"):
+        robacc.read_poses(path, robot=ROBOT)
+
+
+def test_rows_of_several_tools_name_this_cause(campaign: Campaign, tmp_path: Path) -> None:
+    places = np.repeat(campaign.position * MM, 2, axis=0)
+    rows = "".join(f"{i // 2},{i % 2 + 1},{numbers(place)}\n" for i, place in enumerate(places))
+    points = saved(tmp_path / "ndi.csv", f"Frame,Tool ID,Tx,Ty,Tz\n{rows}")
+    joints = saved(tmp_path / "q.csv", table(JOINTS, np.degrees(campaign.q)))
+    said = one_line(refused("estimate", points, "--commanded", joints, "--robot", ROBOT, status=3))
+    assert "found 48 measured rows and 24 commands" in said
+    assert "give each of several tools (Tool ID) its own file" in said
+
+
 def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -> None:
     text = table(f"{JOINTS};dX;dY;dZ", np.degrees(campaign.q), campaign.position)
     with pytest.raises(InputError, match="columns x, y, z are missing"):

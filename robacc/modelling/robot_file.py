@@ -126,15 +126,16 @@ def read_robot(
         fix = f"did you mean {near}?" if near else f"robacc show robots lists the arms; {_EXPECTED}"
         raise InputError(Problem("is neither a file nor an arm of the package", name, fix=fix))
     suffix = PurePath(name).suffix.lower()
-    refuse((suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)))
+    refuse(
+        (suffix in _MESHES, Problem(f"is a mesh ({suffix}), which has no joints", name, fix=_EXPECTED)),
+        (suffix in (".m", ".mlx", ".py"), Problem("is a program, which is not run", name, fix=_EXPECTED)),
+    )
     text, fix = read_text(name), "convert it first: xacro robot.xacro > robot.urdf"
     refuse(
         (suffix == ".xacro", Problem("is xacro, not URDF", name, fix=fix)),
         (
             re.search(r"^(delta_theta\s*=|kinematics\s*:)", text, re.MULTILINE),
-            Problem(
-                "is a kinematics file", name, fix="convert it first, as the command init does for a kinematics file"
-            ),
+            Problem("is a kinematics file", name, fix="convert it first: robacc init --from FILE --output robot.yaml"),
         ),
     )
     if suffix in (".urdf", ".xml") or text.lstrip().startswith("<"):

@@ -518,7 +518,7 @@ def parse_robot(document_text: str, file: str) -> Robot:
             None,
             "robacc",
             "the format version is missing, so this is not a robot file of robacc",
-            f"write 'robacc: {FORMAT_VERSION}' as the first line",
+            f"write 'robacc: {FORMAT_VERSION}' as the first line; give a table of a paper as a CSV",
         )
     elif not isinstance(version, yaml.ScalarNode) or version.value != str(FORMAT_VERSION):
         top.report("robacc", f"expected format version {FORMAT_VERSION}, found {describe(version)}")

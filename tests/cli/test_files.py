@@ -145,6 +145,11 @@ def test_content_decides_the_format(
             "solid",
             "is a mesh (.stl), which has no joints; give a robot file (YAML), a URDF, or a table",
         ),
+        (
+            "arm.m",
+            "L(1) = Link('d', 0.4)\n",
+            "is a program, which is not run; give a robot file (YAML), a URDF, or a table",
+        ),
         ("a.urdf.xacro", "<robot/>", "is xacro, not URDF; convert it first"),
         (
             "a.csv",
@@ -154,12 +159,12 @@ def test_content_decides_the_format(
         (
             "calibration.conf",
             "[mounting]\ndelta_theta = [ 0, 0, 0, 0, 0, 0]\n",
-            "is a kinematics file; convert it first, as the command init does for a kinematics file",
+            "is a kinematics file; convert it first: robacc init --from FILE --output robot.yaml",
         ),
         (
             "a.yaml",
             "kinematics:\n  shoulder: {x: 0}\n",
-            "is a kinematics file; convert it first, as the command init does for a kinematics file",
+            "is a kinematics file; convert it first: robacc init --from FILE --output robot.yaml",
         ),
         ("a.sdf", "<sdf/>", "the root element is <sdf>, so this is an SDF model"),
         ("a.xml", "<mujoco/>", "the root element is <mujoco>, so this is a MuJoCo model"),

@@ -333,6 +333,8 @@ _VARIABLE = re.compile(r"(?:q|theta|θ|d)_?\d*\*?\s*(?=[+-]|$)|(?<=\d)\s*\+\s*(?
 _PI = re.compile(r"([+-]?)(\d*\.?\d*)\*?(?:pi|π)(?:/(\d+))?", re.IGNORECASE)
 _PREVIOUS = re.compile(r"[-−]\s*1|prev", re.IGNORECASE)
 """Sign of Craig's form in the name of a column: the twist and length of the link before."""
+_MARKUP = re.compile(r"[\\{}$]|</?su[bp]>")
+"""Signs of TeX and of HTML in a name, as in ``\\alpha_{i-1}``."""
 _RULE = re.compile(r"[-+=|:\s\u2500-\u257f]*")
 """Line of a drawn table without words."""
 _ANGLES = {"deg": np.pi / 180, "°": np.pi / 180, "rad": 1.0}
@@ -457,7 +459,8 @@ def _table(text: str, file: str) -> _Table | None:
 
 def _split(line: str, mark: str | None) -> list[str]:
     """Return the cells of a line; blanks part those of a line without the mark."""
-    cells = line.strip("|") if mark == "|" else line
+    plain = _MARKUP.sub("", line)
+    cells = plain.strip("|") if mark == "|" else plain
     return [cell.strip() for cell in cells.split(mark if mark and mark in cells else None)]
 
 

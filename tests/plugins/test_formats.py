@@ -714,6 +714,11 @@ SAME_ARM = {
         "theta_offset,theta,d,a,alpha,direction\n0,q1,0.4,0,-90,1\n,q2-90,0.15,0.2,90,-1\n0,q3,0,0,0,1\n",
         _TURNED,
     ),
+    "TeX": (
+        "| j | $\\theta_i$ | d<sub>i</sub> | a | \\alpha |\n|--|--|\n|1| \\theta_1 | 0.4 | 0 | -90 |\n"
+        "|2| \\theta_2 - 90 | 0.15 | 0.2 | 90 |\n|3| 0 | d_3 | 0 | 0 |\n",
+        _ROWS,
+    ),
     "limits": (
         "name,min_theta,max_theta,theta,d (cm),a (cm),alpha,sign\n"
         "A,-170,170,0,40,0,-90,1\nB,-90,90,-90,15,20,90,-1\nC,-9,9,0,0,0,0,1\n",

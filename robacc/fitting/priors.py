@@ -101,11 +101,8 @@ def shrink_to_nominal(
     """
     columns = fitted.identifiability.columns
     weak = {(kind.effect, kind.unit) for kind in weak_kinds(fitted)}
-    kinds: dict[str, list[int]] = {}
-    for index, column in enumerate(columns):
-        effect, unit = fitted.model.free[fitted.owners[column]].name, fitted.terms[column].unit
-        if effect in effects and (effect, unit) not in weak:
-            kinds.setdefault(unit, []).append(index)
+    named = [(fitted.model.free[fitted.owners[column]].name, fitted.terms[column].unit) for column in columns]
+    kinds = by_key((kind[1], i) for i, kind in enumerate(named) if kind[0] in effects and kind not in weak)
     kinds = {unit: indices for unit, indices in kinds.items() if len(indices) >= _FEWEST}
     while kinds:
         found = _select(fitted, kinds)

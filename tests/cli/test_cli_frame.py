@@ -300,6 +300,7 @@ SHOWS_COMMANDS = {
     "render/views/accuracy.py",  # the command that comes next
     "render/views/fit.py",  # the same
     "render/views/expected.py",  # the same
+    "modelling/robot_file.py",  # the command that makes a robot file
     "simulation/simulate.py",  # comments of files that `robacc init` writes
     "poses/csv_file.py",  # the same
     "render/plots/canvas.py",  # variables of CSS

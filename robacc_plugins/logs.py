@@ -67,7 +67,7 @@ class _Record(NamedTuple):
     line: int
     name: str
     caption: str = ""
-    """Words in front of the values, in their line and in the line above, without numbers."""
+    """Words between these values and those before, in their line and in the line above, without numbers."""
 
 
 class LogTable(ColumnTable):
@@ -127,7 +127,9 @@ def _records(text: str) -> Iterator[_Record]:
     first, record = "", _Record({}, 0, "")
     line, start, end = 1, 0, 0
     for at in _VALUES.finditer(text):
-        before = text[max(text.rfind("\n", 0, at.start()) + 1, end) : at.start()]
+        begin = max(text.rfind("\n", end, at.start()) + 1, end)
+        above = max(text.rfind("\n", end, max(begin - 1, end)) + 1, end)
+        before, caption = text[begin : at.start()], _caption(text[above : at.start()])
         name = next(("".join(found) for found in _POSE.findall(before)), "")
         line += text.count("\n", start, at.start())
         start, end = at.start(), at.end()
@@ -137,16 +139,16 @@ def _records(text: str) -> Iterator[_Record]:
                 if record.values:
                     yield record
                 record = _Record({}, line, name)
-            above = text.rfind("\n", 0, max(text.rfind("\n", 0, at.start()), 0)) + 1
-            record = record if record.values else record._replace(caption=_caption(text[above : at.start()]))
+            if not record.values:
+                record = record._replace(caption=caption)
             record.values.update(values)
             record = record._replace(line=record.line or line, name=record.name or name)
     yield record
 
 
 def _caption(text: str) -> str:
-    """Return the words of a text, without values and numbers but that of a type."""
-    return " ".join(re.findall(r"\btype\W*\d+|[^\W\d_]{2,}", _VALUES.sub("", text)))
+    """Return the words of a text, without numbers but that of a type."""
+    return " ".join(re.findall(r"\btype\W*\d+|[^\W\d_]{2,}", text))
 
 
 def _check_captions(records: Sequence[_Record], file: str) -> None:

@@ -1478,6 +1478,16 @@ def test_a_log_of_two_kinds_of_poses_is_refused(campaign: Campaign, tmp_path: Pa
         robacc.read_poses(path, robot=ROBOT)
 
 
+def test_a_caption_ends_at_the_values_before_it(tmp_path: Path) -> None:
+    # In one line, captions that reached back to its beginning would take time as the square of its length.
+    values = "x: {0}.5 y: 2.{0} z: 3.{0} A: 0.1 B: 0.2 C: 0.3"
+    path = saved(
+        tmp_path / "log.txt", " ".join(f"{name} {values.format(i)}" for i in range(9) for name in ("arm", "eye"))
+    )
+    with pytest.raises(InputError, match=r"by their captions: 'arm' \(line 1\), 'eye' \(line 1\)"):
+        robacc.read_poses(path, robot=ROBOT)
+
+
 def test_rows_of_several_tools_name_this_cause(campaign: Campaign, tmp_path: Path) -> None:
     places = np.repeat(campaign.position * MM, 2, axis=0)
     rows = "".join(f"{i // 2},{i % 2 + 1},{numbers(place)}\n" for i, place in enumerate(places))

@@ -85,11 +85,10 @@ def targets_in_rows(table: Table, target_names: Sequence[str] | None) -> Table |
     kind, column = ("pose", "Name") if are_poses else ("target", "target")
     targets = [*by_label] if are_poses else targets
     is_matched = None not in targets and len({*targets}) == len(targets)
-    words = {heading_of(name).text for name in table.names}
-    if not is_matched or any(len(names) > 1 for names in units) or words & {"target", "smr", "reflector"}:
+    if not is_matched or any(len(names) > 1 for names in units) or siblings & {"target", "smr", "reflector"}:
         return None
     new = {**_coordinates(table, "", points[0]), column: None}
-    new |= {} if are_poses or words & {"visit", "arrival"} else {"visit": None}
+    new |= {} if are_poses or siblings & {"visit", "arrival"} else {"visit": None}
     parts = (f"{', '.join(table.names[i] for i in p)} of {kind} {t}" for p, t in zip(points, targets, strict=True))
 
     def make(old: TableBody) -> Rows:

@@ -11,7 +11,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.errors import Note
+from robacc.errors import Note, by_key
 from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
@@ -504,13 +504,12 @@ def _chosen(known: Layout, table: Table, headings: Sequence[Heading], rivals: Se
     candidates = [item for item in candidates if item.meaning.key not in known.columns]
     # Joints are counted from 1.
     shift = int(any(item.meaning.key == "q0" for item in candidates))
-    by_key: dict[str, list[_Candidate]] = {}
-    for item in candidates:
-        key = item.meaning.key
-        by_key.setdefault(f"q{int(key[1:]) + shift}" if _JOINT.fullmatch(key) else key, []).append(item)
+    keys = (item.meaning.key for item in candidates)
+    shifted = (f"q{int(key[1:]) + shift}" if _JOINT.fullmatch(key) else key for key in keys)
+    found = by_key(zip(shifted, candidates, strict=True))
     result: dict[str, _Candidate] = {}
     read_back: dict[str, _Candidate] = {}
-    for key, items in by_key.items():
+    for key, items in found.items():
         if _JOINT.fullmatch(key):
             # The commanded joints are wanted; attained ones stand in where the file has no others, else beside them.
             attained = [item for item in items if item.meaning.commanded is False]

@@ -19,7 +19,7 @@ from itertools import zip_longest
 from types import MappingProxyType
 from typing import Any, Literal, NamedTuple, TextIO
 
-from robacc.errors import InputError, Note, RobaccError
+from robacc.errors import InputError, Note, RobaccError, by_key
 
 Document = Mapping[str, Any]
 """A JSON result, or an object in it."""
@@ -254,10 +254,8 @@ def joint_unit(joint: Document) -> Unit:
 
 def grouped(names: Sequence[str]) -> str:
     """Return names with a common beginning together: ``tool_frame.a (roll, pitch)``."""
-    members: dict[str, list[str]] = {}
-    for name in names:
-        start, _, last = name.rpartition(".")
-        members.setdefault(start, []).append(last)
+    parts_of_names = (name.rpartition(".") for name in names)
+    members = by_key((start, last) for start, _, last in parts_of_names)
     return ", ".join(
         f"{start} ({', '.join(parts)})"
         if start and len(parts) > 1

@@ -194,6 +194,6 @@ def without_idle_rotations(fitted: Fit, original: Model, data: Measurements, opt
     is_open = options.priors is None and rotations and np.isfinite(covariance).all()
     if not is_open or chi2_sf(float(value @ solved(covariance, value)), float(len(rotations))) <= SIGNIFICANT:
         return fitted
-    # DH_PARAMETERS ends with beta.
-    effects = [LinkGeometry(e.joints, DH_PARAMETERS[:-1]) if i in whole else e for i, e in enumerate(original.free)]
+    labels = tuple(label for label in DH_PARAMETERS if label != "beta")
+    effects = [LinkGeometry(e.joints, labels) if i in whole else e for i, e in enumerate(original.free)]
     return refit(fitted, effects, data, options, by_effect(effects, fitted.owners, fitted.names, fitted.theta))

@@ -205,10 +205,11 @@ def fit(model: Model, data: Measurements, options: Options = _DEFAULTS) -> Fit:
             options = dataclasses.replace(options, inliers=inliers) if options.robust else options
     solver = _Solver(model, data, options)
     is_trimmed = options.robust and data.n >= ENOUGH
-    for solved in range(1 + ROUNDS):
-        # Gross rows would pull constants far from nominal, where the broad prior is weak: they go before the first.
-        changed = is_trimmed and solver.trim()
-        if solved and not changed:
+    if is_trimmed:
+        solver.trim()  # Gross rows would pull constants far from nominal, where the broad prior is weak.
+    linear = solver.solve()
+    for _ in range(ROUNDS):
+        if not (is_trimmed and solver.trim()):
             break
         linear = solver.solve()
     return solver.result(linear)

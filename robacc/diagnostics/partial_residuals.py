@@ -100,7 +100,7 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
         direction = np.zeros_like(without)
         moved = without[:3] - fit.residual[:3]
         direction[:3] = moved / np.maximum(np.linalg.norm(moved, axis=0), 1e-300)
-        direction *= _sign(effect, [fit.names[i] for i in indices], fit, data)
+        direction *= _sign(effect, indices, fit, data)
     else:
         # The derivative of the residual by the joint, with all free coefficients at zero.
         direction = observed_jacobian(joint_columns(fit.model, data), fit.residual)[:, arm.number(joint)]
@@ -145,14 +145,14 @@ def _curve(effect: Effect, joint: str | None, indices: Sequence[int], fit: Fit, 
     )
 
 
-def _sign(effect: Effect, names: Sequence[str], fit: Fit, data: Measurements) -> Array | float:
+def _sign(effect: Effect, indices: Sequence[int], fit: Fit, data: Measurements) -> Array | float:
     """Return the sign of the regressor if all terms share it, so that the chart of a drift passes through zero."""
     # The terms of the fit are of its first block of poses.
-    parts = [term.parts[0] for term in effect.terms(fit.model.arm, data) if term.name in names]
+    parts = [term.parts[0] for term in effect.terms(fit.model.arm, data)]
     signs = [np.where(np.asarray(part.factor) < 0, -1.0, 1.0) for part in parts]
     if any(part.loads is not None for part in parts) or not all(np.array_equal(signs[0], other) for other in signs):
         return 1.0
-    return signs[0] * (-1.0 if fit.theta[fit.names.index(names[0])] < 0 else 1.0)
+    return signs[0] * (-1.0 if fit.theta[indices[0]] < 0 else 1.0)
 
 
 def _spectrum(angle: Array, before: Array, after: Array, sd: Array) -> Spectrum | None:

@@ -394,7 +394,8 @@ class Counterbalance(Effect):
         """Return what balances the joint, and what to check."""
         return (
             f"a spring or cylinder across {', '.join(self.joints)} carries a part of the weight: it is longest at "
-            f"{self.centre:.0f} degrees; check its pressure or preload if it was serviced"
+            f"{self.centre:.0f} degrees; check its pressure or preload if it was serviced. If there is none, the joint "
+            "sags under gravity: write the links' masses into the robot file, and trace again"
         )
 
 

@@ -24,7 +24,7 @@ from robacc.effects.drivers import (
 )
 from robacc.errors import Problem, UsageError, given, refuse
 from robacc.geometry import Array, Poses, rotation_about
-from robacc.measurements import IMAGES, Measurements
+from robacc.measurements import IMAGES, Measurements, different
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
 from robacc.robots.description import Frame, Robot, effect_key
 
@@ -420,6 +420,9 @@ class Baseline(NamedTuple):
 def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
     """Return the effects of every arm that poses in ``n_places`` different places support."""
     per_pose = 3 if data.rotation is None else 6
+    # A second target adds the two turns across the line to it, a third the turn about that line, a fourth nothing.
+    seen = different(data.points(data.groups())) / different(data.groups())
+    coordinates = math.floor(n_places * min(per_pose + 2 * (seen - 1), 6))
     revolute = sum(map(arm.is_revolute, arm.names))
     # Identifiable coefficients of the baseline up to each effect, without those of the targets.
     zeros, links = 6 + len(arm.names), 4 * revolute + 2 * (len(arm.names) - revolute)
@@ -428,10 +431,10 @@ def default_baseline(arm: Arm, data: Measurements, n_places: int) -> Baseline:
         coefficients = own + per_pose * max(len(arm.robot.targets), 1)
         least = math.ceil(_COORDINATES_PER_COEFFICIENT * coefficients)
         few = (
-            f"poses in {n_places} places give {n_places * per_pose} coordinates, but the {coefficients} "
+            f"poses in {n_places} places give {coordinates} coordinates, but the {coefficients} "
             f"coefficients of the baseline with it need {least}"
         )
-        reasons[name] = reasons[name] or (few if n_places * per_pose < least else None)
+        reasons[name] = reasons[name] or (few if coordinates < least else None)
     names = tuple(name for name, why in reasons.items() if why is None)
     return Baseline(names, True, tuple((name, why) for name, why in reasons.items() if why is not None))
 

@@ -123,8 +123,8 @@ class Correlation:
 def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     """Return every coefficient: frames in the measuring frame, other coefficients as differences from nominal."""
     frames = _frames(fit)
-    values = dict(zip(fit.names, fit.theta.tolist(), strict=True))
-    values |= {f"base_frame.{name}.radius": each.radius for name, each in apply_fit(fit).fixtures.items()}
+    # Numbers in place of coefficients by their names, which only steps and drifts share.
+    values = {f"base_frame.{name}.radius": each.radius for name, each in apply_fit(fit).fixtures.items()}
     why = dict.fromkeys(fit.names, "not identifiable")
     for prefix, frame in frames.items():
         names = [f"{prefix}.{label}" for label in FRAME_PARAMETERS]
@@ -135,10 +135,10 @@ def parameters(fit: Fit) -> tuple[FittedParameter, ...]:
     why |= {missing.name: missing.why for missing in fit.identifiability.dropped}
     stds = _stds(_coordinate_covariance(fit, frames)).tolist()
     return tuple(
-        FittedParameter(term.name, values[term.name], std, term.unit)
+        FittedParameter(term.name, values.get(term.name, own), std, term.unit)
         if math.isfinite(std)
-        else FittedParameter(term.name, values[term.name], None, term.unit, why[term.name])
-        for term, std in zip(fit.terms, stds, strict=True)
+        else FittedParameter(term.name, values.get(term.name, own), None, term.unit, why[term.name])
+        for term, own, std in zip(fit.terms, fit.theta.tolist(), stds, strict=True)
     )
 
 

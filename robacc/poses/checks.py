@@ -522,15 +522,15 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
 
     Joints that were logged as read differ a little from visit to visit of one commanded pose.
     """
-    is_open = data.pose is None and data.q is not None and 2 <= data.n <= MOST_POSES
-    if not is_open or data.q is None or np.unique(data.groups()).size < data.n:
+    if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
         return data
-    place = close_groups(data.q, _ONE_COMMAND, 2.0 * _ONE_COMMAND)
+    _, first, which = np.unique(data.groups(), return_index=True, return_inverse=True)
+    place = close_groups(data.q[:, first], _ONE_COMMAND, 2.0 * _ONE_COMMAND)
     count = np.bincount(place)
-    # Share of the rows that repeat a pose from which a file has repetitions.
+    # Share of the different readings that are near another, from which a file has repetitions.
     if np.mean(count[place] > 1) < 0.25:
         return data
-    ids = np.array([f"P{k + 1}" for k in numbered(place).tolist()])
+    ids = np.array([f"P{k + 1}" for k in numbered(first[place[which]]).tolist()])
     log.warn(
         f"{data.n} rows are read as {np.count_nonzero(count)} commanded poses and their repetitions, because joints "
         f"differ by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",

@@ -265,13 +265,15 @@ def grouped(names: Sequence[str]) -> str:
 
 
 def effect_label(effect: str, joints: Sequence[str], settings: Mapping[str, Any]) -> str:
-    """Return ``backlash[j3]``, ``step[base]``: the effect, with its joints or with the part that changes.
+    """Return ``backlash[j3]``, ``step[base] at line 65``: the effect, its joints or the part that changes, and where.
 
     Masses that are fitted too are named: the same effect with the file's masses may be another finding.
     """
     part, masses = settings.get("part"), settings.get("masses", "known")
     where = ",".join(joints) if joints and part != "payload" else settings.get("target") or part
     label = f"{effect}[{where}]" if where else effect
+    for key, text in (("from_line", " at line {}"), ("from_time_s", " at {:.6g} s")):
+        label += text.format(settings[key]) if key in settings else ""
     return label if masses == "known" else f"{label} with {masses} masses"
 
 

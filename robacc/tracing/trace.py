@@ -95,12 +95,14 @@ def fitted_harmonics(
     orders, harmonics = orders_of(effect), list[Harmonic]()
     gear_ratio, tolerance = arm.joint(effect.joints[0]).gear_ratio, order_tolerance(float(np.ptp(angle)))
     values, maps = np.array([parameter.value for parameter in parameters]), np.eye(2 * len(orders))
+    others = np.ones(len(orders), dtype=bool)
     if effect.is_profile():
         phases = np.multiply.outer(orders, angle)
         waves = np.stack((np.cos(phases), np.sin(phases)), axis=1)
-        fits = [np.linalg.pinv(np.vstack((np.ones_like(angle), *pair)).T)[1:] for pair in waves]
-        maps = np.concatenate(fits) @ waves.reshape(-1, angle.size).T
-    others = np.ones(len(orders), dtype=bool)
+        designs = [np.vstack((np.ones_like(angle), *pair)).T for pair in waves]
+        maps = np.concatenate([np.linalg.pinv(design)[1:] for design in designs]) @ waves.reshape(-1, angle.size).T
+        # The poses hardly distinguish other orders from a constant, such as less than half a period (condition 4.6).
+        others = np.array([np.linalg.cond(design) for design in designs]) < 5.0
     for _ in range(min(len(orders), LISTED)):
         pairs = (maps @ values).reshape(-1, 2)
         k = int(np.argmax(np.where(others, np.linalg.norm(pairs, axis=1), -1.0)))
@@ -111,7 +113,7 @@ def fitted_harmonics(
         along = across = None
         if amplitude > 0.0 and np.all(variance >= 0.0):
             along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
-        if effect.is_profile() and (along is None or amplitude <= 2.0 * along):
+        if effect.is_profile() and (along is None or amplitude <= 2.0 * along or not others[k]):
             break
         values[own] -= pairs[k]
         others[k] = False
@@ -307,13 +309,10 @@ def remaining_error(
 ) -> Unexplained:
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
     hints = list(structure.warnings)
-    empirical = [
-        finding.size_at_tool or 0.0 for finding in findings if effect_class(finding.effect).traits.is_empirical
-    ]
-    if empirical:
+    if any(effect_class(finding.effect).traits.is_empirical for finding in findings):
         hints.append(
-            f"an error of about {1e3 * math.hypot(*empirical):.2g} mm rms depends smoothly on the pose, and no effect "
-            "of the catalogue describes it better than chance: no cause is named"
+            "joint_correction corrects an error that depends smoothly on the pose: no effect of the catalogue "
+            "describes that error as well, so no cause is named"
         )
         absent = [
             name
@@ -339,27 +338,21 @@ def remaining_error(
     if hints and (loads := unlogged_loads(final, data)) is not None:
         hints.insert(0, loads.text)
     rms, repeatability = rms_length(final.residual[:3, final.inliers]), structure.repeatability
-    of_residual = repeatability is not None and repeatability.source == "residual"
+    is_repeated = repeatability is not None and repeatability.source == "repeated visits"
     rounded = 0.0 if rounding is None else ALIKE * rounding.position
-    if repeatability is not None:
-        if of_residual and repeatability.position > math.hypot(_USUAL, rounded):
-            hints.append(
-                f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
-                "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
-                "measure some poses repeatedly to distinguish these"
-            )
-        if repeatability.pose_position > max(repeatability.position, NEGLIGIBLE * _USUAL):
-            hints.append(
-                "visits of a pose, or of poses close together, share an error of "
-                f"{1e3 * repeatability.pose_position:.3g} mm rms that no candidate explains"
-            )
+    if repeatability is not None and not is_repeated and repeatability.position > math.hypot(_USUAL, rounded):
+        hints.append(
+            f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
+            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
+            "measure some poses repeatedly to distinguish these"
+        )
     hints.extend(suspected_mistakes(final))
     pattern, share = outlier_pattern(data, ~final.inliers, final.model.arm.names), final.outliers.size / data.n
     if pattern is not None:
         hints.append(pattern)
     if share > FEW:
         hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
-    is_unconfirmed = noise.p_value is None and (repeatability is None or of_residual)
+    is_unconfirmed = noise.p_value is None and not is_repeated
     if findings and is_unconfirmed and rms > math.hypot(_USUAL, rounded):
         hints.append(
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "

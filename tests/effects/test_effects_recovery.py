@@ -188,6 +188,16 @@ def test_the_default_is_as_much_as_the_poses_support(
     assert all(f"poses in {n} places give" in why for _, why in baseline.left_out)
 
 
+@pytest.mark.parametrize(("n_targets", "n", "expected"), [(3, 7, ALL), (3, 6, ALL[:3]), (2, 9, ALL), (2, 8, ALL[:3])])
+def test_targets_at_one_pose_give_at_most_its_six_coordinates(
+    n_targets: int, n: int, expected: tuple[str, ...]
+) -> None:
+    data = dataclasses.replace(
+        poses("puma560", n, orientation=False, visits=n_targets), target=np.array(["a", "b", "c"][:n_targets] * n)
+    )
+    assert default_baseline(arm("puma560"), data, n).names == expected
+
+
 def test_repetitions_support_no_more_coefficients() -> None:
     data = poses("puma560", 7, orientation=False, visits=5)
     assert default_baseline(arm("puma560"), data, np.unique(places(data)).size).names == FRAMES

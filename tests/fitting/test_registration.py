@@ -14,6 +14,7 @@ from slow_parameters import some_fast
 
 import robacc
 from robacc import InputError, Measurements, Robot, UsageError, read_robot
+from robacc.effects.campaign import Step
 from robacc.effects.frames import BaseFrame, LinkGeometry
 from robacc.effects.specification import entry_of, parse_requests
 from robacc.error_model.structure import with_error_structure
@@ -378,6 +379,18 @@ def test_a_frame_at_the_pole_has_no_standard_error_of_roll_and_yaw() -> None:
     for label in ("roll", "yaw"):
         assert fitted[f"base_frame.{label}"].std is None
         assert "same axis" in (fitted[f"base_frame.{label}"].why)
+
+
+def test_steps_whose_coefficients_share_names_keep_their_own_values() -> None:
+    """All had the values of the last one."""
+    robot, rng = ur10(), np.random.default_rng(5)
+    q = rng.uniform(-2, 2, (6, 60))
+    exact = predict(robot, Measurements(position=np.zeros((3, 60)), q=q))
+    moved = np.repeat([[0.0, 1e-3, 3e-3], [0.0] * 3, [0.0] * 3], 20, axis=1)
+    data = Measurements(exact.translation + moved, q=q, rows=np.arange(2, 62))
+    steps = [Step((), "base", from_line=line) for line in (22, 42)]
+    values = [p.value for p in parameters(fit(Model.of(robot, steps), data)) if p.name == "step.x"]
+    np.testing.assert_allclose(values, (1e-3, 2e-3), rtol=1e-6)
 
 
 def test_held_out_intervals_count_every_target_of_a_pose(tmp_path: Path) -> None:

@@ -107,6 +107,11 @@ def test_real_poses() -> None:
     np.testing.assert_array_equal(data.temperature, [float(row["temperature_c"]) for row in rows])
 
 
+def test_readings_that_agree_to_the_last_digit_do_not_hide_other_repetitions(read: Reader) -> None:
+    rows = "".join(f"{q},{x},0,0\n" for x, q in enumerate((0.0, 1e-4, 0.5, 0.5, 1.0, 1.0001)))
+    assert read(f"q1,x,y,z\n{rows}").groups().tolist() == [0, 0, 1, 1, 2, 2]
+
+
 # How the text may look
 LAYOUTS = {
     "byte order mark": b"\xef\xbb\xbf" + PLAIN.encode(),

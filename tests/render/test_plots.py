@@ -325,7 +325,7 @@ def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
     assert effect_label("joint_compliance", ["j2"], {"masses": "uncertain"}) == (
         "joint_compliance[j2] with uncertain masses"
     )
-    assert effect_label("step", [], {"part": "base"}) == "step[base]"
+    assert effect_label("step", [], {"part": "base", "from_line": 65}) == "step[base] at line 65"
 
 
 def test_a_calibration_without_orientations_and_masses_stays_short() -> None:

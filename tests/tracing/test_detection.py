@@ -252,6 +252,11 @@ def test_harmonics_of_a_profile_are_the_waves_over_the_measured_angles() -> None
     assert (whole.order, whole.amplitude) == (17.0, pytest.approx(np.sqrt(5) * 1e-4))
     assert whole.phase == pytest.approx(math.atan2(-2, 1))
     assert whole.amplitude_std == pytest.approx(1e-6)
+    # Less than half a period, and angles that one order's period separates, were read as waves of any amplitude.
+    own = [FittedParameter(f"c{i}", 1e-5, 1e-6, "rad") for i in range(72)]
+    for angle in (np.linspace(0.5, 0.57, 60), np.repeat(np.arange(4) * np.pi / 2, 15)):
+        listed = fitted_harmonics(effect, own, covariance, arm("puma560"), angle, ())
+        assert all(harmonic.amplitude < 1e-3 for harmonic in listed)
 
 
 AMPLITUDE, ORDER, RANGE = 3e-4, 12.6, 1.2

@@ -568,7 +568,8 @@ def _finding(place: int, finding: Document, rms: float | None) -> list[Block]:
                 else "held-out poses: {} rms without it, {} rms with it{}".format(*map(with_unit, errors), turn),
                 *(
                     []
-                    if finding["harmonics"]
+                    # Single coefficients of a profile, or of a correction's basis, say nothing.
+                    if finding["harmonics"] or settings.keys() & {"shrunk", "centres"}
                     else [*first_of([*map(_parameter, parameters)], 8, "more coefficients"), *masses]
                 ),
                 *map(_alternative, finding["alternatives"]),

@@ -292,17 +292,19 @@ class CovarianceTerm(abc.ABC):
             for other, slope in self.slopes(parameters, rows, number, kernel):
                 yield other, carriers, slope
 
-    def _at_target(self, parameters: Array, linear: Linearised) -> Array:
+    def at_target(self, parameters: Array, linear: Linearised) -> Array:
         """Return ``(J,)`` standard deviations of the target by each joint, m."""
         return np.exp(parameters[self.amplitudes]) * linear.reach * (linear.rows.moves | self.acts_at_rest)
 
-    def size(self, parameters: Array, linear: Linearised) -> float:
-        """Return the root mean square of the error at the target, m."""
-        return float(
-            np.linalg.norm(self._at_target(parameters, linear))
-            if self.of_joints
-            else math.sqrt(3.0) * np.exp(parameters[0])
-        )
+    def size(self, parameters: Array, linear: Linearised, left: Array) -> float:
+        """Return the root mean square at the target of what a fit leaves of the error, m.
+
+        ``left`` ``(3 N, M, N)`` maps components of the measurements to the position that the fit leaves of them. What
+        coefficients describe, such as a smooth error over a small region, is no part of the remaining error.
+        """
+        carried = np.einsum("amn,jmn->jan", left, linear.joints) if self.of_joints else left.swapaxes(0, 1)
+        total = np.sum(carried @ self.kernels(parameters, linear.rows) * carried)
+        return float(np.sqrt(total / len(linear.y)))
 
     def warning(self, size: float) -> str:
         """Return a sentence on the error of root mean square ``size`` (m) for a fit that lacks its cause."""
@@ -315,7 +317,7 @@ class CovarianceTerm(abc.ABC):
         """Return the number of parameters that describe something: each costs half the logarithm of the rows."""
         if not self.of_joints:
             return len(parameters)
-        count = int(np.sum(self._at_target(parameters, linear) > NEGLIGIBLE * noise[0]))
+        count = int(np.sum(self.at_target(parameters, linear) > NEGLIGIBLE * noise[0]))
         return count + (count > 0) * (len(parameters) - len(linear.reach))
 
 
@@ -596,6 +598,15 @@ def whitened(noise: CovarianceParameters, linear: Linearised) -> Whitened:
     reduced = solve_triangular(triangle, columns.T @ y, lower=True)
     log_likelihood = -0.5 * (_log_det(factor) + _log_det(triangle) + float(y @ y - reduced @ reduced))
     return Whitened(columns, y, triangle, reduced, log_likelihood, factor, int(np.count_nonzero(linear.rows.shown)))
+
+
+def left_by_fit(noise: CovarianceParameters, linear: Linearised) -> Array:
+    """Return ``(3 N, M, N)``, which maps components of the measurements to the position that a fit leaves of them."""
+    white = whitened(noise, linear)
+    gains = np.linalg.solve(white.triangle @ white.triangle.T, _divided(white.columns, white.factor, "T").T)
+    return np.asarray(
+        (np.eye(gains.shape[1]) - linear.flat[:, :-1] @ gains)[: 3 * len(linear.y)].reshape(-1, *linear.y.shape[::-1])
+    )
 
 
 def _each_block(function: Callable[[Array], Array], blocks: Array) -> Array:

@@ -26,6 +26,7 @@ from robacc.error_model.covariance import (
     Linearised,
     Rows,
     estimated,
+    left_by_fit,
     likelihood_derivatives,
     log_evidence,
     on_subset,
@@ -149,7 +150,9 @@ def with_error_structure(
         noise = dataclasses.replace(noise, factor=np.ones(rows.size))
     if "scatter" in noise.terms:
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
-    sizes = {name: TERMS[name].size(values, linear) for name, values in noise.terms.items()}
+    in_weights = {name: noise.terms[name] for name in noise.terms if name == "scatter" and source != "residual"}
+    left = left_by_fit(dataclasses.replace(noise, terms=in_weights), linear)
+    sizes = {name: TERMS[name].size(values, linear, left) for name, values in noise.terms.items()}
     independent = np.sum(np.square(noise.independent(linear.rows.stated) * linear.rows.shown)[:, :3], axis=1)
     parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
@@ -244,7 +247,7 @@ def _repeatability(
     joints = zip(fitted.model.arm.names, stds.tolist(), relative <= 0.5, strict=True)
     return Repeatability(
         tuple((name, std if is_resolved else None) for name, std, is_resolved in joints),
-        parts["scatter"],
+        float(np.linalg.norm(TERMS["scatter"].at_target(noise.terms["scatter"], linear))),
         source,
         parts.get("pose", 0.0),
     )

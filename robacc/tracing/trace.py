@@ -95,14 +95,14 @@ def fitted_harmonics(
     orders, harmonics = orders_of(effect), list[Harmonic]()
     gear_ratio, tolerance = arm.joint(effect.joints[0]).gear_ratio, order_tolerance(float(np.ptp(angle)))
     values, maps = np.array([parameter.value for parameter in parameters]), np.eye(2 * len(orders))
-    others = np.ones(len(orders), dtype=bool)
     if effect.is_profile():
         phases = np.multiply.outer(orders, angle)
         waves = np.stack((np.cos(phases), np.sin(phases)), axis=1)
         designs = [np.vstack((np.ones_like(angle), *pair)).T for pair in waves]
-        maps = np.concatenate([np.linalg.pinv(design)[1:] for design in designs]) @ waves.reshape(-1, angle.size).T
         # The poses hardly distinguish other orders from a constant, such as less than half a period (condition 4.6).
-        others = np.array([np.linalg.cond(design) for design in designs]) < 5.0
+        fits = [np.linalg.pinv(design)[1:] * (np.linalg.cond(design) < 5.0) for design in designs]
+        maps = np.concatenate(fits) @ waves.reshape(-1, angle.size).T
+    others = np.ones(len(orders), dtype=bool)
     for _ in range(min(len(orders), LISTED)):
         pairs = (maps @ values).reshape(-1, 2)
         k = int(np.argmax(np.where(others, np.linalg.norm(pairs, axis=1), -1.0)))
@@ -113,7 +113,7 @@ def fitted_harmonics(
         along = across = None
         if amplitude > 0.0 and np.all(variance >= 0.0):
             along, across = math.sqrt(variance[0]), math.sqrt(variance[1]) / amplitude
-        if effect.is_profile() and (along is None or amplitude <= 2.0 * along or not others[k]):
+        if effect.is_profile() and (along is None or amplitude <= 2.0 * along):
             break
         values[own] -= pairs[k]
         others[k] = False
@@ -310,20 +310,13 @@ def remaining_error(
     """Return the error that remains after the findings, whether it has a structure, and hints on its cause."""
     hints = list(structure.warnings)
     if any(effect_class(finding.effect).traits.is_empirical for finding in findings):
+        absent = [name for name in CONSTANTS if all(effect.name != name for effect in found.model.free)]
         hints.append(
             "joint_correction corrects an error that depends smoothly on the pose: no effect of the catalogue "
             "describes that error as well, so no cause is named"
+            + f"; every arm deviates in {' and '.join(absent)} too, which were not declared: add {','.join(absent)} to "
+            "the effects of `declared`" * bool(absent)
         )
-        absent = [
-            name
-            for name in ("joint_offset", "link_geometry")
-            if all(effect.name != name for effect in found.model.free)
-        ]
-        if absent:
-            hints.append(
-                f"every arm deviates in {' and '.join(absent)} too, which were not declared: add "
-                f"{','.join(absent)} to the effects of `declared`"
-            )
     p_values = [0.0] if hints else [found.next[0].p_value] if found.next else [1.0]
     playing = {joint: effect for effect in final.model.free if effect.form.follows_approach for joint in effect.joints}
     memories = memory_of_play(final, data, tuple(playing))
@@ -338,33 +331,32 @@ def remaining_error(
     if hints and (loads := unlogged_loads(final, data)) is not None:
         hints.insert(0, loads.text)
     rms, repeatability = rms_length(final.residual[:3, final.inliers]), structure.repeatability
-    is_repeated = repeatability is not None and repeatability.source == "repeated visits"
-    rounded = 0.0 if rounding is None else ALIKE * rounding.position
-    if repeatability is not None and not is_repeated and repeatability.position > math.hypot(_USUAL, rounded):
-        hints.append(
-            f"the joints scatter by {1e3 * repeatability.position:.3g} mm rms at the target, more than an arm's "
-            "repeatability: an effect outside the catalogue, or a payload or load that was not recorded; "
-            "measure some poses repeatedly to distinguish these"
-        )
     hints.extend(suspected_mistakes(final))
     pattern, share = outlier_pattern(data, ~final.inliers, final.model.arm.names), final.outliers.size / data.n
     if pattern is not None:
         hints.append(pattern)
     if share > FEW:
         hints.append(f"{final.outliers.size} of {data.n} rows ({100 * share:.0f} %) are outliers: too many for chance")
-    is_unconfirmed = noise.p_value is None and not is_repeated
-    if findings and is_unconfirmed and rms > math.hypot(_USUAL, rounded):
+    # Of poses that are visited once, scatter of the joints looks like an effect outside the catalogue.
+    is_shown = noise.p_value is not None or (repeatability is not None and repeatability.source == "repeated visits")
+    if (
+        (findings or repeatability is not None)
+        and not is_shown
+        and rms > math.hypot(_USUAL, 0.0 if rounding is None else ALIKE * rounding.position)
+    ):
         hints.append(
             f"the remaining error, {1e3 * rms:.3g} mm rms, is larger than usual instrument noise and repeatability, "
             "and neither sigma columns nor repeated poses show that it is noise: part of it may have a cause outside "
-            "the model"
+            "the model, such as a load that was not recorded; measure some poses repeatedly"
         )
     if noise.p_value is not None and noise.p_value <= SIGNIFICANT:
         p_values.append(noise.p_value)
         source = "repeats" if noise.noise.source == "repeats" else "the file"
-        hints.append(f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})")
-        if not found.next or found.next[0].log_odds < ACCEPTED:
-            hints.append("no candidate explains this error: it is repeatability, or an effect outside the catalogue")
+        hints.append(
+            f"the residual is {noise.ratio:.3g} times the measurement noise (known from {source})"
+            + "; no candidate explains this error: it is repeatability, or an effect outside the catalogue"
+            * (not found.next or found.next[0].log_odds < ACCEPTED)
+        )
     for part, (looks, names) in _LOOKS_LIKE.items() if hints else ():
         untested = [f"{name} ({found.pool.missing[name]})" for name in names if name in found.pool.missing]
         if untested and (size := structure.parts.get(part, 0.0)) > structure.parts["noise"]:

@@ -16,6 +16,8 @@ import robacc
 from robacc import InputError, Measurements, Robot
 from robacc.accuracy.error_statistics import MatrixInterval, error_statistics
 from robacc.effects.specification import build, parse_requests
+from robacc.error_model.covariance import TERMS, CovarianceParameters, left_by_fit
+from robacc.error_model.structure import beside
 from robacc.fitting import solver
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit, outlier_pattern
@@ -47,6 +49,18 @@ def measured(direction: tuple[float, float, float], ratio: float, scatter: float
     noise = across * rng.normal(size=(3, n))
     noise += (ratio - 1.0) * along * (along * noise).sum(axis=0)
     return Measurements(predict(robot, attained).translation + noise, q=q)
+
+
+def test_what_coefficients_describe_is_no_part_of_the_remaining_error() -> None:
+    """An error that is the same at all times is one of the base frame; its size was that of its prior."""
+    data, robot = measured(ALONG["z"], 1.0, 0.0, 1), arm("puma560").robot
+    fitted = fit(model_of(robot, "base_frame", data), data)
+    linear, rows = beside(fitted, data)
+    left = left_by_fit(CovarianceParameters(np.log([NOISE]), np.ones(rows.size)), linear)
+    constant, fast = (TERMS["wander"].size(np.log([1e-3, time]), linear, left) for time in (1e4, 1e-6))
+    assert constant < 3e-5
+    # Of 450 coordinates, 6 coefficients describe 1 in 75.
+    assert fast == pytest.approx(np.sqrt(3.0 * 444 / 450) * 1e-3, rel=1e-3)
 
 
 @pytest.mark.parametrize("direction", DIRECTIONS)

@@ -281,7 +281,6 @@ def with_units(
         column
         for column in layout.columns.values()
         if column.unit is None and column.kind in QUANTITY and column.key in values.row_index
-        if QUANTITY[column.kind] not in foreign or column in layout.without_unit
     ]
 
     def doubts(trial: Values) -> frozenset[str]:
@@ -298,21 +297,26 @@ def with_units(
     if known[0] is not None:
         index = index[np.isfinite(known[0][0, index])]
         rows = values.rows(index)
+    groups: Mapping[_Group, Sequence[Column]] = {}
+    scores: dict[tuple[str, ...], float] = {}
+    best = math.inf
     # All in one unit; else, of an export, a tracker's mm beside metres of the controller.
     for are_apart in (False, True)[: 1 + bool(foreign)]:
-        groups = _groups(columns, are_apart)
-        choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, _ in groups]
-        scores = {}
+        tried = _groups(columns, layout.without_unit, are_apart)
+        choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, *_ in tried]
+        scores_of = {}
         for units in itertools.product(*choices):
-            trial = _scaled(rows, groups, dict(zip(groups, units, strict=True)))
+            trial = _scaled(rows, tried, dict(zip(tried, units, strict=True)))
             if not doubts(trial):
                 score = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
                 # A centimetre is too near to an inch to be told by the range.
                 if score <= (0.0 if "cm" in units else _NEAR if are_apart else math.inf):
-                    scores[units] = score
-        if scores:
+                    scores_of[units] = score
+        # Units apart where they alone agree, or where only so the angles of the measured poses follow the arm, too.
+        if not scores or min(scores_of.values(), default=math.inf) < best - 5.0:
+            groups, scores, best = tried, scores_of, min(scores_of.values(), default=math.inf)
+        if scores and (best < -15.0 or len(layout.orientation() or ()) != 3):
             break
-    best = min(scores.values(), default=math.inf)
     # Of documented names the motion of the arm decides: the lengths, and the angles where the joints are known.
     moves = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
     shown = (
@@ -331,13 +335,16 @@ def with_units(
     return _scaled(values, groups, found)
 
 
-_Group = tuple[str, bool]
-"""Quantity of columns, and whether they are those of commands alone."""
+_Group = tuple[str, bool, bool]
+"""Quantity of columns, whether their names are not documented, and whether they are those of commands alone."""
 
 
-def _groups(columns: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
+def _groups(columns: Sequence[Column], foreign: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
     """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
-    return by_key(((QUANTITY[column.kind], are_apart and _is_commanded(column.key)), column) for column in columns)
+    return by_key(
+        ((QUANTITY[column.kind], column in foreign, are_apart and _is_commanded(column.key)), column)
+        for column in columns
+    )
 
 
 def _is_commanded(key: str) -> bool:

@@ -385,7 +385,7 @@ def chain(*columns: str, tip: str | None = None, base: str | None = None) -> tup
         (("x_mm", "right_2 [deg]", "right_1 [deg]"), ("cart", "r_plate", ["right_1", "right_2"])),
         (("wheel", "right_1", "right_2"), ("ground", "r_plate", ["wheel", "right_1", "right_2"])),
         (("right_1", "right_3"), ("cart", "r3", ["right_1", "right_3"])),
-        (("right_1", "right_2", "finger"), ("cart", "finger_link", ["right_1", "right_2", "finger"])),
+        (("right_1", "right_2", "finger"), ("cart", "r_plate", ["right_1", "right_2"])),
         # Numbers: the longest chain without its gripper.
         (("q1", "q2", "q3", "x", "y", "z"), ("ground", "r_plate", ["wheel", "right_1", "right_2"])),
         (("J1", "J2", "J3", "J4"), ("ground", "finger_link", ["wheel", "right_1", "right_2", "finger"])),

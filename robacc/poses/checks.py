@@ -403,7 +403,7 @@ _WRITERS = {
     "fixed-xyz": "trackers, FANUC, Yaskawa",
     "moving-xyz": "Stäubli",
     "kuka-abc": "KUKA",
-    "zyz": "Kawasaki",
+    "zyz": "Kawasaki, Doosan",
     "wxyz": "scalar part first",
     "xyzw": "scalar part last, ROS",
 }

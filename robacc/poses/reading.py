@@ -79,7 +79,7 @@ _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
             "reflector",
             "reflektor",
         ),
-        *("mess", "analyzer", "gt", "truth", "ext", "extern", "external", "prism", "metrology"),
+        *("mess", "analyzer", "gt", "truth", "true", "opti", "ext", "extern", "external", "prism", "metrology"),
         *("tag", "apriltag", "charuco", "chessboard", "checkerboard", "eye"),
     ]
 )

@@ -1237,7 +1237,7 @@ def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campa
     words = [line.partition(":")[0] for line in spoken]
     assert words == sorted(words, reverse=True)  # warnings first
     notes = [line for line in spoken if line.startswith("note: ")]
-    assert sum("not read below the table: " in line for line in notes) == 1
+    assert sum("not read in or below the table: " in line for line in notes) == 1
     assert any("A1, A2, A3, A4, A5, A6 taken as deg: no other unit" in line for line in notes)
     assert any("X, Y, Z taken as mm: no other unit" in line for line in notes)
     assert any("U95 [um] -> sigma_x_um times 2" in line for line in notes)

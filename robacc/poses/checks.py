@@ -506,7 +506,10 @@ def conventions(
             fitting = [name for name in options if not (is_settled and trial and is_ruled_out(name, trial))]
             listed = " or ".join(f"`angles={name}` ({_WRITERS.get(name, 'fixed axes')})" for name in fitting)
             message = f"these {doubt}" + (f" (they miss the known orientations: {by})" if by else "")
-            log.add(message, values.header, ", ".join(names), f"give {listed}")
+            none = "none fits: check the commands of the rows and the unit of the angles; or else " * bool(
+                trial and min(trial.values()) > 5.0 * AGREES
+            )
+            log.add(message, values.header, ", ".join(names), f"{none}give {listed}")
         elif missed:
             best, worse, *_ = missed
             fits = f"it fits the known orientations to {missed[best]}, others miss by {missed[worse]}"

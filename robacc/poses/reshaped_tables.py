@@ -192,6 +192,7 @@ def with_poses_of_matrices(table: Table) -> Table:
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
 MEASURED = frozenset(
     {"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "istmaß", "act", "meas", "result"}
+    | {"mesuré", "mesure", "medido", "misurato"}
 )
 """Words of a column of measured values in a report with a row for each axis of a point."""
 

@@ -170,10 +170,11 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         fix = "save arrays by name with a row for each pose, as numpy.savez(file, joints=…, position=…) does"
     document = _document(data, file)
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
+    columns = {key: items for key, items in document.items() if isinstance(items, list)} if values else {}
     if values and all(isinstance(items, list) for items in values) and all(map(_SOCKET.match, map(str, document))):
         document = [{"socket": name, "joints": joints} for name, rows in document.items() for joints in rows]
-    elif len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
-        document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
+    elif len(columns) > 1 and len(set(map(len, columns.values()))) == 1:
+        document = [dict(zip(columns, items, strict=True)) for items in zip(*columns.values(), strict=True)]
     for keys, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
         # A list of names and one of rows, as MoveIt's joint states.
         if all(isinstance(n, str) for n in keys) and all(isinstance(r, list) and len(r) == len(keys) for r in items):
@@ -274,7 +275,7 @@ def _of_json(text: str) -> Any:
             return [
                 dict(zip(document, row, strict=True)) for row in zip(*(part.values() for part in parts), strict=True)
             ]
-        if all(key.isdecimal() for key in document):
+        if len({re.sub(r"\d+", "", key) for key in document}) == 1:
             return parts
     return document
 

@@ -321,7 +321,9 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
     of_joint = re.sub(r"^(\d\d?) (轴|軸)$", r"\2 \1", of_joint)
     # A path such as /joint_states/j1/position has both words.
-    if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and match[1] in _JOINT_WORDS:
+    if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and (
+        match[1] in _JOINT_WORDS or re.match(r"joint angles? ", of_joint)
+    ):
         return Meaning(f"q{int(match[2])}", commanded)
     meaning = _uncertainty(core) or _coordinate(text, core, siblings)
     return None if meaning is None else meaning._replace(commanded=commanded)

@@ -218,8 +218,11 @@ class TableDialect(NamedTuple):
 
     def is_statistic(self, line: str) -> bool:
         """Return whether a line sums up others, as a mean does."""
-        is_likely = not line[:1].isdecimal() and _STATISTIC.match(line.lstrip(' \t,;|"'))
-        return bool(is_likely and _STATISTIC.fullmatch(next(filter(None, self.fields(line)), "")))
+        return (
+            not line[:1].isdecimal()
+            and _STATISTIC.match(line.lstrip(' \t,;|"')) is not None
+            and _STATISTIC.fullmatch(next(filter(None, self.fields(line)), "")) is not None
+        )
 
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""

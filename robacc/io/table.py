@@ -270,14 +270,17 @@ class TextTable(Table):
         unread: list[str] = []
         blocks = itertools.chain([self._pending], self._blocks, [(0, [])])
         for (first, lines), (_, following) in itertools.pairwise(blocks):
+            end = len(lines)
             if not following and self._ends_with_line:  # else a row was cut off
-                end = len(lines)
                 while end > 1 and self.dialect.is_footer(lines[end - 1], len(self.labels)):
                     end -= 1
-                unread += lines[end:]
-                lines = lines[:end]
-            unread += filter(self.dialect.is_statistic, lines)
-            lines = ["" if self.dialect.is_statistic(line) else line for line in lines]
+            is_unread = [i >= end or self.dialect.is_statistic(line) for i, line in enumerate(lines)]
+            unread += (
+                text
+                for line in itertools.compress(lines, is_unread)
+                if self.dialect.is_row(text := line.strip(" \t,;|"))
+            )
+            lines = ["" if is_left_out else line for line, is_left_out in zip(lines, is_unread, strict=True)]
             parts.append(self._parsed(first, lines, numbers, texts))
             last = [*last, *lines][-1000:]
         body = TableBody(
@@ -293,14 +296,16 @@ class TextTable(Table):
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
         # Five rows at least show how many decimals the column has.
         if not self._ends_with_line and is_number and len(above) >= 5 and ending < min(above):
-            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
-            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
-        not_read = ", ".join(map(clip, filter(self.dialect.is_row, (line.strip(" \t,;|") for line in unread))))
+            self.log.warn(
+                f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, "
+                "delete its line",
+                of_file=True,
+            )
         self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._encoding == "UTF-8" else self._encoding,
             f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
-            f"not read in or below the table: {not_read}" if not_read else "",
+            f"not read in or below the table: {', '.join(map(clip, unread))}" if unread else "",
         ]
         self.sha256 = self.sha256 or self._digest.hexdigest()
         return body.without(self.log.gaps)

@@ -297,26 +297,24 @@ def with_units(
     if known[0] is not None:
         index = index[np.isfinite(known[0][0, index])]
         rows = values.rows(index)
-    groups: Mapping[_Group, Sequence[Column]] = {}
-    scores: dict[tuple[str, ...], float] = {}
-    best = math.inf
+    tries: list[tuple[float, dict[_Group, list[Column]], dict[tuple[str, ...], float]]] = []
     # All in one unit; else, of an export, a tracker's mm beside metres of the controller.
     for are_apart in (False, True)[: 1 + bool(foreign)]:
         tried = _groups(columns, layout.without_unit, are_apart)
         choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, *_ in tried]
-        scores_of = {}
+        scores = {}
         for units in itertools.product(*choices):
             trial = _scaled(rows, tried, dict(zip(tried, units, strict=True)))
             if not doubts(trial):
                 score = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
                 # A centimetre is too near to an inch to be told by the range.
                 if score <= (0.0 if "cm" in units else _NEAR if are_apart else math.inf):
-                    scores_of[units] = score
-        # Units apart where they alone agree, or where only so the angles of the measured poses follow the arm, too.
-        if not scores or min(scores_of.values(), default=math.inf) < best - 5.0:
-            groups, scores, best = tried, scores_of, min(scores_of.values(), default=math.inf)
-        if scores and (best < -15.0 or len(layout.orientation() or ()) != 3):
+                    scores[units] = score
+        tries.append((min(scores.values(), default=math.inf), tried, scores))
+        if scores and (tries[0][0] < -15.0 or len(layout.orientation() or ()) != 3):
             break
+    # Units apart where they alone agree, or where only so the angles of the measured poses follow the arm, too.
+    best, groups, scores = min(tries, key=lambda each: (not each[2], round(min(each[0], 99.0), -1)))
     # Of documented names the motion of the arm decides: the lengths, and the angles where the joints are known.
     moves = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
     shown = (
@@ -342,14 +340,16 @@ _Group = tuple[str, bool, bool]
 def _groups(columns: Sequence[Column], foreign: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
     """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
     return by_key(
-        ((QUANTITY[column.kind], column in foreign, are_apart and _is_commanded(column.key)), column)
+        (
+            (
+                QUANTITY[column.kind],
+                column in foreign,
+                are_apart and bool(column.key.startswith("cmd_") or JOINT_COLUMN.fullmatch(column.key)),
+            ),
+            column,
+        )
         for column in columns
     )
-
-
-def _is_commanded(key: str) -> bool:
-    """Return whether a column is one of commands."""
-    return key.startswith("cmd_") or JOINT_COLUMN.fullmatch(key) is not None
 
 
 def _scaled(values: Values, groups: Mapping[_Group, Sequence[Column]], units: Mapping[_Group, str]) -> Values:

@@ -384,9 +384,8 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
     ranks = {label: rank for label, rank in ranks.items() if rank >= 0}
     best = [label for label, rank in ranks.items() if rank == max(ranks.values())]
     bodies = [label for label in best if len(turned.get(label, ())) >= len(AXES)]
-    if len(best) > 1:
-        # A controller's pose has an orientation, too.
-        best = bodies if len(bodies) == 1 and not (joints and len(best) == 2) else best
+    # A controller's pose has an orientation, too.
+    best = bodies if len(bodies) == 1 and not (joints and len(best) == 2) else best
     if len(best) > 1 and (() in best or (joints and len(bodies) == 1)):
         texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
         table.log.add(

@@ -257,11 +257,10 @@ def _choose_chain(
     leaves = {link: paths[link] for link in tree.links if link in paths and link != base and not tree.below[link]}
     count = len({match[1] for name in columns if (match := _NUMBERED.fullmatch(name))})
     moving = {leaf: _moving(path) for leaf, path in leaves.items()}
-    if count and not named:
-        longest = max(map(len, moving.values()), default=0)
-        links = {path[count - 1].link for path in moving.values() if len(path) == longest > count}
-        if len(links) == 1:
-            return base, _flange(tree, links.pop())
+    longest = 0 if named else max(map(len, moving.values()), default=0)
+    links = {path[count - 1].link for path in moving.values() if len(path) == longest > count > 0}
+    if len(links) == 1:
+        return base, _flange(tree, links.pop())
     if tip_link is not None:
         return base, _known_link(tree, tip_link, "`tip_link`")
     refuse((not leaves, Problem(f"no joint follows the link {base!r}", tree.log.file)))
@@ -271,8 +270,16 @@ def _choose_chain(
         rank == ranks[names[0]] or (rank[0] == ranks[names[0]][0] and moving[leaf] != moving[names[0]])
         for leaf, rank in ranks.items()
     )
-    several = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
-    refuse((n_best > 1, Problem(several, tree.log.file, fix="choose one with `tip_link`")))
+    refuse(
+        (
+            n_best > 1,
+            Problem(
+                f"{n_best} chains are equally long; the tree ends at {_listing(names)}",
+                tree.log.file,
+                fix="choose one with `tip_link`",
+            ),
+        )
+    )
     return base, names[0]
 
 
@@ -280,8 +287,8 @@ def _flange(tree: _Tree, link: _Link) -> _Link:
     """Return the link behind the joints after ``link`` that do not move by themselves, before a gripper or a fork."""
     joints = tree.below[link]
     fixed = [joint.link for joint in joints if not _moving([joint, *tree.below[joint.link]])]
-    following = _flange(tree, fixed[0]) if len(fixed) == len(joints) == 1 and fixed[0] not in _FLANGES else link
-    return next((name for name in _FLANGES if name in fixed), following)
+    flange = next((name for name in _FLANGES if name in fixed), None)
+    return flange or (_flange(tree, fixed[0]) if len(fixed) == len(joints) == 1 else link)
 
 
 def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:

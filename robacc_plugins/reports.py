@@ -27,7 +27,8 @@ from robacc.poses.reading import AXES, DEVIATIONS, UNITS, heading_of, is_point_n
 from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, points_in_rows
 
 _AXIS_NAMES = frozenset(
-    {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax", "axe", "eje", "asse"}
+    {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
+    | {"axe", "eje", "asse"}
 )
 _NOMINAL = frozenset(
     {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmaß", "commanded", "cmd", "reference", "ref"}

@@ -314,7 +314,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning(f"q{match[2]}", match[1] == "target", "ur")
     if match := re.fullmatch(r"target tcp pose ([0-5])", text):
         return Meaning((*AXES, *ROTATION_VECTOR)[int(match[1])], True, "ur")
-    if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
+    if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings and "q 1" not in siblings:  # NDI
         return Meaning("qw")
     commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)

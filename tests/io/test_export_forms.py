@@ -672,6 +672,18 @@ def rotations_and_translations(c: Campaign) -> dict[str, str]:
     return {"handeye.json": json.dumps({name: part.tolist() for name, part in parts.items()})}
 
 
+def base_seen_from_the_hand(c: Campaign) -> dict[str, str]:
+    """The robot's part as OpenCV wants it of a camera beside the arm, in the YAML of OpenCV, a matrix for each pose."""
+    robot = np.linalg.inv(homogeneous(c.commanded, c.commanded_turn))
+    camera, text = homogeneous(c.position, c.turn), "%YAML:1.0\n---\n"
+    for i, (arm, seen) in enumerate(zip(robot, camera, strict=True)):
+        for name, pose in (("base2gripper", arm), ("target2cam", seen)):
+            for letter, part in (("R", pose[:3, :3]), ("t", pose[:3, 3:])):
+                rows = f"rows: 3\n   cols: {part.shape[1]}\n   dt: d\n   data: {part.ravel().tolist()}"
+                text += f"{letter}_{name}_{i}: !!opencv-matrix\n   {rows}\n"
+    return {"handeye.yaml": text}
+
+
 def lists_of_matrices(c: Campaign) -> dict[str, str]:
     pairs = {"seen.json": (c.position, c.turn), "robot.json": (c.commanded, c.commanded_turn)}
     return {name: json.dumps(homogeneous(*pair).tolist()) for name, pair in pairs.items()}
@@ -1061,7 +1073,7 @@ POSITIONS: tuple[Form, ...] = (
     ),
 )
 POSES: tuple[Form, ...] = (
-    *(rotations_and_translations, lists_of_matrices),
+    *(rotations_and_translations, base_seen_from_the_hand, lists_of_matrices),
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
     *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo, printed_arrays, matrices_in_a_log),
@@ -1078,7 +1090,13 @@ WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
     *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye", "rotations_and_translations"),
-    *("lists_behind_names", "matrices_in_a_log", "goals_in_m_and_a_tracker_in_mm", "coordinates_and_markers"),
+    *(
+        "lists_behind_names",
+        "base_seen_from_the_hand",
+        "matrices_in_a_log",
+        "goals_in_m_and_a_tracker_in_mm",
+        "coordinates_and_markers",
+    ),
     *("small_letters_with_angles_of_kuka",),
 )
 

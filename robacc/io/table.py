@@ -157,7 +157,9 @@ Block = tuple[int, list[str]]
 _OF_NUMBERS = b"0123456789+-.eE \t"
 """Characters of numbers and around them."""
 SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
+_STATUS = frozenset(
+    {"status", "state", "result", "ergebnis", "valid", "ok", "quality", "tracked", "visible", "detected"}
+)
 _FAILED = frozenset(
     {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
 )

@@ -751,10 +751,10 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
     layout, log = values.layout, values.log
     for keys in (QUATERNION, COMMANDED_QUATERNION):
         _check_length(values, keys)
-    if layout.has(layout.joints()):
-        for key, limit in zip(layout.joints(), robot.limits or (), strict=False):
+    if layout.has(joints := layout.joints()):
+        for key, name, limit in zip(joints, robot.joint_names or joints, robot.limits or (), strict=False):
             if limit is not None and key not in skip_limits:
-                _check_limits(values, key, limit, ignore_limits)
+                _check_limits(values, key, name, limit, ignore_limits)
     for start, test, expected in _RULES:
         for key in values.row_index:
             if key.startswith(start):
@@ -828,10 +828,10 @@ def _check_read_back(values: Values, key: str) -> None:
     )
 
 
-def _check_limits(values: Values, key: str, limits: tuple[float, float], ignore: bool) -> None:
+def _check_limits(values: Values, key: str, joint: str, limits: tuple[float, float], ignore: bool) -> None:
     column, value = values.layout.columns[key], values.numbers[values.row_index[key]]
     unit, factor = _unit(column), column.divisor
-    limits_text = f"the joint's limits {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
+    limits_text = f"the limits of {joint}, {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
     tolerance = np.inf if ignore else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
     excess = excess_beyond_limits(value, limits)
     if count := np.count_nonzero(small := (excess > 0) & (excess <= tolerance)):

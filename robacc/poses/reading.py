@@ -118,6 +118,7 @@ _FILLERS = frozenset(
         "quaternion",
         "quat",
         "angle",
+        "euler",
         "winkel",
         "matrix",
         "joint",
@@ -131,7 +132,7 @@ _FILLERS = frozenset(
     ]
 )
 _ORIENTED = frozenset(
-    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"]
+    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat", "euler"]
 )
 DEVIATIONS = frozenset(
     [
@@ -321,8 +322,11 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
     of_joint = re.sub(r"^(\d\d?) (轴|軸)$", r"\2 \1", of_joint)
     # A path such as /joint_states/j1/position has both words.
-    if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and (
-        match[1] in _JOINT_WORDS or re.match(r"joint angles? ", of_joint)
+    # Commands without another word stand beside the joints that were read back: cmd1 … cmd6.
+    if (match := re.fullmatch(r"(?:(?:joint )?(\w+) )?(\d\d?)", of_joint)) and (
+        match[1] in _JOINT_WORDS
+        or re.match(r"joint angles? ", of_joint)
+        or (commanded and not match[1] and {f"{text[:-1]}{i}" for i in range(1, 7)} <= siblings)
     ):
         return Meaning(f"q{int(match[2])}", commanded)
     meaning = _uncertainty(core) or _coordinate(text, core, siblings)

@@ -377,6 +377,13 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
 }
 TABLES_OF_POSES: dict[str, dict[str, Text]] = {
+    "commands_by_number_and_joints_read_back": {
+        "log.csv": Text(
+            ",".join([f"cmd{i}" for i in range(1, 7)] + [f"j{i}" for i in range(1, 7)])
+            + ",x,y,z,euler_x,euler_y,euler_z",
+            *("deg deg_read mm rpy_deg", "", ","),
+        )
+    },
     "documented_names_in_mm_and_degrees": {
         "xarm.csv": Text(f"{J},x,y,z,roll,pitch,yaw", "deg mm rpy_deg", sep=","),
     },

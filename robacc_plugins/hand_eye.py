@@ -20,7 +20,7 @@ import numpy as np
 from robacc.errors import Problem, refuse
 from robacc.geometry import Array, nearest_rotation, quaternion_from_rotation
 from robacc.io.column_table import ColumnTable
-from robacc.io.dialect import NUMBER
+from robacc.io.dialect import NUMBER, number_of
 from robacc.io.files import ProblemLog, bytes_of, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
 from robacc.poses.reading import QUATERNION, source_of
@@ -142,6 +142,28 @@ def _matrices(text: str) -> Array | None:
 
 _NO_POSE = r"(?i)intrinsic|camera_?matrix|covariance|(.*_)?k$"
 """Matrices that are no poses."""
+_COUNTED = re.compile(r"(.*[A-Za-z])[_\[ (]*(\d\d?)[\])]?")
+"""Name of an entry of a matrix with its place in a list."""
+
+
+def _with_places(names: Sequence[str], sample: Sequence[str]) -> tuple[str, ...]:
+    """Return names in which the 16 columns of a matrix that are counted, ``O_T_EE[0] …``, have their row and column.
+
+    Where the entries 0, 0, 0, 1 of the first row are shows whether a matrix is by rows or, as of Franka, by columns.
+    """
+    result = [*names]
+    for start in range(min(len(names), len(sample)) - _SIZE**2 + 1):
+        parts = [_COUNTED.fullmatch(name.strip()) for name in names[start : start + _SIZE**2]]
+        counts = [int(part[2]) if part else -1 for part in parts]
+        stems = {part[1] if part else "" for part in parts}
+        values = np.array([number_of(cell, False) for cell in sample[start : start + _SIZE**2]], dtype=float)
+        entries = values.reshape(_SIZE, _SIZE)
+        is_by_columns = (entries[:, -1] == _LAST).all()
+        if len(stems) == 1 and counts == [*range(counts[0], counts[0] + 16)] and counts[0] in (0, 1):
+            for i in range(_SIZE**2) if is_by_columns or (entries[-1] == _LAST).all() else ():
+                row, column = divmod(i, _SIZE)[:: -1 if is_by_columns else 1]
+                result[start + i] = re.sub("_d$", "_desired", f"{next(iter(stems))}") + f"_{row}_{column}"
+    return tuple(result)
 
 
 def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], int]] | None:
@@ -160,6 +182,7 @@ def _matrix_entries(names: Sequence[str]) -> tuple[str, dict[tuple[int, int], in
 
 def with_poses(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
+    table.names = _with_places(table.names, next(iter(table.dialect.sample), ()))
     while (found := _matrix_entries(table.names)) is not None:
         stem, at = found
         translation = [at[row, 3] for row in range(3)] if len(at) > 9 else []

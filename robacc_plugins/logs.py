@@ -98,7 +98,7 @@ def takes(path: str, first: bytes) -> bool:
     spans = [(text.count("\n", 0, at.start()), text.count("\n", 0, at.end())) for at in _VALUES.finditer(text)]
     covered = {line for start, end in spans for line in range(start, end + 1)}
     numbered = {i for i, line in enumerate(text.splitlines()) if len(re.findall(r"\d\.\d", line)) >= len(_COORDINATES)}
-    return len(spans) >= _FEWEST and 2 * len(covered & numbered) >= len(numbered)
+    return max(len(spans), len(covered)) >= _FEWEST and 2 * len(covered & numbered) >= len(numbered)
 
 
 def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:

@@ -43,6 +43,8 @@ _POSE = re.compile(r"(?i)(.*_)?(pose|coords?|coordinates)")
 """Name of a list of the position and three angles of a pose."""
 _JOINTS = re.compile(r"(?i)(^|[\W_\d])(joints?|q|angles?|jpos)([\W_\d]|$)")
 """Name of a file of the joints of one pose."""
+_OPENCV = re.compile(r"\A%YAML:1\.0.*\n|!!opencv-(?:nd-)?matrix")
+"""What only the YAML of OpenCV has."""
 _SIZE = 16
 """Numbers of a matrix."""
 _FILES = 10_000
@@ -50,6 +52,7 @@ _LARGEST = 1 << 20
 """Largest file of one record, bytes."""
 _FEWEST = 6
 """Numbers of a pose."""
+_FEWEST_RECORDS = 2
 _SHORTEST = 3
 """Numbers of a position."""
 
@@ -170,10 +173,11 @@ def read_stream(stream: BinaryIO, file: str, options: TableOptions) -> Table:
         fix = "save arrays by name with a row for each pose, as numpy.savez(file, joints=…, position=…) does"
     document = _document(data, file)
     values: list[Any] = list(document.values()) if isinstance(document, dict) else []
+    columns = {key: items for key, items in document.items() if isinstance(items, list)} if values else {}
     if values and all(isinstance(items, list) for items in values) and all(map(_SOCKET.match, map(str, document))):
         document = [{"socket": name, "joints": joints} for name, rows in document.items() for joints in rows]
-    elif len(values) > 1 and all(isinstance(items, list) and len(items) == len(values[0]) for items in values):
-        document = [dict(zip(document, items, strict=True)) for items in zip(*values, strict=True)]
+    elif len(columns) > 1 and len(set(map(len, columns.values()))) == 1:
+        document = [dict(zip(columns, items, strict=True)) for items in zip(*columns.values(), strict=True)]
     for keys, items in itertools.permutations((each for each in values if isinstance(each, list) and each), 2):
         # A list of names and one of rows, as MoveIt's joint states.
         if all(isinstance(n, str) for n in keys) and all(isinstance(r, list) and len(r) == len(keys) for r in items):
@@ -227,7 +231,7 @@ def _document(data: bytes, file: str) -> Any:
 
     document: Any
     is_of_arrays = _are_arrays(file, data[:6])
-    text = "" if is_of_arrays else decode(data, file)
+    text = "" if is_of_arrays else _OPENCV.sub("", decode(data, file))
     try:
         if is_of_arrays:
             return _arrays(data)
@@ -247,7 +251,41 @@ def _document(data: bytes, file: str) -> Any:
     except (ValueError, RecursionError, yaml.YAMLError, zipfile.BadZipFile, EOFError, OSError) as error:
         kind, why = "arrays" if is_of_arrays else "JSON or YAML", " ".join(str(error).split())[:200]
         raise InputError(Problem(f"cannot be read as {kind} ({why})", file, fix="export it again")) from None
-    return document
+    return _by_number(document)
+
+
+def _by_number(document: Any) -> Any:
+    """Return the records of a document whose keys have their number, ``{pose_0: {…}, pose_1: …}``; others as it is."""
+    keys = [re.fullmatch(r"(.*?)[_ ]?(\d+)", str(key)) for key in document] if isinstance(document, dict) else []
+    records: dict[str, dict[str, Any]] = {}
+    for match, value in zip(keys, document.values() if keys else (), strict=True):
+        if match is None or not isinstance(value, dict):
+            return document
+        records.setdefault(match[2], {})[match[1]] = value
+    rows = [*records.values()]
+    if len(rows) < _FEWEST_RECORDS or any(row.keys() != rows[0].keys() for row in rows):
+        return document
+    return [next(iter(row.values())) if len(row) == 1 and not _is_matrix(*row.values()) else row for row in rows]
+
+
+def _of_hand(record: dict[str, Any]) -> dict[str, Any]:
+    """Return a record in which the base seen from the hand, ``R_base2gripper`` of OpenCV, is the hand in the base."""
+    hand = next((match[1] for key in record if (match := re.fullmatch(r"R_base2(\w+)", str(key)))), "")
+    given = (f"R_base2{hand}", f"t_base2{hand}")
+    if not hand or not record.keys() >= {*given, "R_target2cam"}:
+        return record
+    values = [record[key]["data"] if _is_matrix(record[key]) else record[key] for key in given]
+    if [np.size(value) for value in values] != [9, 3]:
+        return record
+    back = np.reshape(values[0], (3, 3)).astype(float).T
+    place = -back @ np.ravel(values[1]).astype(float)
+    others = {key: value for key, value in record.items() if key not in given}
+    return {f"R_{hand}2base": back.tolist(), f"t_{hand}2base": place.tolist(), **others}
+
+
+def _is_matrix(value: Any) -> bool:
+    """Return whether a value is a matrix as OpenCV stores it."""
+    return isinstance(value, dict) and value.keys() >= {"rows", "cols", "data"}
 
 
 def _of_json(text: str) -> Any:
@@ -269,13 +307,9 @@ def _of_json(text: str) -> Any:
         text = text[end:].lstrip(", \t\r\n")
     document = documents[0] if len(documents) == 1 else documents
     parts = list(document.values()) if isinstance(document, dict) else []
-    if len(parts) > 1 and all(isinstance(part, dict) and part.keys() == parts[0].keys() for part in parts):
-        if all(key.isdecimal() for key in parts[0]):
-            return [
-                dict(zip(document, row, strict=True)) for row in zip(*(part.values() for part in parts), strict=True)
-            ]
-        if all(key.isdecimal() for key in document):
-            return parts
+    are_alike = len(parts) > 1 and all(isinstance(part, dict) and part.keys() == parts[0].keys() for part in parts)
+    if are_alike and all(key.isdecimal() for key in parts[0]):
+        return [dict(zip(document, row, strict=True)) for row in zip(*(part.values() for part in parts), strict=True)]
     return document
 
 
@@ -366,7 +400,10 @@ def _arrays(data: bytes) -> Any:
 
 def _leaves(value: Any, path: tuple[str, ...]) -> Iterator[tuple[str, Any]]:
     """Yield the name and value of each number and text in a record."""
+    if _is_matrix(value) and np.size(value["data"]) == value["rows"] * value["cols"]:
+        value = np.reshape(value["data"], (value["rows"], value["cols"])).tolist()
     if isinstance(value, dict):
+        value = _of_hand(value)
         listed = value.get("name")
         for key, item in value.items():
             if isinstance(listed, list) and isinstance(item, list) and item is not listed and len(item) == len(listed):

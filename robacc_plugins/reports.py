@@ -28,6 +28,7 @@ from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, points_i
 
 _AXIS_NAMES = frozenset(
     {"axis", "achse", "coordinate", "koordinate", "coord", "component", "komponente", "control", "characteristic", "ax"}
+    | {"axe", "eje", "asse"}
 )
 _NOMINAL = frozenset(
     {"nominal", "nom", "soll", "sollwert", "nennwert", "nennmaß", "commanded", "cmd", "reference", "ref"}

@@ -61,8 +61,7 @@ def with_gravity_direction(model: Model, data: Measurements) -> Model:
     # Rows that one direction leaves out as outliers and another does not would decide otherwise.
     kept = data.subset(np.flatnonzero(first.inliers))
     models = [model, *(_with_gravity(model, other) for other in others)]
-    fits = [_with_springs(each, kept, first) for each in models]
-    return models[_likeliest(fits, kept)]
+    return models[_likeliest([_with_springs(each, kept, first) for each in models], kept)]
 
 
 def _likeliest(fits: Sequence[Fit | None], data: Measurements) -> int:

@@ -65,8 +65,7 @@ class ColumnTable(Table):
         table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
             row[:] = self._numbers(*self.column(i), self.labels[i])
-        columns = [self._texts(i) for i in texts]
-        return TableBody(table, columns, self.places).without(self.log.gaps)
+        return TableBody(table, [self._texts(i) for i in texts], self.places).without(self.log.gaps)
 
     @property
     def places(self) -> NDArray[np.int64]:

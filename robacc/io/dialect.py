@@ -129,11 +129,11 @@ _MARK = r"^\s*(#+|//+|%+|!+)\s*"
 """Beginning of a comment."""
 _SEPARATORS: tuple[str | None, ...] = ("\t", ";", ",", "|", None)
 """None: one or more blanks. Of separators that fit equally well the first is taken."""
-_STATISTIC = (
-    r"(?i)(mittelwert|mittel|mean|average|avg|std\.?( ?dev\.?)?|standardabweichung|sigma|rms|min\.?|max\.?|minimum"
-    r"|maximum|median|range|spannweite|sum|summe|total|count|anzahl)\W*"
+_STATISTIC = re.compile(
+    r"(?i)(mittelwert|mittel|mean|average|avg|std\.?-?( ?(dev|abw)\.?)?|standardabweichung|sigma|rms|min\.?|max\.?"
+    r"|minimum|maximum|median|range|spannweite|sum|summe|total|count|anzahl|moyenne|promedio|media|ø|\d?σ|平均值?)\W*"
 )
-"""First field of a line below a table that sums it up."""
+"""First field of a line in or below a table that sums it up."""
 _FEWEST_NUMBERS = 2
 """Fields with numbers that make a line a row of measurements."""
 _ABOVE = 3
@@ -214,7 +214,15 @@ class TableDialect(NamedTuple):
                 or any(self.is_number(first.get(i, "")) for i in texts)
                 or all(text.count(" ") > max(1, first.get(i, "").count(" ")) for i, text in texts.items())  # prose
             )
-        ) or bool(re.fullmatch(_STATISTIC, next(iter(texts.values()), "")))
+        ) or self.is_statistic(line)
+
+    def is_statistic(self, line: str) -> bool:
+        """Return whether a line sums up others, as a mean does."""
+        return (
+            not line[:1].isdecimal()
+            and _STATISTIC.match(line.lstrip(' \t,;|"')) is not None
+            and _STATISTIC.fullmatch(next(filter(None, self.fields(line)), "")) is not None
+        )
 
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""

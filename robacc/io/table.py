@@ -157,7 +157,9 @@ Block = tuple[int, list[str]]
 _OF_NUMBERS = b"0123456789+-.eE \t"
 """Characters of numbers and around them."""
 SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_STATUS = frozenset({"status", "state", "result", "ergebnis", "valid", "ok", "quality"})
+_STATUS = frozenset(
+    {"status", "state", "result", "ergebnis", "valid", "ok", "quality", "tracked", "visible", "detected"}
+)
 _FAILED = frozenset(
     {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
 )
@@ -267,15 +269,20 @@ class TextTable(Table):
         """Return every row, with the columns of the given indices only; :attr:`log` collects problems of rows."""
         parts: list[TableBody] = []
         last: list[str] = []
-        below = ""
+        unread: list[str] = []
         blocks = itertools.chain([self._pending], self._blocks, [(0, [])])
         for (first, lines), (_, following) in itertools.pairwise(blocks):
+            end = len(lines)
             if not following and self._ends_with_line:  # else a row was cut off
-                end = len(lines)
                 while end > 1 and self.dialect.is_footer(lines[end - 1], len(self.labels)):
                     end -= 1
-                footer = (line.strip(" \t,;|") for line in lines[end:])
-                lines, below = lines[:end], ", ".join(map(clip, filter(self.dialect.is_row, footer)))
+            is_unread = [i >= end or self.dialect.is_statistic(line) for i, line in enumerate(lines)]
+            unread += (
+                text
+                for line in itertools.compress(lines, is_unread)
+                if self.dialect.is_row(text := line.strip(" \t,;|"))
+            )
+            lines = ["" if is_left_out else line for line, is_left_out in zip(lines, is_unread, strict=True)]
             parts.append(self._parsed(first, lines, numbers, texts))
             last = [*last, *lines][-1000:]
         body = TableBody(
@@ -291,13 +298,16 @@ class TextTable(Table):
         is_number = bool(cells) and self.dialect.is_number(cells[-1])
         # Five rows at least show how many decimals the column has.
         if not self._ends_with_line and is_number and len(above) >= 5 and ending < min(above):
-            has_fewer = f"{cells[-1]}, the last number, has fewer decimals than those above"
-            self.log.warn(f"{has_fewer}: if it was cut off, delete its line", of_file=True)
+            self.log.warn(
+                f"{cells[-1]}, the last number, has fewer decimals than those above: if it was cut off, "
+                "delete its line",
+                of_file=True,
+            )
         self.log.remarks += [
             "separators of thousands" if self._has_grouped else "",
             "" if self._encoding == "UTF-8" else self._encoding,
             f"units in the cells: {', '.join(dict.fromkeys(self.cell_units.values()))}" if self.cell_units else "",
-            f"not read below the table: {below}" if below else "",
+            f"not read in or below the table: {', '.join(map(clip, unread))}" if unread else "",
         ]
         self.sha256 = self.sha256 or self._digest.hexdigest()
         return body.without(self.log.gaps)

@@ -281,7 +281,6 @@ def with_units(
         column
         for column in layout.columns.values()
         if column.unit is None and column.kind in QUANTITY and column.key in values.row_index
-        if QUANTITY[column.kind] not in foreign or column in layout.without_unit
     ]
 
     def doubts(trial: Values) -> frozenset[str]:
@@ -298,21 +297,24 @@ def with_units(
     if known[0] is not None:
         index = index[np.isfinite(known[0][0, index])]
         rows = values.rows(index)
+    tries: list[tuple[float, dict[_Group, list[Column]], dict[tuple[str, ...], float]]] = []
     # All in one unit; else, of an export, a tracker's mm beside metres of the controller.
     for are_apart in (False, True)[: 1 + bool(foreign)]:
-        groups = _groups(columns, are_apart)
-        choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, _ in groups]
+        tried = _groups(columns, layout.without_unit, are_apart)
+        choices = [_READINGS[name] if name in wrong else _READINGS[name][:1] for name, *_ in tried]
         scores = {}
         for units in itertools.product(*choices):
-            trial = _scaled(rows, groups, dict(zip(groups, units, strict=True)))
+            trial = _scaled(rows, tried, dict(zip(tried, units, strict=True)))
             if not doubts(trial):
                 score = _distance(trial, robot, tuple(None if part is None else part[..., index] for part in known))
                 # A centimetre is too near to an inch to be told by the range.
                 if score <= (0.0 if "cm" in units else _NEAR if are_apart else math.inf):
                     scores[units] = score
-        if scores:
+        tries.append((min(scores.values(), default=math.inf), tried, scores))
+        if scores and (tries[0][0] < -15.0 or len(layout.orientation() or ()) != 3):
             break
-    best = min(scores.values(), default=math.inf)
+    # Units apart where they alone agree, or where only so the angles of the measured poses follow the arm, too.
+    best, groups, scores = min(tries, key=lambda each: (not each[2], round(min(each[0], 99.0), -1)))
     # Of documented names the motion of the arm decides: the lengths, and the angles where the joints are known.
     moves = robot.pose_at is not None and any(JOINT_COLUMN.fullmatch(column.key) for column in columns)
     shown = (
@@ -331,18 +333,23 @@ def with_units(
     return _scaled(values, groups, found)
 
 
-_Group = tuple[str, bool]
-"""Quantity of columns, and whether they are those of commands alone."""
+_Group = tuple[str, bool, bool]
+"""Quantity of columns, whether their names are not documented, and whether they are those of commands alone."""
 
 
-def _groups(columns: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
+def _groups(columns: Sequence[Column], foreign: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
     """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
-    return by_key(((QUANTITY[column.kind], are_apart and _is_commanded(column.key)), column) for column in columns)
-
-
-def _is_commanded(key: str) -> bool:
-    """Return whether a column is one of commands."""
-    return key.startswith("cmd_") or JOINT_COLUMN.fullmatch(key) is not None
+    return by_key(
+        (
+            (
+                QUANTITY[column.kind],
+                column in foreign,
+                are_apart and bool(column.key.startswith("cmd_") or JOINT_COLUMN.fullmatch(column.key)),
+            ),
+            column,
+        )
+        for column in columns
+    )
 
 
 def _scaled(values: Values, groups: Mapping[_Group, Sequence[Column]], units: Mapping[_Group, str]) -> Values:
@@ -396,7 +403,7 @@ _WRITERS = {
     "fixed-xyz": "trackers, FANUC, Yaskawa",
     "moving-xyz": "Stäubli",
     "kuka-abc": "KUKA",
-    "zyz": "Kawasaki",
+    "zyz": "Kawasaki, Doosan",
     "wxyz": "scalar part first",
     "xyzw": "scalar part last, ROS",
 }
@@ -499,7 +506,10 @@ def conventions(
             fitting = [name for name in options if not (is_settled and trial and is_ruled_out(name, trial))]
             listed = " or ".join(f"`angles={name}` ({_WRITERS.get(name, 'fixed axes')})" for name in fitting)
             message = f"these {doubt}" + (f" (they miss the known orientations: {by})" if by else "")
-            log.add(message, values.header, ", ".join(names), f"give {listed}")
+            none = "none fits: check the commands of the rows and the unit of the angles; or else " * bool(
+                trial and min(trial.values()) > 5.0 * AGREES
+            )
+            log.add(message, values.header, ", ".join(names), f"{none}give {listed}")
         elif missed:
             best, worse, *_ = missed
             fits = f"it fits the known orientations to {missed[best]}, others miss by {missed[worse]}"
@@ -741,10 +751,10 @@ def check_rows(values: Values, robot: KnownRobot, skip_limits: frozenset[str], i
     layout, log = values.layout, values.log
     for keys in (QUATERNION, COMMANDED_QUATERNION):
         _check_length(values, keys)
-    if layout.has(layout.joints()):
-        for key, limit in zip(layout.joints(), robot.limits or (), strict=False):
+    if layout.has(joints := layout.joints()):
+        for key, name, limit in zip(joints, robot.joint_names or joints, robot.limits or (), strict=False):
             if limit is not None and key not in skip_limits:
-                _check_limits(values, key, limit, ignore_limits)
+                _check_limits(values, key, name, limit, ignore_limits)
     for start, test, expected in _RULES:
         for key in values.row_index:
             if key.startswith(start):
@@ -818,10 +828,10 @@ def _check_read_back(values: Values, key: str) -> None:
     )
 
 
-def _check_limits(values: Values, key: str, limits: tuple[float, float], ignore: bool) -> None:
+def _check_limits(values: Values, key: str, joint: str, limits: tuple[float, float], ignore: bool) -> None:
     column, value = values.layout.columns[key], values.numbers[values.row_index[key]]
     unit, factor = _unit(column), column.divisor
-    limits_text = f"the joint's limits {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
+    limits_text = f"the limits of {joint}, {limits[0] * factor:.6g} to {limits[1] * factor:.6g}{unit}"
     tolerance = np.inf if ignore else EXCESS_TOLERANCE.get(column.kind, EXCESS_TOLERANCE["length"])
     excess = excess_beyond_limits(value, limits)
     if count := np.count_nonzero(small := (excess > 0) & (excess <= tolerance)):

@@ -383,17 +383,17 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
         ranks |= {label: 1 for label in ranks if {"ref", "reference"} & {*label}}
     ranks = {label: rank for label, rank in ranks.items() if rank >= 0}
     best = [label for label, rank in ranks.items() if rank == max(ranks.values())]
-    if len(best) > 1:
-        bodies = [label for label in best if len(turned.get(label, ())) >= len(AXES)]
-        best = bodies if len(bodies) == 1 else best
-    if len(best) > 1 and () in best:
+    bodies = [label for label in best if len(turned.get(label, ())) >= len(AXES)]
+    # A controller's pose has an orientation, too.
+    best = bodies if len(bodies) == 1 and not (joints and len(best) == 2) else best
+    if len(best) > 1 and (() in best or (joints and len(bodies) == 1)):
         texts = [", ".join(headings[i].name for i in places[label].values()) for label in best]
         table.log.add(
             f"found several positions: {' or '.join(map(repr, texts))}",
             table.line,
             fix="say with `columns` which was measured",
         )
-        best = [()]
+        best = best[:1]
     is_target = any(1 < len(axes) < len(AXES) and source_of(label) == 1 for label, axes in places.items())
     if len(best) != 1 or (ranks[best[0]] == 0 and len(ranks) == 1) or (is_target and ranks[best[0]] == 1):
         return headings, set()
@@ -417,7 +417,7 @@ def measured_position(table: Table, names: Names) -> tuple[list[Heading], set[in
 _JOINT = re.compile(r"q\d+")
 _CANDIDATES: Mapping[str, tuple[str, ...]] = {
     "axes": ("rotvec", "fixed-xyz", "moving-xyz"),
-    "abc": ("kuka-abc", "fixed-xyz", "moving-xyz"),
+    "abc": ("kuka-abc", "fixed-xyz", "moving-xyz", "zyz"),
     "abg": ("kuka-abc", "fixed-xyz", "moving-xyz"),
     "wpr": ("fixed-xyz",),
     "oat": ("zyz",),

@@ -79,7 +79,7 @@ _INSTRUMENTS = (_ATTAINED - _ACTUAL) | frozenset(
             "reflector",
             "reflektor",
         ),
-        *("mess", "analyzer", "gt", "truth", "ext", "extern", "external", "prism", "metrology"),
+        *("mess", "analyzer", "gt", "truth", "true", "opti", "ext", "extern", "external", "prism", "metrology"),
         *("tag", "apriltag", "charuco", "chessboard", "checkerboard", "eye"),
     ]
 )
@@ -118,6 +118,7 @@ _FILLERS = frozenset(
         "quaternion",
         "quat",
         "angle",
+        "euler",
         "winkel",
         "matrix",
         "joint",
@@ -131,7 +132,7 @@ _FILLERS = frozenset(
     ]
 )
 _ORIENTED = frozenset(
-    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat"]
+    ["angle", "winkel", "orientation", "orient", "orientierung", "rotation", "rot", "quaternion", "quat", "euler"]
 )
 DEVIATIONS = frozenset(
     [
@@ -314,14 +315,19 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
         return Meaning(f"q{match[2]}", match[1] == "target", "ur")
     if match := re.fullmatch(r"target tcp pose ([0-5])", text):
         return Meaning((*AXES, *ROTATION_VECTOR)[int(match[1])], True, "ur")
-    if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings:  # NDI
+    if words == ("q", "0") and {"qx", "qy", "qz"} <= siblings and "q 1" not in siblings:  # NDI
         return Meaning("qw")
     commanded = True if _COMMANDED & set(words) else False if _ATTAINED & set(words) else None
     core = tuple(word for word in words if word not in _COMMANDED | _ATTAINED)
     of_joint = " ".join(word for word in core if word not in _FILLERS or word in _JOINT_WORDS)
     of_joint = re.sub(r"^(\d\d?) (轴|軸)$", r"\2 \1", of_joint)
     # A path such as /joint_states/j1/position has both words.
-    if (match := re.fullmatch(r"(?:joint )?(\w+) (\d\d?)", of_joint)) and match[1] in _JOINT_WORDS:
+    # Commands without another word stand beside the joints that were read back: cmd1 … cmd6.
+    if (match := re.fullmatch(r"(?:(?:joint )?(\w+) )?(\d\d?)", of_joint)) and (
+        match[1] in _JOINT_WORDS
+        or re.match(r"joint angles? ", of_joint)
+        or (commanded and not match[1] and {f"{text[:-1]}{i}" for i in range(1, 7)} <= siblings)
+    ):
         return Meaning(f"q{int(match[2])}", commanded)
     meaning = _uncertainty(core) or _coordinate(text, core, siblings)
     return None if meaning is None else meaning._replace(commanded=commanded)

@@ -185,13 +185,14 @@ MATRIX_ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \]
 
 def with_poses_of_matrices(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
-    has_entries = sum(bool(MATRIX_ENTRY.fullmatch(name.strip())) for name in table.names) >= 9
+    has_entries = sum(bool(MATRIX_ENTRY.fullmatch(name.strip())) for name in table.names) >= 5
     return plug_in("robacc.readers", "hand-eye").with_poses(table) if has_entries else table
 
 
 _COUNTED = dict(zip(("q0", "q1", "q2", "q3"), QUATERNION, strict=True))
 MEASURED = frozenset(
     {"value", "wert", "measured", "actual", "ist", "messwert", "istwert", "istmaß", "act", "meas", "result"}
+    | {"mesuré", "mesure", "medido", "misurato"}
 )
 """Words of a column of measured values in a report with a row for each axis of a point."""
 

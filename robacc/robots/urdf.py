@@ -212,6 +212,8 @@ _UNIT = re.compile(r"(_(m|mm|um|rad|deg|mrad)|\s*[\[(].*[\])])$")
 """Unit at the end of a column's name."""
 _FLANGES = ("tool0", "flange")
 """Links that stand for the flange (ROS REP 199), the preferred first."""
+_GRIPPER = re.compile(r"(?i)(grip|finger|jaw|knuckle|claw)(?!.*ro(ll|t))")
+"""Name of a joint that closes a gripper, but not of one that turns it."""
 
 
 def _moving(path: Sequence[Joint]) -> list[Joint]:
@@ -225,8 +227,8 @@ def _choose_chain(
     """Return the first and the last link of the chain.
 
     A chain's tip that the caller does not name follows from the columns of the pose file. Where they name joints, the
-    chain ends behind the last of them. Where they number joints, ``q1 … qN``, the longest chain ends behind its
-    N-th joint. Fixed joints behind it belong to the chain up to the flange, but a gripper does not.
+    chain ends behind the last of them that moves no gripper. Where they number joints, ``q1 … qN``, the longest chain
+    ends behind its N-th joint. Fixed joints behind it belong to the chain up to the flange, but a gripper does not.
     """
     columns = [_UNIT.sub("", name.strip()) for name in joint_columns()] if joint_columns and tip_link is None else []
     moved = {joint.link for joint in tree.joints.values()}
@@ -243,6 +245,7 @@ def _choose_chain(
     base = roots[0]
     paths = tree.paths(base)
     named = {joint.name for joint in _moving([*tree.joints.values()]) if joint.name in columns}
+    named = {name for name in named if not _GRIPPER.search(name)} or named
     for name in named:
         # The joint with all others before it; there is none where they are on several branches.
         path = _moving(paths.get(tree.joints[name].link, []))
@@ -252,34 +255,40 @@ def _choose_chain(
             start = base if base_link or path[0] is first else _link_of(tree.elements[first.name], "parent")
             return start, _flange(tree, tree.joints[name].link)
     leaves = {link: paths[link] for link in tree.links if link in paths and link != base and not tree.below[link]}
-    moving_paths = list(map(_moving, leaves.values()))
     count = len({match[1] for name in columns if (match := _NUMBERED.fullmatch(name))})
-    if count and not named:
-        longest = max(map(len, moving_paths), default=0)
-        links = {path[count - 1].link for path in moving_paths if len(path) == longest > count}
-        if len(links) == 1:
-            return base, _flange(tree, links.pop())
+    moving = {leaf: _moving(path) for leaf, path in leaves.items()}
+    longest = 0 if named else max(map(len, moving.values()), default=0)
+    links = {path[count - 1].link for path in moving.values() if len(path) == longest > count > 0}
+    if len(links) == 1:
+        return base, _flange(tree, links.pop())
     if tip_link is not None:
         return base, _known_link(tree, tip_link, "`tip_link`")
     refuse((not leaves, Problem(f"no joint follows the link {base!r}", tree.log.file)))
-    ranks = {leaf: (len(_moving(path)), len(path)) for leaf, path in leaves.items()}
+    ranks = {leaf: (len(moving[leaf]), [leaf == name for name in _FLANGES], len(leaves[leaf])) for leaf in leaves}
     names = sorted(ranks, key=ranks.__getitem__, reverse=True)
-    n_best = sum(rank == ranks[names[0]] for rank in ranks.values())
-    several = f"{n_best} chains are equally long; the tree ends at {_listing(names)}"
-    refuse((n_best > 1, Problem(several, tree.log.file, fix="choose one with `tip_link`")))
+    n_best = sum(
+        rank == ranks[names[0]] or (rank[0] == ranks[names[0]][0] and moving[leaf] != moving[names[0]])
+        for leaf, rank in ranks.items()
+    )
+    refuse(
+        (
+            n_best > 1,
+            Problem(
+                f"{n_best} chains are equally long; the tree ends at {_listing(names)}",
+                tree.log.file,
+                fix="choose one with `tip_link`",
+            ),
+        )
+    )
     return base, names[0]
 
 
 def _flange(tree: _Tree, link: _Link) -> _Link:
-    """Return the link behind the fixed joints that follow ``link``, in front of a gripper and of a fork."""
+    """Return the link behind the joints after ``link`` that do not move by themselves, before a gripper or a fork."""
     joints = tree.below[link]
-    fixed = [
-        joint.link
-        for joint in joints
-        if joint.type == "fixed" and all(behind.type == "fixed" for behind in tree.below[joint.link])
-    ]
-    following = _flange(tree, fixed[0]) if len(fixed) == len(joints) == 1 and fixed[0] not in _FLANGES else link
-    return next((name for name in _FLANGES if name in fixed), following)
+    fixed = [joint.link for joint in joints if not _moving([joint, *tree.below[joint.link]])]
+    flange = next((name for name in _FLANGES if name in fixed), None)
+    return flange or (_flange(tree, fixed[0]) if len(fixed) == len(joints) == 1 else link)
 
 
 def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:

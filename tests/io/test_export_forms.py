@@ -1,6 +1,7 @@
 """Exports in the forms that users have: each is read with one command, and all give the figures of the plain file."""
 
 import io
+import itertools
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
@@ -71,6 +72,7 @@ def columns_of(c: Campaign) -> dict[str, np.ndarray]:
         "matrix": c.turn.as_matrix().transpose(0, 2, 1).reshape(N, 9),
         **{"cmd_m": c.commanded, "cmd_mm": c.commanded * MM, "cmd_xyzw": c.commanded_turn.as_quat()},
         "cmd_rpy": c.commanded_turn.as_euler("xyz"),
+        "zyz_deg": c.turn.as_euler("ZYZ", degrees=True),
         **{"cmd_rotvec": c.commanded_turn.as_rotvec(), "constant": np.tile((-0.214, 50.02, 27.74), (N, 1))},
         **{"cmd_abc_deg": c.commanded_turn.as_euler("ZYX", degrees=True), "off_mm": (c.position - c.commanded) * MM},
         "off_cm": (c.position - c.commanded) * 100,
@@ -375,6 +377,18 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
 }
 TABLES_OF_POSES: dict[str, dict[str, Text]] = {
+    "commands_by_number_and_joints_read_back": {
+        "log.csv": Text(
+            ",".join([f"cmd{i}" for i in range(1, 7)] + [f"j{i}" for i in range(1, 7)])
+            + ",x,y,z,euler_x,euler_y,euler_z",
+            *("deg deg_read mm rpy_deg", "", ","),
+        )
+    },
+    "documented_names_in_mm_and_degrees": {
+        "xarm.csv": Text(f"{J},x,y,z,roll,pitch,yaw", "deg mm rpy_deg", sep=","),
+    },
+    "pendant_of_universal_robots": {"ur.csv": Text(f"{J},X,Y,Z,RX,RY,RZ", "deg mm rotvec", sep=",")},
+    "doosan_table": {"posx.csv": Text(f"{J},x,y,z,a,b,c", "deg mm zyz_deg", sep=",")},
     "goals_in_m_and_a_tracker_in_mm": {
         "series.csv": Text(
             "Goal x;Goal y;Goal z;Goal roll;Goal pitch;Goal yaw;"
@@ -603,7 +617,31 @@ def json_records(c: Campaign) -> dict[str, str]:
 
 
 def json_columns(c: Campaign) -> dict[str, str]:
-    return {"columns.json": json.dumps({"joints": c.q.tolist(), "position": c.position.tolist()})}
+    columns = {"joint_angles_deg": np.degrees(c.q).tolist(), "position": c.position.tolist()}
+    return {"columns.json": json.dumps({"robot": ROBOT, **columns})}
+
+
+def json_by_name(c: Campaign) -> dict[str, str]:
+    rows = enumerate(zip(c.q.tolist(), c.position.tolist(), strict=True), 1)
+    return {"poses.json": json.dumps({f"pose_{i}": {"joints": q, "position": place} for i, (q, place) in rows})}
+
+
+def means_between_rows(c: Campaign) -> dict[str, str]:
+    """Groups of eight rows, each with its mean below."""
+    rows = np.hstack((np.degrees(c.q), c.position * MM))
+    groups = [[*named(group), ["Mean", *group.mean(axis=0).tolist()]] for group in np.split(rows, 3)]
+    return {"groups.csv": lines(itertools.chain(*groups), ";", f"Name;{JOINTS};X;Y;Z\n")}
+
+
+def names_on_each_line(c: Campaign) -> dict[str, str]:
+    form = " ".join([*(f"J{i}={{}}" for i in range(1, 7)), "X={}", "Y={}", "Z={}\n"])
+    return {"log.txt": "".join(form.format(*row) for row in np.hstack((np.degrees(c.q), c.position * MM)).round(7))}
+
+
+def franka_matrices(c: Campaign) -> dict[str, str]:
+    matrix = homogeneous(c.position, c.turn).transpose(0, 2, 1).reshape(N, 16)
+    head = [*(f"q[{i}]" for i in range(6)), *(f"O_T_EE[{i}]" for i in range(16))]
+    return {"franka.csv": lines(np.hstack((c.q, matrix)).tolist(), ",", ",".join(head) + "\n")}
 
 
 def yaml_records(c: Campaign) -> dict[str, str]:
@@ -639,6 +677,18 @@ def rotations_and_translations(c: Campaign) -> dict[str, str]:
     parts = {"R_gripper2base": robot[:, :3, :3].reshape(N, 9), "t_gripper2base": robot[:, :3, 3:]}
     parts |= {"R_target2cam": camera[:, :3, :3], "t_target2cam": camera[:, :3, 3]}
     return {"handeye.json": json.dumps({name: part.tolist() for name, part in parts.items()})}
+
+
+def base_seen_from_the_hand(c: Campaign) -> dict[str, str]:
+    """The robot's part as OpenCV wants it of a camera beside the arm, in the YAML of OpenCV, a matrix for each pose."""
+    robot = np.linalg.inv(homogeneous(c.commanded, c.commanded_turn))
+    camera, text = homogeneous(c.position, c.turn), "%YAML:1.0\n---\n"
+    for i, (arm, seen) in enumerate(zip(robot, camera, strict=True)):
+        for name, pose in (("base2gripper", arm), ("target2cam", seen)):
+            for letter, part in (("R", pose[:3, :3]), ("t", pose[:3, 3:])):
+                rows = f"rows: 3\n   cols: {part.shape[1]}\n   dt: d\n   data: {part.ravel().tolist()}"
+                text += f"{letter}_{name}_{i}: !!opencv-matrix\n   {rows}\n"
+    return {"handeye.yaml": text}
 
 
 def lists_of_matrices(c: Campaign) -> dict[str, str]:
@@ -730,7 +780,7 @@ def polyworks_blocks(c: Campaign) -> dict[str, str]:
 
 
 def metrolog(c: Campaign) -> dict[str, str]:
-    head = "METROLOG\tcell 4\nFeature\tType\tCharacteristic\tNominal\tActual\tStatus\n"
+    head = "METROLOG\tcell 4\nElement\tType\tAxe\tNominal\tMesuré\tStatus\n"
     return in_rows(c, head, "\t", lambda i, axis, v: f"P{i}\tPoint\t{axis}\t{v + 1:.6f}\t{v:.6f}\tOK\n")
 
 
@@ -1013,6 +1063,7 @@ def pandas(orient: str) -> Form:
 
 POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
+    *(json_by_name, means_between_rows, names_on_each_line),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
     *(
@@ -1029,11 +1080,11 @@ POSITIONS: tuple[Form, ...] = (
     ),
 )
 POSES: tuple[Form, ...] = (
-    *(rotations_and_translations, lists_of_matrices),
+    *(rotations_and_translations, base_seen_from_the_hand, lists_of_matrices),
     *(json_lines, json_records, bare_matrices, hand_eye_matrices, hand_eye_transforms, stamped, body_and_marker),
     *(tool_and_stray, le_robot, robtargets, kuka_poses, stacked_matrices, matrices_side_by_side),
     *(pairs_with_euler_angles, lines_of_hand_and_eye, tf_echo, printed_arrays, matrices_in_a_log),
-    coordinates_and_markers,
+    *(coordinates_and_markers, franka_matrices),
 )
 FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSITIONS,
@@ -1046,7 +1097,13 @@ WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
 WITHOUT_ROBOT = (
     *("hand_eye_matrices", "hand_eye_transforms", "trajectories", "robtargets", "kuka_poses", "stacked_matrices"),
     *("matrices_side_by_side", "pairs_with_euler_angles", "lines_of_hand_and_eye", "rotations_and_translations"),
-    *("lists_behind_names", "matrices_in_a_log", "goals_in_m_and_a_tracker_in_mm", "coordinates_and_markers"),
+    *(
+        "lists_behind_names",
+        "base_seen_from_the_hand",
+        "matrices_in_a_log",
+        "goals_in_m_and_a_tracker_in_mm",
+        "coordinates_and_markers",
+    ),
     *("small_letters_with_angles_of_kuka",),
 )
 
@@ -1237,7 +1294,7 @@ def test_notes_say_how_a_file_was_read_and_quiet_leaves_them_out(campaign: Campa
     words = [line.partition(":")[0] for line in spoken]
     assert words == sorted(words, reverse=True)  # warnings first
     notes = [line for line in spoken if line.startswith("note: ")]
-    assert sum("not read below the table: " in line for line in notes) == 1
+    assert sum("not read in or below the table: " in line for line in notes) == 1
     assert any("A1, A2, A3, A4, A5, A6 taken as deg: no other unit" in line for line in notes)
     assert any("X, Y, Z taken as mm: no other unit" in line for line in notes)
     assert any("U95 [um] -> sigma_x_um times 2" in line for line in notes)
@@ -1354,6 +1411,10 @@ def test_a_second_position_of_unknown_kind_is_a_question(campaign: Campaign, tmp
         path = written({"both.csv": beside("{}", name)["both.csv"].of(campaign)}, tmp_path)[0]
         with pytest.raises(InputError, match=r"found several positions: 'X, Y, Z' or .* say with `columns`"):
             robacc.read_poses(path, robot=ROBOT)
+    pose = Text(f"{J},ee_x,ee_y,ee_z,ee_qx,ee_qy,ee_qz,ee_qw,foo_x,foo_y,foo_z", "deg cmd_m cmd_xyzw m", sep=",")
+    path = written({"pose.csv": pose.of(campaign)}, tmp_path)[0]
+    with pytest.raises(InputError, match=r"found several positions: 'ee_x, ee_y, ee_z' or 'foo_x, foo_y, foo_z'"):
+        robacc.read_poses(path, robot=ROBOT)
 
 
 @pytest.mark.parametrize("name", ["d{}", "{} dev", "Vel {}", "v{}", "Abw. {}", "RMS {}"])

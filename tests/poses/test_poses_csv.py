@@ -318,7 +318,7 @@ PROBLEMS: list[tuple[dict[str, Any], dict[str, Any], list[str]]] = [
     (
         good() | {"q2": np.r_[np.zeros(N - 1), -3.3]},
         LIMITED,
-        [f"{N + 1}, q2: found -3.3, expected a value within the joint's limits -3.1 to 3.1"],
+        [f"{N + 1}, q2: found -3.3, expected a value within the limits of q2, -3.1 to 3.1"],
     ),
     (
         good() | {"q2": np.r_[np.full(N - 1, 0.5), 30.0]},

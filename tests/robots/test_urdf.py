@@ -385,7 +385,7 @@ def chain(*columns: str, tip: str | None = None, base: str | None = None) -> tup
         (("x_mm", "right_2 [deg]", "right_1 [deg]"), ("cart", "r_plate", ["right_1", "right_2"])),
         (("wheel", "right_1", "right_2"), ("ground", "r_plate", ["wheel", "right_1", "right_2"])),
         (("right_1", "right_3"), ("cart", "r3", ["right_1", "right_3"])),
-        (("right_1", "right_2", "finger"), ("cart", "finger_link", ["right_1", "right_2", "finger"])),
+        (("right_1", "right_2", "finger"), ("cart", "r_plate", ["right_1", "right_2"])),
         # Numbers: the longest chain without its gripper.
         (("q1", "q2", "q3", "x", "y", "z"), ("ground", "r_plate", ["wheel", "right_1", "right_2"])),
         (("J1", "J2", "J3", "J4"), ("ground", "finger_link", ["wheel", "right_1", "right_2", "finger"])),
@@ -399,6 +399,30 @@ def test_columns_choose_the_chain(columns: tuple[str, ...], expected: tuple[str,
 def test_links_that_are_given_come_first() -> None:
     assert chain("left_1", "left_2", tip="r2")[1:] == ("r2", ["wheel", "right_1", "right_2"])
     assert chain("left_1", "left_2", base="ground") == ("ground", "tool0", ["wheel", "left_1", "left_2"])
+
+
+def test_a_joint_that_follows_another_at_the_end_is_part_of_the_chain() -> None:
+    # Without the fork to the flange, the thumb is all that is behind the slide.
+    robot = parse_urdf(TREE, "tree.urdf", joint_columns=lambda: ("one", "two", "slide"))
+    assert robot.tip_link == "thumb"
+
+
+def test_of_chains_of_the_same_joints_the_flange_ends_it_and_two_arms_are_a_question() -> None:
+    camera = TREE.replace('<link name="flange"/>', '<link name="flange"/><link name="camera"/><link name="lens"/>')
+    for name, parent in (("camera", "lower"), ("lens", "camera")):
+        fixed = f'<joint name="to_{name}" type="fixed"><parent link="{parent}"/><child link="{name}"/></joint></robot>'
+        camera = camera.replace("</robot>", fixed)
+    slide = camera.replace('type="prismatic"', 'type="fixed"')
+    assert parse_urdf(slide, "tree.urdf").tip_link == "flange"
+    # One finger has a longer chain of fixed joints than the other.
+    fingers = camera.replace(
+        '<parent link="camera"/><child link="lens"/>', '<parent link="thumb"/><child link="lens"/>'
+    )
+    fingers = fingers.replace(
+        '<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>'
+    )
+    fingers = fingers.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
+    assert "2 chains are equally long" in problems_of(fingers)
 
 
 def test_joints_of_two_branches_leave_the_longest_chain() -> None:

@@ -217,9 +217,9 @@ class TableDialect(NamedTuple):
         ) or self.is_statistic(line)
 
     def is_statistic(self, line: str) -> bool:
-        """Return whether a line sums up others, as a mean does."""
+        """Return whether a line sums up others, as a mean does; one that begins as a number does is told at once."""
         return (
-            not line[:1].isdecimal()
+            line[:1] not in "+-.0123456789"
             and _STATISTIC.match(line.lstrip(' \t,;|"')) is not None
             and _STATISTIC.fullmatch(next(filter(None, self.fields(line)), "")) is not None
         )

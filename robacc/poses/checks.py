@@ -337,13 +337,13 @@ _Group = tuple[str, bool, bool]
 """Quantity of columns, whether their names are not documented, and whether they are those of commands alone."""
 
 
-def _groups(columns: Sequence[Column], foreign: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
+def _groups(columns: Sequence[Column], undocumented: Sequence[Column], are_apart: bool) -> dict[_Group, list[Column]]:
     """Return the columns of each quantity; where they ``are_apart``, those of commands and of measured values each."""
     return by_key(
         (
             (
                 QUANTITY[column.kind],
-                column in foreign,
+                column in undocumented,
                 are_apart and bool(column.key.startswith("cmd_") or JOINT_COLUMN.fullmatch(column.key)),
             ),
             column,

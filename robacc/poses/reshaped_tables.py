@@ -185,6 +185,7 @@ MATRIX_ENTRY = re.compile(r"(?P<stem>.*?[a-zA-Z])[_.\[(, ]*(?P<row>[0-4])[_., \]
 
 def with_poses_of_matrices(table: Table) -> Table:
     """Return a table with quaternions, and positions, in place of the entries of matrices."""
+    # Of 16 counted columns, five look like an entry: 10 to 14.
     has_entries = sum(bool(MATRIX_ENTRY.fullmatch(name.strip())) for name in table.names) >= 5
     return plug_in("robacc.readers", "hand-eye").with_poses(table) if has_entries else table
 

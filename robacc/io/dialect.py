@@ -214,15 +214,16 @@ class TableDialect(NamedTuple):
                 or any(self.is_number(first.get(i, "")) for i in texts)
                 or all(text.count(" ") > max(1, first.get(i, "").count(" ")) for i, text in texts.items())  # prose
             )
-        ) or self.is_statistic(line)
+        ) or self.are_statistics([line])[0]
 
-    def is_statistic(self, line: str) -> bool:
-        """Return whether a line sums up others, as a mean does; one that begins as a number does is told at once."""
-        return (
+    def are_statistics(self, lines: Iterable[str]) -> list[bool]:
+        """Return whether each line sums up others, as a mean does; one that begins as a number does is told at once."""
+        return [
             line[:1] not in "+-.0123456789"
             and _STATISTIC.match(line.lstrip(' \t,;|"')) is not None
             and _STATISTIC.fullmatch(next(filter(None, self.fields(line)), "")) is not None
-        )
+            for line in lines
+        ]
 
     def is_number(self, text: str) -> bool:
         """Return whether a field is a number in this dialect, with or without a unit behind it."""

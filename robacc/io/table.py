@@ -276,7 +276,7 @@ class TextTable(Table):
             if not following and self._ends_with_line:  # else a row was cut off
                 while end > 1 and self.dialect.is_footer(lines[end - 1], len(self.labels)):
                     end -= 1
-            is_unread = [i >= end or self.dialect.is_statistic(line) for i, line in enumerate(lines)]
+            is_unread = [*self.dialect.are_statistics(lines[:end]), *[True] * (len(lines) - end)]
             unread += (
                 text
                 for line in itertools.compress(lines, is_unread)

@@ -146,8 +146,8 @@ def leaves_configuration(rules: ConfigurationRules, text: str, before: Array, af
         inside = (before > window[0]) & (before < window[1])
         if np.any(inside & ((after < window[0]) | (after > window[1]))):
             return True
-    is_named = not rules.are_read_whole and text != "" and before.size == N_AXES
-    return bool(is_named and before[4] * after[4] < 0)
+    # Every dialect's configuration names the side of axis 5.
+    return bool(text != "" and before.size == N_AXES and before[4] * after[4] < 0)
 
 
 # Numbers written as the program writes them: decimals, column width, sign and leading zero.

@@ -859,10 +859,15 @@ def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
 
 
 def _price(noise: CovarianceParameters, linear: Linearised) -> float:
-    """Return half the log of the rows for each parameter (Schwarz 1978), and the odds for acceptance for each term."""
+    """Return half the log of what shows each parameter (Schwarz 1978), and the odds for acceptance for each term.
+
+    Rows show the noise; visits show the terms, which the rows of a visit share (M. Delattre, M. Lavielle, M.-A.
+    Poursat, Electronic Journal of Statistics 8, 2014).
+    """
     usual, count = usual_std(noise, linear), 2 * (len(noise.log_std) > 2)
-    count += sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
-    return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
+    of_terms = sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
+    shown = count * math.log(len(linear.y)) + of_terms * math.log(np.unique(linear.rows.visit).size)
+    return 0.5 * shown + ACCEPTED * len(noise.terms)
 
 
 def with_terms_that_gain(

@@ -483,7 +483,8 @@ def correct_program(
         values |= {i: value for i, value, refusal in zip(group, new, result.refusals, strict=True) if refusal is None}
         left += [(i, refusal.reason) for i, refusal in zip(group, result.refusals, strict=True) if refusal is not None]
     unchanged = sorted((program.targets[i].line, program.targets[i].name, reason) for i, reason in left)
-    refuse((not values, _problems(unchanged, program.file, advice)))
+    if not values:
+        raise InputError(_problems(unchanged, program.file, advice))
     doubts = tuple(dict.fromkeys((*inputs.warnings, *(text for result in results for text in result.made.warnings))))
     corrected = with_targets(program, [values.get(i) for i in range(len(program.targets))])
     return CorrectedProgram(program, corrected, tuple(results), tuple(unchanged), doubts)

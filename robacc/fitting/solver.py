@@ -327,8 +327,9 @@ class _Solver:
         if at_nominal:
             self.normal = normal.subset(equations.columns)
         lacking = np.setdiff1d(np.arange(self.theta.size), equations.columns)
-        self.theta[lacking] = 0.0  # Coefficients of a start that the poses do not identify are nominal.
-        self.residual = equations.residual(self.theta)
+        if self.theta[lacking].any():  # Coefficients of a start that the poses do not identify are nominal.
+            self.theta[lacking] = 0.0
+            self.residual = equations.residual(self.theta)
         return dataclasses.replace(identified, columns=equations.columns, dropped=dropped)
 
     def _unmeasured(self, free: Sequence[Term]) -> dict[int, str]:

@@ -502,6 +502,8 @@ class ArmFit(NamedTuple):
     """Name of the robot file."""
     is_shrunk: bool = False
     """Whether coefficients may be shrunk to nominal."""
+    measured: frozenset[str] = frozenset()
+    """Digests of its files of poses."""
 
 
 def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
@@ -526,7 +528,8 @@ def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
     covariance = {(a, b): float(matrix[i, j]) for i, a in enumerate(names) for j, b in enumerate(names[: i + 1])}
     dropped = frozenset(entry["name"] for entry in document["parameters"] if entry["std"] is None)
     robot, is_shrunk = (document.get("robot") or {}).get("name"), bool(document["options"].get("shrink"))
-    return ArmFit(arm, values, covariance, dropped, str(robot), is_shrunk)
+    measured = frozenset(entry["sha256"] for entry in document["inputs"] if entry["kind"] == "poses")
+    return ArmFit(arm, values, covariance, dropped, str(robot), is_shrunk, measured)
 
 
 def _squares(values: Array, variances: Array, between: float) -> float:

@@ -719,6 +719,13 @@ def _warnings(
         if pose.deviation is not None and pose.commanded is not None
     ]
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
+    # Readings have more digits than an arm repeats, unless one is copied or the instrument is too coarse.
+    equal = [
+        pose.label
+        for of_file in poses_by_file
+        for pose in of_file
+        if pose.data.n > 1 and np.ptp(pose.data.position, axis=1).max() == 0.0
+    ]
     # A single pose does not show whether the accuracy of a robot is too bad for an arm.
     is_far = any(
         too_far(
@@ -736,5 +743,10 @@ def _warnings(
             "commanded pose; put commanded joint values into the q columns, not encoder readings",
         ),
         (is_far, TOO_LARGE if registered else UNREGISTERED),
+        (
+            bool(equal),
+            f"all visits of {', '.join(equal[:5])} have the same position to the last digit: they were not measured "
+            "one by one, or the instrument is too coarse, and RP is no result",
+        ),
     )
     return tuple(dict.fromkeys(warnings))

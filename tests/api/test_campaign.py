@@ -444,7 +444,8 @@ ENDMODULE
         place = ",".join(f"{1e3 * value:.6f}" for value in target[:3, 3])
         turn = ",".join(f"{value:.10f}" for value in (w, x, y, z))
         quarters = ",".join(str(int(np.floor(2 * Q[axis, i] / np.pi))) for axis in (0, 3, 5))
-        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},0],{unused}]")
+        # In front is where axis 2 turns the upright arm, which is the other side on this arm.
+        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},4],{unused}]")
     path = tmp_path / "cell.mod"
     result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 3
@@ -500,11 +501,13 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
     config = "N U T, 0, 0, 0"
     assert [leaves_configuration(fanuc.CONFIGURATIONS, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
     # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
-    assert [leaves_configuration(krl.CONFIGURATIONS, "S 2,T 10", before, q) for q in (before, over, flipped)] == [
-        0,
-        0,
-        1,
-    ]
+    for rules, stated, at_border in (
+        (krl.CONFIGURATIONS, "S 2,T 10", 0),
+        (krl.CONFIGURATIONS, "S 2", 0),
+        (rapid.CONFIGURATIONS, "[0,-1,1,0]", 1),
+    ):
+        found = [leaves_configuration(rules, stated, before, q) for q in (before, over, flipped)]
+        assert found == [0, at_border, 1]
     assert [leaves_configuration(ConfigurationRules(), "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
     assert not leaves_configuration(fanuc.CONFIGURATIONS, config, on_border, on_border + 1e-4 * np.eye(6)[5])

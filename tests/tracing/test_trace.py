@@ -259,8 +259,8 @@ def test_a_row_of_the_table_that_is_wrong_is_told_with_its_joint() -> None:
 
 def test_what_is_left_is_held_against_its_neighbours() -> None:
     """A tracker that sways is not in the catalogue."""
-    data = measured("puma560", n=60)
-    swaying = data.position + 1e-4 * np.sin(2 * np.pi * np.arange(60) / 8)
+    data = measured("puma560", n=100)
+    swaying = data.position + 1e-4 * np.sin(2 * np.pi * np.arange(100) / 8)
     found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying))
     assert found.verdict == "unexplained"
     assert found.unexplained.p_value < 1e-4
@@ -314,7 +314,7 @@ def test_noise_beyond_what_the_file_says_is_unexplained_and_not_an_effect() -> N
 def test_the_columns_that_would_show_a_cause_are_named() -> None:
     # A lag whose speeds differ at each visit, and were not recorded, looks like scatter of the joints.
     rng = np.random.default_rng(5)
-    once = measured("puma560", n=30)
+    once = measured("puma560", n=50)
     rows = np.tile(np.arange(once.n), 3)
     visits = dataclasses.replace(once.subset(rows), pose=rows, cycle=np.repeat(np.arange(3), once.n))
     speed = rng.uniform(-1.0, 1.0, (6, visits.n))

@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterator
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-from robacc.errors import UsageError
+from robacc.errors import UsageError, refuse
 
 if TYPE_CHECKING:
     from importlib.metadata import EntryPoints
@@ -23,8 +23,7 @@ def plug_in(group: str, name: str) -> Any:
         UsageError: No installed package offers it, or it cannot be loaded.
     """
     entries = _entries(group, tuple(sys.path))
-    if name not in entries.names:
-        raise UsageError(f"no installed package offers the plug-in {name} of {group}")
+    refuse((name not in entries.names, f"no installed package offers the plug-in {name} of {group}"))
     try:
         return entries[name].load()
     except (ImportError, AttributeError) as error:

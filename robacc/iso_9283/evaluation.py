@@ -22,7 +22,6 @@ from robacc.errors import InputError, Problem, applying, refuse
 from robacc.geometry import Array, Poses, rms_length, rotation_about
 from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
-    SAME_COMMAND,
     Characteristic,
     CommandedPose,
     Iso9283Result,
@@ -34,7 +33,7 @@ from robacc.iso_9283.criteria import (
     repeatability,
     visits_of,
 )
-from robacc.measurements import Measurements, motion_between_visits, numbered_visits
+from robacc.measurements import STILL, Measurements, motion_between_visits, numbered_visits
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
 
@@ -732,7 +731,7 @@ def _warnings(
     warnings = applying(
         *((True, warning) for data in files for warning in data.warnings),
         (
-            move > SAME_COMMAND,
+            move > STILL,
             f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
             "commanded pose; put commanded joint values into the q columns, not encoder readings",
         ),

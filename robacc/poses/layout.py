@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.errors import Note, by_key
+from robacc.errors import MAX_PROBLEMS, Note, by_key
 from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
@@ -49,7 +49,6 @@ from robacc.poses.reading import (
 )
 from robacc.poses.reshaped_tables import advice_on_points
 
-_MAX_WARNINGS = 20
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
 QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
@@ -218,9 +217,9 @@ def read_layout(
         texts = [
             f"unknown column {clip(name)} is ignored; the nearest known name is "
             f"{documented_name(name) or nearest_name(name, tuple(names.robot.joint_names or ()))!r}"
-            for name in [*unknown][:_MAX_WARNINGS]
+            for name in [*unknown][:MAX_PROBLEMS]
         ]
-        texts += [f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns"] * (len(unknown) > _MAX_WARNINGS)
+        texts += [f"… and {len(unknown) - MAX_PROBLEMS} more unknown columns"] * (len(unknown) > MAX_PROBLEMS)
         if unnamed := sum(not name for name in layout.unused):
             texts.append(f"columns without a name are ignored: {unnamed}")
         for text in texts:

@@ -598,7 +598,7 @@ def test_gaps_of_frames_have_a_row_and_a_column(missing: object) -> None:
         robacc.read_poses(frame)
     data = robacc.read_poses(frame, skip_gaps=True)
     assert data.n == len(table["y"]) - 1
-    assert any("1 row with a missing value left out (row 4)" in text for text in data.warnings)
+    assert any("1 row incomplete or not measured, left out (row 4)" in text for text in data.warnings)
 
 
 @pytest.mark.parametrize(

@@ -137,6 +137,29 @@ def test_few_poses_or_no_joints_are_not_judged() -> None:
     assert check_data(robot, dataclasses.replace(data, q=None)) == ()
 
 
+@pytest.mark.parametrize(
+    ("order", "sign", "message"),
+    [
+        ([0, 1, 2, 3, 4, 5], [1, 1, 1, -1, 1, 1], "the sign of joint wrist_1_joint seems to be reversed"),
+        (
+            [0, 1, 2, 5, 4, 3],
+            [1, 1, 1, 1, 1, 1],
+            "the columns of joints wrist_1_joint and wrist_3_joint seem to be exch",
+        ),
+    ],
+)
+def test_mistakes_of_joints_are_refused_in_sockets_of_unknown_place(
+    order: list[int], sign: list[int], message: str, tmp_path: Path
+) -> None:
+    lines = Path("sample_data/sockets/unknown.csv").read_text().splitlines()
+    heading, *rows = (line.split(",") for line in lines if not line.startswith("#"))
+    changed = [[f"{k * float(row[i])}" for k, i in zip(sign, order, strict=True)] + row[6:] for row in rows]
+    file = tmp_path / "unknown.csv"
+    file.write_text("\n".join(",".join(row) for row in [heading, *changed]) + "\n")
+    with pytest.raises(InputError, match=message):
+        robacc.calibrate(file, robot="ur10")
+
+
 Matrix = np.ndarray
 
 

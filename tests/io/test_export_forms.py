@@ -1290,7 +1290,7 @@ def test_rows_without_a_measurement_are_left_out_by_their_status(campaign: Campa
     data = robacc.read_poses(path, robot=ROBOT)
     assert data.n == N
     (left_out,) = [text for text in data.warnings if "left out" in text]
-    assert "2 rows with a missing value left out (line 6, 11)" in left_out
+    assert "2 rows incomplete or not measured, left out (line 6, 11)" in left_out
     assert not isinstance(left_out, Note)
     text = Path(path).read_text(encoding="utf-8").replace("FAILED", "OK")
     Path(path).write_text(text, encoding="utf-8")

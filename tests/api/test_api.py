@@ -649,9 +649,9 @@ def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.
     assert str(result).splitlines()[1] == "poses.csv against the model robot.yaml"
     stepped = robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="none", frame="base")
     assert str(dataclasses.replace(stepped, warnings=("a doubt",))).endswith("\nwarning: a doubt")
-    traced = robacc.trace(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", declared="base_frame,tool_frame")
-    assert str(traced).startswith("Trace of 60 measured poses: ")
-    assert "next:" in str(traced)
+    fitted = robacc.calibrate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", folds=2)
+    assert str(fitted).startswith("Calibration from 60 measured poses")
+    assert "next:" in str(fitted)
 
 
 def test_the_text_of_poses_has_ten_lines_at_most() -> None:

@@ -199,8 +199,7 @@ def zero(q: Matrix, joint: int, degrees: float) -> Matrix:
     return changed
 
 
-@pytest.mark.parametrize("joints", ["14", "235", "2345"])
-@pytest.mark.parametrize("oriented", [False, True])
+@pytest.mark.parametrize(("joints", "oriented"), [("14", True), ("235", False), ("2345", False)])
 def test_several_signs_together(joints: str, oriented: bool) -> None:
     q, position, rotation = made()
     mistake = judged(q * signs(joints), position, rotation if oriented else None)
@@ -444,7 +443,7 @@ def test_exchanged_names_of_targets() -> None:
     assert "give each row the name of the target that was measured" in warning
 
 
-@pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2), (10, 55, 1)])
+@pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2)])
 def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
     rows = list(range(first, end))
     with pytest.raises(InputError, match="the measured poses seem to be shifted") as info:
@@ -457,7 +456,7 @@ def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
     assert abs(named[1] - end) <= 2
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_permuted_rows_are_named_with_an_unknown_tool(seed: int) -> None:
     order = np.random.default_rng(seed).permutation(N_OF_ROW_MISTAKES)
     turned = registered_poses(independent_arm.robot(), data_of_row_mistakes()).rotation

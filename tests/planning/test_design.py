@@ -251,7 +251,7 @@ def test_exact_equals_are_named(plan: CampaignPlan) -> None:
     assert pairs[first, second]["evidence"] == pytest.approx(0.0, abs=1e-6)
 
 
-ARMS = ("irb1600", "puma560", "scara")
+ARMS = ("irb1600", "scara")
 POSES, CANDIDATES, DRAWS = 14, 80, 30
 FIT = "base_frame,tool_frame,joint_offset"
 

@@ -273,7 +273,9 @@ def _parsed(text: str, name: str) -> Any:
             json.dumps(document, ensure_ascii=False).encode()
     except json.JSONDecodeError as error:
         # A truncated file ends there, or with a part of a number or word.
-        if re.fullmatch(r"[-+.\w]*\s*", text[error.pos :]) or error.msg.startswith("Unterminated string"):
+        if text.lstrip()[0] in "{[" and (
+            re.fullmatch(r"[-+.\w]*\s*", text[error.pos :]) or error.msg.startswith("Unterminated string")
+        ):
             raise InputError(Problem("is incomplete; the file was truncated", name, error.lineno)) from None
         raise InputError(
             Problem(

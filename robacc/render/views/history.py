@@ -96,7 +96,9 @@ def changes_view(document: Document) -> list[Section]:
         section
         for arm in document["arms"]
         for own in [[change for change in document["changes"] if change["arm"] == arm["arm"]]]
-        for nothing in [[] if own else ["nothing changed beyond the limits below"]]
+        for unchanged in [
+            "nothing changed beyond the limits below" if arm["detection_limits"] else "no change can be told yet"
+        ]
         for section in (
             Section(
                 f"{arm['arm']}: {len(own) or 'no'} change{'s' * (len(own) != 1)} in {arm['n_tests']} tests",
@@ -114,7 +116,7 @@ def changes_view(document: Document) -> list[Section]:
                                 for one in own
                                 if not one["confirmed"]
                             ),
-                            *nothing,
+                            *([] if own else [unchanged]),
                             *arm["notes"],
                         ]
                     ),

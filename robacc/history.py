@@ -34,6 +34,7 @@ from robacc.documents.history import date_text
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.effects.specification import absorbed
 from robacc.errors import InputError, Problem, by_key, refuse
+from robacc.fitting.levels import NEW
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, rms_length
@@ -53,8 +54,6 @@ RIVAL = 3.0
 """Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
 _NEAR = 3.841
 """Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
-_SAME = 1e-9
-"""Share of a column's square below which the other columns make it up."""
 SETUP = ("base_frame.", "tool_frame.")
 """Coefficients of the set-up."""
 Entry = Mapping[str, Any]
@@ -177,7 +176,7 @@ class _Fit:
         # With two tests behind its start, a ramp is told from a step by chance; the last test alone is a step too.
         for row, (along, size, cross) in enumerate((step, ramp, (rest, w, self.weighted))):
             left = size - np.sum(cross * (self.inverse @ cross), axis=-2)
-            is_known = left > _SAME * size
+            is_known = left > NEW * size
             is_known[..., : row < 2] = False
             is_known[..., n - (0, 2, 1)[row] :] = False
             gains.append(np.where(is_known, np.square(along) / np.where(is_known, left, 1.0), 0.0))
@@ -368,8 +367,6 @@ def _change(
 # anew and are free. Each coefficient in turn is put to the test with the weights of that error, and the most
 # significant one is taken, as long as one is improbable without a change.
 
-_HIDDEN = 1e-6
-"""Share of a coefficient's information, frames fixed, below which free frames hide it."""
 _MOST_POSES = 1000
 """The errors of all poses are correlated: one matrix of all of them is made."""
 
@@ -440,7 +437,7 @@ def quick_test(
         dof = left.size - chosen.shape[1] - 1
         free_of = {name: column - basis @ (basis.T @ column) for name, column in columns.items()}
         sizes = {name: float(column @ column) for name, column in free_of.items()}
-        known = [name for name in columns if sizes[name] > _HIDDEN * float(columns[name] @ columns[name])]
+        known = [name for name in columns if sizes[name] > NEW * float(columns[name] @ columns[name])]
         gains = {name: float(free_of[name] @ left) ** 2 / sizes[name] for name in known}
         if not known or dof < 1:
             break
@@ -505,6 +502,8 @@ class ArmFit(NamedTuple):
     """Name of the robot file."""
     is_shrunk: bool = False
     """Whether coefficients may be shrunk to nominal."""
+    measured: frozenset[str] = frozenset()
+    """Digests of its files of poses."""
 
 
 def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
@@ -529,7 +528,8 @@ def arm_fit(document: Mapping[str, Any], arm: str) -> ArmFit:
     covariance = {(a, b): float(matrix[i, j]) for i, a in enumerate(names) for j, b in enumerate(names[: i + 1])}
     dropped = frozenset(entry["name"] for entry in document["parameters"] if entry["std"] is None)
     robot, is_shrunk = (document.get("robot") or {}).get("name"), bool(document["options"].get("shrink"))
-    return ArmFit(arm, values, covariance, dropped, str(robot), is_shrunk)
+    measured = frozenset(entry["sha256"] for entry in document["inputs"] if entry["kind"] == "poses")
+    return ArmFit(arm, values, covariance, dropped, str(robot), is_shrunk, measured)
 
 
 def _squares(values: Array, variances: Array, between: float) -> float:

@@ -13,6 +13,8 @@ from robacc.geometry import Array, NDArray, Poses
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
+STILL = 1e-6
+"""rad or m; joints or commanded poses that differ by less are equal: below any encoder, above the rounding of files."""
 IMAGES = ("image", "image from hand")
 """Kinds of images: of a camera beside the arm, and of one on its hand."""
 SHOWN = {

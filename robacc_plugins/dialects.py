@@ -18,6 +18,7 @@ import numpy as np
 from robacc.errors import refuse
 from robacc.geometry import (
     Array,
+    NDArray,
     compose,
     exp_so3,
     log_so3,
@@ -40,6 +41,7 @@ from robacc.programs.program import (
     native_of,
 )
 from robacc.programs.targets import N_AXES, shortened
+from robacc.robots.arm import Arm
 
 NUMBER = r"[+-]?(?:\d+(?:\.\d*)?|\.\d+)(?:[eE][+-]?\d+)?"
 """Pattern of a number in every dialect."""
@@ -413,3 +415,63 @@ def write_program(
         name=identifier, NAME=identifier.upper()[:36], data="\n".join(data), moves=lines
     )
     return whole.replace("\n", layout["line_end"])
+
+
+# Sides of the wrist centre, by which configurations name a solution of the inverse kinematics.
+
+_SPHERICAL = 1e-4
+"""m: distance from their common point up to which the wrist axes count as intersecting."""
+
+
+def on_sides(arm: Arm, q: Array, behind: bool, in_front: bool, negative: bool) -> NDArray[np.bool_]:
+    """Return ``(N,)`` whether joints ``(J, N)`` lie on sides; all, for arms of other than six revolute axes.
+
+    The sides of the wrist centre count where the wrist's three axes intersect.
+
+    Args:
+        arm: Nominal arm with the identity as its base frame.
+        q: Joints, rad.
+        behind: Whether the wrist centre is behind axis 1.
+        in_front: Whether the wrist centre is in front of the straight line from axis 2 to axis 3.
+        negative: Whether axis 5 is negative.
+    """
+    if q.shape[0] != N_AXES or not all(arm.is_revolute(name) for name in arm.names):
+        return np.ones(q.shape[1], dtype=bool)
+    measures = [(negative, -q[4])]
+    if (sides := _sides(arm, q)) is not None:
+        measures += [(behind, -sides[0]), (in_front, sides[1])]
+    signed = np.array([value if is_on else -value for is_on, value in measures])
+    # m or rad: distance from a border within which both sides count.
+    return np.asarray(np.all(signed > -1e-4, axis=0))
+
+
+def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
+    """Return the wrist centre's place ``(N,)`` m in front of axis 1, and of the line from axis 2 to axis 3.
+
+    None for a wrist whose axes do not intersect.
+    """
+    points, axes = _lines(arm, q)
+    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
+    # The axes of a wrist in its singular pose are still three lines, two of which coincide.
+    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
+    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
+    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
+    if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
+        return None
+    second = axes[:, 1]
+    # In front is where axis 2 turns the upright arm: along axis 2 crossed with the base's z.
+    first = second[1] * (centre - points[:, 0])[0] - second[0] * (centre - points[:, 0])[1]
+    # The component along axis 2 of a cross product has no part of the free places of the points along that axis.
+    link, forearm = points[:, 2] - points[:, 1], centre - points[:, 2]
+    moment = np.einsum("an,an->n", second, np.cross(link, forearm, axis=0))
+    length = np.linalg.norm(link - second * np.einsum("an,an->n", second, link), axis=0)
+    return first, moment / np.maximum(length, _SPHERICAL)
+
+
+def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
+    """Return a point and the positive direction of each joint's axis, each ``(3, J, N)``, base frame."""
+    joints = arm.robot.variables
+    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], [arm.axis_motion(joint.name) for joint in joints])
+    turning, moving = sweep.jacobian[3:], sweep.jacobian[:3]
+    points = sweep.poses.translation[:, None] - np.cross(moving, turning, axis=0)
+    return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]

@@ -39,6 +39,7 @@ from robacc_plugins.dialects import (
     items,
     mask,
     numbers,
+    on_sides,
     stripped,
     timeline,
     unclosed,
@@ -357,9 +358,6 @@ def _frame_of(kind: str, match: re.Match[str]) -> str:
 # System Software 8, "Status and Turn"; in words, Beckhoff TF5200, "Status & Turn (IS, IT)". The signs of bits 1 and 2
 # agree with the turn bits of axes 3 and 5 in recorded public programs.
 
-_SPHERICAL = 1e-4
-"""m: distance from their common point up to which the wrist axes count as intersecting."""
-
 
 def joint_window(configuration: str) -> Array | None:
     """Return the least and the largest value ``(2, 6)`` of each joint that a turn allows, rad.
@@ -379,22 +377,15 @@ def joint_window(configuration: str) -> Array | None:
 def allowed_by_status(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
     """Return ``(N,)`` whether joints ``(J, N)`` have the status of a configuration; all, where it has none.
 
-    Bits 0 and 1 need a wrist whose three axes intersect. Arms of other than six axes have no status.
-
     Args:
         arm: Nominal arm with the identity as its base frame, ``$ROBROOT``.
         configuration: ``S`` and ``T`` as the program writes them.
         q: Joints, rad.
     """
     status = _bits("S", configuration)
-    if status is None or q.shape[0] != N_AXES or not all(arm.is_revolute(name) for name in arm.names):
+    if status is None:
         return np.ones(q.shape[1], dtype=bool)
-    measures = [(2, -q[4])]
-    if (sides := _sides(arm, q)) is not None:
-        measures += [(0, -sides[0]), (1, sides[1])]
-    signed = np.array([value if status >> bit & 1 else -value for bit, value in measures])
-    # m or rad: distance from a border within which both values of a bit count.
-    return np.asarray(np.all(signed > -1e-4, axis=0))
+    return on_sides(arm, q, *(bool(status >> bit & 1) for bit in range(3)))
 
 
 def _bits(letter: str, configuration: str) -> int | None:
@@ -403,38 +394,6 @@ def _bits(letter: str, configuration: str) -> int | None:
     if match is None:
         return None
     return int(match[1][1:], 2) if match[1][0] in "Bb" else int(match[1])
-
-
-def _sides(arm: Arm, q: Array) -> tuple[Array, Array] | None:
-    """Return the wrist centre's place ``(N,)`` m in front of axis 1, and of the line from axis 2 to axis 3.
-
-    None for a wrist whose axes do not intersect.
-    """
-    points, axes = _lines(arm, q)
-    across = np.eye(3)[:, :, None, None] - axes[:, None, 3:] * axes[None, :, 3:]
-    # The axes of a wrist in its singular pose are still three lines, two of which coincide.
-    inverse = np.linalg.pinv(np.moveaxis(across.sum(axis=2), 2, 0), rcond=1e-9, hermitian=True)
-    centre = np.einsum("nac,cbjn,bjn->an", inverse, across, points[:, 3:])
-    misses = np.einsum("abjn,bjn->ajn", across, centre[:, None] - points[:, 3:])
-    if float(np.linalg.norm(misses, axis=0).max(initial=0.0)) > _SPHERICAL:
-        return None
-    second = axes[:, 1]
-    # In front is where axis 2 turns the upright arm: along axis 2 crossed with the base's z.
-    first = second[1] * (centre - points[:, 0])[0] - second[0] * (centre - points[:, 0])[1]
-    # The component along axis 2 of a cross product has no part of the free places of the points along that axis.
-    link, forearm = points[:, 2] - points[:, 1], centre - points[:, 2]
-    moment = np.einsum("an,an->n", second, np.cross(link, forearm, axis=0))
-    length = np.linalg.norm(link - second * np.einsum("an,an->n", second, link), axis=0)
-    return first, moment / np.maximum(length, _SPHERICAL)
-
-
-def _lines(arm: Arm, q: Array) -> tuple[Array, Array]:
-    """Return a point and the positive direction of each joint's axis, each ``(3, J, N)``, base frame."""
-    joints = arm.robot.variables
-    sweep = arm.chain.sweep(arm.chain.scalars(q), q.shape[1], [arm.axis_motion(joint.name) for joint in joints])
-    turning, moving = sweep.jacobian[3:], sweep.jacobian[:3]
-    points = sweep.poses.translation[:, None] - np.cross(moving, turning, axis=0)
-    return points, turning * np.array([float(joint.sign) for joint in joints])[:, None]
 
 
 CONFIGURATIONS = ConfigurationRules(joint_window, allowed_by_status, are_read_whole=True)

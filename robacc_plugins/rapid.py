@@ -14,9 +14,10 @@ from functools import partial
 import numpy as np
 
 from robacc.errors import InputError, refuse
-from robacc.geometry import Array
+from robacc.geometry import Array, NDArray
 from robacc.programs.program import ConfigurationRules, Program, ProgramFrame, ProgramSource, ProgramTarget
 from robacc.programs.targets import N_AXES
+from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 from robacc_plugins.dialects import (
     AXIS_UNITS,
@@ -32,6 +33,7 @@ from robacc_plugins.dialects import (
     items,
     mask,
     numbers,
+    on_sides,
     write_program,
 )
 
@@ -199,7 +201,7 @@ def joint_window(configuration: str) -> Array | None:
     """Return the least and the largest value ``(2, 6)`` of each joint that ``[cf1,cf4,cf6,cfx]`` allows, rad.
 
     They are the quarter turns of axes 1, 4 and 6, 0 from 0 to 90 degrees and -1 from -90 to 0 degrees (ABB, Technical
-    reference manual, "confdata"). cfx is not read.
+    reference manual, "confdata").
     """
     numbers = [int(number) for number in re.findall(r"-?\d+", configuration)]
     if len(numbers) < 3:
@@ -209,7 +211,19 @@ def joint_window(configuration: str) -> Array | None:
     return window
 
 
-CONFIGURATIONS = ConfigurationRules(joint_window, are_read_whole=True)
+def allowed_by_cfx(arm: Arm, configuration: str, q: Array) -> NDArray[np.bool_]:
+    """Return ``(N,)`` whether joints ``(J, N)``, rad, have the cfx of ``[cf1,cf4,cf6,cfx]``; all, without 0 to 7.
+
+    From 4 on, the wrist centre is behind axis 1; 2, 3, 6 and 7 have it behind the lower arm, and odd numbers have
+    a negative axis 5 (ABB, Technical reference manual, "confdata").
+    """
+    cfx = int([*re.findall(r"-?\d+", configuration), "-1"][3])
+    if not 0 <= cfx <= 7:
+        return np.ones(q.shape[1], dtype=bool)
+    return on_sides(arm, q, behind=cfx >= 4, in_front=cfx & 2 == 0, negative=cfx & 1 == 1)
+
+
+CONFIGURATIONS = ConfigurationRules(joint_window, allowed_by_cfx, are_read_whole=True)
 """Configurations of robtargets."""
 
 

@@ -8,10 +8,8 @@ one thread, as the command line runs it (see ``robacc.cli.main.main``). Random e
 from __future__ import annotations
 
 import gc
-import importlib.metadata
 import os
 import sys
-from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,8 +17,6 @@ import pytest
 from hypothesis import settings
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
-
     from pose_files import Reader
 
     from robacc.measurements import Measurements
@@ -44,20 +40,6 @@ def pytest_collection_finish() -> None:
     """Take the tests themselves, which live to the end, out of the garbage collector's rounds."""
     gc.collect()
     gc.freeze()
-
-
-@pytest.fixture(scope="session", autouse=True)
-def _installed_packages() -> Iterator[None]:
-    """List the entry points of the packages on the path once; each command asks for them several times."""
-    list_them = importlib.metadata.entry_points
-
-    @cache
-    def listed(path: tuple[str, ...], **which: str) -> Any:
-        return list_them(**which)
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(importlib.metadata, "entry_points", lambda **which: listed(tuple(sys.path), **which))
-        yield
 
 
 @pytest.fixture

@@ -15,7 +15,7 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 
 from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weights
-from robacc.errors import InputError, applying
+from robacc.errors import InputError, applying, refuse
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
     EstimateOrReason,
@@ -296,8 +296,7 @@ class _ErrorSample(PoseSampling):
     @classmethod
     def of(cls, errors: Array, groups: NDArray[Any] | None, share: float, draws: int, seed: int) -> "_ErrorSample":
         """Return the errors with the numbers of their commanded poses."""
-        if (n := errors.shape[1]) == 0:
-            raise InputError("there are no poses; statistics need at least one")
+        refuse(((n := errors.shape[1]) == 0, "there are no poses; statistics need at least one"), error=InputError)
         if groups is not None:
             unique, index = np.unique(groups, return_inverse=True)
             # Without repetitions: the faster and exact case.

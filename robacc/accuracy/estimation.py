@@ -25,10 +25,10 @@ import numpy as np
 from robacc.accuracy.error_statistics import ErrorStatistics, error_statistics, statistics_of_sums
 from robacc.accuracy.error_sums import ErrorSums, count_commands, smallest_hashes
 from robacc.accuracy.grade import Grade, Scale, default_scale, grade
-from robacc.errors import InputError, Note, Problem, RobaccError, applying, given, refuse
+from robacc.errors import MAX_PROBLEMS, InputError, Note, Problem, RobaccError, applying, given, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, NDArray, log_between, rms_length, rotate_back, transpose, vector_lengths
-from robacc.measurements import MOVES_UNUSED, Measurements, even_rows
+from robacc.measurements import MOVES_UNUSED, STILL, Measurements, even_rows
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import quantiles
 from robacc.workers import single_threaded
@@ -242,11 +242,6 @@ def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
 _NOT_USED = "errors are against the model at the commanded joints; the cmd_ columns count only without `robot`"
 N_WORST = 5
 """Number of the worst poses that are listed."""
-_MOST_WARNINGS = 20
-"""Warnings of rows in a file that is read in parts; a file with more has a common fault."""
-
-_STILL = 1e-6
-"""rad or m; commanded poses that differ by less are equal."""
 
 
 class WorstPose(NamedTuple):
@@ -340,7 +335,7 @@ class Totals:
             smallest_hashes(self.commands, other.commands),
             {name: reduce(add, (sums[name] for sums in both if name in sums)) for name in names},
             [tuple(sorted((*own, *its), key=length)[:N_WORST]) for own, its, length in worst],
-            tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:_MOST_WARNINGS],
+            tuple(dict.fromkeys((*self.warnings, *other.warnings)))[:MAX_PROBLEMS],
         )
 
     def statistics(self, confidence: float) -> tuple[ErrorStatistics, ErrorStatistics | None]:
@@ -468,7 +463,7 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> Mapping[str, 
     commanded = data.position - predicted._replace(frame="base").errors(data).position
     ends = np.stack(np.triu_indices(data.n, 1))
     measured, wanted = (vector_lengths(np.subtract(*p[:, ends].swapaxes(0, 1))) for p in (data.position, commanded))
-    moved = wanted > _STILL
+    moved = wanted > STILL
     if not moved.any():
         return None
     wanted, error = wanted[moved], (measured - wanted)[moved]
@@ -643,7 +638,7 @@ def _notes(
 def _moves(data: Measurements) -> bool:
     """Return whether the robot was commanded to several places; scatter at a single place does not show frames."""
     commands = data.commanded_position if data.q is None else data.q
-    return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > _STILL
+    return commands is not None and float(np.max(np.ptp(commands, axis=1), initial=0.0)) > STILL
 
 
 def _relative_size(data: Measurements, alignment: Alignment) -> float:

@@ -278,7 +278,8 @@ def iso9283(
     """Compute the pose criteria of ISO 9283 from cycles of commanded poses, and check the standard's conditions.
 
     With ``robot``, the commanded pose is the robot's pose at the commanded joints; without, the commanded pose of the
-    file or the arrays. If neither is known, the result has repeatability but no accuracy.
+    file or the arrays. If neither is known, a column pose says which visits are of one pose, and the result has
+    repeatability but no accuracy.
 
     Returns:
         Every criterion (m, rad) with its interval, or the reason for its absence, and the conditions of the protocol.

@@ -523,8 +523,9 @@ def _configured(
             previous = result[:, i] = q[:, int(np.argmin(np.where(usable, distance, np.inf)))]
             solved.append(i)
         else:
-            unsolved = f"the nominal robot has no solution in its configuration {target.configuration}"
-            refused.append((numbers[i], unsolved))
+            refused.append(
+                (numbers[i], f"the nominal robot has no solution in its configuration {target.configuration}")
+            )
     index = np.array(solved, dtype=np.int64)
     return index, result[:, index], refused
 

@@ -57,7 +57,6 @@ from robacc.planning.candidates import (
     Sight,
     at_rest_warning,
     check_at_rest,
-    length,
     lengths,
     parse_box,
     parse_half_space,
@@ -513,6 +512,8 @@ def plan(
     demands = _demands(inputs, gate, grade, optional_size(expected, "length", "`expected`"))
     needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
     refuse((demands and purpose != "acceptance", needs_acceptance))
+    sides = [(text, "half_space") for text in half_space]
+    sides += [(f"z>={min_height}", "min_height")] if min_height is not None else []
     body = plan_campaign(
         arm,
         purpose,
@@ -523,8 +524,7 @@ def plan(
             margin=margin,
             inside=None if inside is None else parse_box(inside, "inside"),
             outside=tuple(parse_box(text, "outside") for text in outside),
-            half_spaces=tuple(parse_half_space(text, "half_space") for text in half_space),
-            min_height=None if min_height is None else length(min_height, "min_height"),
+            half_spaces=tuple(parse_half_space(text, name) for text, name in sides),
             sight=_sight(instrument, reflector, cone, distance),
             max_condition=max_condition,
             collisions=links,

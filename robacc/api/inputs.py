@@ -239,7 +239,8 @@ class Inputs:
         kinds = () if data.kind is None or is_of_photos else dict.fromkeys(map(str, data.kind))
         message = f"the rows are of kind {' and '.join(kinds)}, which are no positions"
         fix = "use calibrate or trace, which fit where sockets, planes and anchors are"
-        none = Problem("there are no poses; one row is needed at least below the header", data.source)
+        below = "each row is incomplete or not measured" if data.gaps else "one row is needed at least below the header"
+        none = Problem(f"there are no poses; {below}", data.source)
         refuse((kinds and not any_kind, Problem(message, data.source, fix=fix)), (not data.n, none))
         self.records.append(record)
         return data

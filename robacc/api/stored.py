@@ -403,7 +403,12 @@ def history_add(
     ],
     db: Database,
     at: Annotated[
-        str | None, Help("Date of the tests, such as 2026-05-31; default: that of each file's last change.", "DATE")
+        str | None,
+        Help(
+            "Date of the tests, such as 2026-05-31 or 2026-05-31T14:30+02:00, UTC without a zone; default: that of "
+            "each file's last change.",
+            "DATE",
+        ),
     ] = None,
     arm: Annotated[
         str | None, Help("Arm that was tested; default: serial number of the robot file, else its name.", "NAME")
@@ -620,7 +625,9 @@ def health(
     arm: Annotated[
         str | None, Help("Arm of the database; default: serial number or name of the robot file.", "NAME")
     ] = None,
-    at: Annotated[str | None, Help("Date of the test; default: that of the file's last change.", "DATE")] = None,
+    at: Annotated[
+        str | None, Help("Date of the test, UTC without a zone; default: that of the file's last change.", "DATE")
+    ] = None,
     ordered: Ordered = False,
     ignore_limits: IgnoreLimits = False,
     base_link: BaseLink = None,
@@ -795,6 +802,7 @@ def fleet(
     comparable = [arm._replace(arm=name) for name, arm in arms.items() if arm.dropped == usual]
     coefficients, strangers, covariance = fleet_of(comparable)
     models, shrunk = {arm.robot for arm in arms.values()}, sum(arm.is_shrunk for arm in arms.values())
+    repeated = len(arms) - len({arm.measured or name for name, arm in arms.items()})
     notes = (
         f"{shrunk} fits may be shrunk to nominal, which makes arms look alike; calibrate with `shrink=False`"
         * bool(shrunk),
@@ -802,6 +810,8 @@ def fleet(
         "arms, so that one name means different things; measure all arms at the same poses"
         * (len(comparable) < len(arms)),
         f"the results are of {', '.join(sorted(models))}: are they one model of arm?" * (len(models) > 1),
+        f"results of the same measured poses as another: {repeated}; an arm that counts twice makes the tolerances too "
+        "narrow; give one result of each arm" * bool(repeated),
     )
     return Fleet(
         n_arms=len(arms),

@@ -134,7 +134,8 @@ def iso9283(
     The result also lists which conditions of the standard the measurement meets.
 
     With --robot, the commanded pose is the robot's pose at the commanded joints; without, it is read from the cmd_
-    columns. If neither is known, the result has repeatability but no accuracy.
+    columns. If neither is known, a column pose says which visits are of one pose, and the result has repeatability
+    but no accuracy.
 
     Example: robacc iso9283 cycles.csv --robot robot.yaml
     """

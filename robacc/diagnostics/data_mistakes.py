@@ -17,8 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robacc.errors import InputError, RobaccError
+from robacc.errors import InputError, RobaccError, refuse
 from robacc.fitting.closed_form import (
+    PASSES,
+    Registration,
     arm_poses,
     orientation_errors,
     register_frames,
@@ -430,8 +432,8 @@ _USUAL_ERROR = 3e-3
 def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     """Raise an error if the data contain a mistake or are of another arm; return warnings of mistakes in a few rows.
 
-    Photos are checked by the poses that they show to each camera; other kinds of measurement than positions are not
-    checked.
+    Photos are checked by the poses that they show to each camera, sockets for mistakes of the joint columns and of the
+    robot file; planes, lines, spheres and distances are not checked.
 
     Raises:
         InputError: the mistake, its errors and the fix.
@@ -444,18 +446,16 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
             of_each = (check_data(robot, data.subset(camera == one)) for one in np.unique(camera))
             return tuple(dict.fromkeys(itertools.chain.from_iterable(of_each)))
     data = data.each_photo() or data
-    if data.n < ENOUGH or data.q is None or data.kind is not None:
+    data = data if data.kind is None else data.subset(data.kind == "point")
+    if data.n < ENOUGH or data.q is None:
         return ()
     poses = registered_poses(robot, data)
     mistake, is_gross = find_row_mistake(robot, data, poses.translation), _is_gross(data, poses)
     if is_gross and not (mistake and mistake.refused):
         mistake = find_mistake(robot, data) or find_part_mistake(robot, data) or mistake
     texts = [f"{data.source}: {mistake.text}" if data.source else mistake.text] if mistake else []
-    if mistake and mistake.refused:
-        raise InputError(texts[0])
     others = other_arm(robot, data, poses.translation)
-    if others and is_gross:
-        raise InputError(others[0])
+    refuse((mistake and mistake.refused, "".join(texts)), (others and is_gross, "".join(others)), error=InputError)
     return (*others, *texts)
 
 
@@ -464,7 +464,7 @@ def other_arm(robot: Robot, data: Measurements, predicted: Array) -> tuple[str, 
 
     ``predicted`` ``(3, N)`` are positions by the robot, registered or not, m; where they agree, nothing is registered.
     """
-    if data.n < ENOUGH or data.q is None or _median_error(data, predicted) <= _USUAL_ERROR:
+    if data.n < ENOUGH or data.q is None or data.kind is not None or _median_error(data, predicted) <= _USUAL_ERROR:
         return ()
     from robacc.modelling.robot_file import library, read_robot
 
@@ -553,7 +553,8 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
     """Yield groups of sets of changes, the likely ones first; ``pool`` has what was judged before."""
     assert data.q is not None
     of_arm = arm_poses(robot, data, data.q[None])[1][0].T
-    variants = [*measured_changes(data, spread(of_arm)), *convention_changes(robot)]
+    measured = measured_changes(data, spread(of_arm)) if data.kind is None else []
+    variants = [*measured, *convention_changes(robot)]
     signs, names = sign_sets(robot), robot.variable_names
     elementary = [
         *signs[: len(names)],
@@ -591,7 +592,7 @@ def _judged(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
         if len(sets) > SHORTLIST:
             half = data.subset(slice(None, None, 2))
             batches = (_undone(robot, half, sets[i : i + MOST_SETS]) for i in range(0, len(sets), MOST_SETS))
-            rough = np.concatenate([register_positions(*batch[:4], passes=1).median for batch in batches])
+            rough = np.concatenate([_registered(half, *batch[:4], passes=1)[1] for batch in batches])
             sets = [sets[i] for i in np.argsort(rough, kind="stable")[:SHORTLIST]]
         judged = _screened(robot, data, sets)
     except (RobaccError, np.linalg.LinAlgError):
@@ -625,12 +626,27 @@ def _undone(robot: Robot, data: Measurements, sets: _Sets) -> tuple[Array, Array
     return *links, position, rows_by_target(robot, data), rotation if len(rotation) else None
 
 
+def _registered(
+    data: Measurements, rotation: Array, translation: Array, position: Array, by_target: Array, passes: int = PASSES
+) -> tuple[Registration, Array, Array]:
+    """Return base or sockets, and targets, registered, the median errors over the spreads, and these, both ``(H,)``.
+
+    In sockets, the arm's own positions spread: with too little motion it would reach every socket.
+    """
+    by_socket = None if data.fixture is None else (data.fixture == np.unique(data.fixture)[:, None]).astype(float)
+    turn = None if by_socket is None else np.broadcast_to(np.eye(3), (len(translation), 3, 3))
+    found = register_positions(
+        rotation, translation, position, by_target, by_socket=by_socket, turn=turn, passes=passes
+    )
+    size = np.array([spread(each.T) for each in (position if by_socket is None else translation)])
+    return found, found.median / size, size
+
+
 def _screened(robot: Robot, data: Measurements, sets: _Sets) -> list[_Hypothesis]:
     """Return the sets with the errors that remain, the best first."""
     rotation, translation, position, by_target, measured = _undone(robot, data, sets)
-    free = register_positions(rotation, translation, position, by_target)
-    size = np.array([spread(points.T) for points in position])
-    share, nothing = free.median / size, [None] * len(sets)
+    free, share, size = _registered(data, rotation, translation, position, by_target)
+    nothing = [None] * len(sets)
     if measured is None:
         return sorted(map(_Hypothesis, sets, share, share, free.median, nothing, nothing), key=lambda item: item.rank)
     turn, turned, _ = register_orientations(rotation, measured)
@@ -694,7 +710,11 @@ def find_row_mistake(robot: Robot, data: Measurements, predicted: Array) -> Mist
     """
     errors, gross = _lengths(data.position - predicted), 2 * GROSS * spread(data.position)
     middle = float(np.median(errors))
-    if not ENOUGH <= data.n <= MANY or (middle <= gross and errors.max() <= max(gross, CLEAR * middle)):
+    if (
+        data.kind is not None
+        or not ENOUGH <= data.n <= MANY
+        or (middle <= gross and errors.max() <= max(gross, CLEAR * middle))
+    ):
         return None
     predicted = _best_predicted(robot, data, predicted)
     by_shift = _errors_by_shift(predicted, data.position)

@@ -37,7 +37,7 @@ from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS
 from robacc.fitting.normal_equations import GAIN, most_likely
 from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
 from robacc.geometry import Array, NDArray
-from robacc.measurements import Measurements
+from robacc.measurements import STILL, Measurements
 from robacc.modelling.model import BoundModel, residuals
 from robacc.robots.arm import Arm
 
@@ -47,8 +47,6 @@ ORDERS = np.arange(1, 41)
 """Orders per turn of a joint's profile; 40 is the highest order that competes as an effect."""
 MOST_COMPONENTS = 500
 """Components that the parameters are estimated on: the time grows with their cube."""
-_STILL = 1e-6
-"""rad or m; a joint that moves by less has no error that depends on its angle."""
 
 
 @dataclass(frozen=True)
@@ -81,7 +79,7 @@ class Rows:
         """Return what the covariance needs of measured poses."""
         assert data.q is not None
         extent = np.ptp(data.q, axis=1)
-        moves = extent > _STILL
+        moves = extent > STILL
         turns = np.array([arm.is_revolute(name) for name in arm.names])
         scale = np.where(turns, 1.0, np.pi / np.where(moves, extent, 1.0))
         start = np.where(turns, 0.0, data.q.min(axis=1))
@@ -859,10 +857,15 @@ def log_evidence(noise: CovarianceParameters, linear: Linearised) -> float:
 
 
 def _price(noise: CovarianceParameters, linear: Linearised) -> float:
-    """Return half the log of the rows for each parameter (Schwarz 1978), and the odds for acceptance for each term."""
+    """Return half the log of what shows each parameter (Schwarz 1978), and the odds for acceptance for each term.
+
+    Rows show the noise; visits show the terms, which the rows of a visit share (M. Delattre, M. Lavielle, M.-A.
+    Poursat, Electronic Journal of Statistics 8, 2014).
+    """
     usual, count = usual_std(noise, linear), 2 * (len(noise.log_std) > 2)
-    count += sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
-    return 0.5 * math.log(len(linear.y)) * count + ACCEPTED * len(noise.terms)
+    of_terms = sum(TERMS[name].variances(values, linear, usual) for name, values in noise.terms.items())
+    shown = count * math.log(len(linear.y)) + of_terms * math.log(np.unique(linear.rows.visit).size)
+    return 0.5 * shown + ACCEPTED * len(noise.terms)
 
 
 def with_terms_that_gain(

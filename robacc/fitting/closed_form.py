@@ -26,7 +26,7 @@ from robacc.measurements import IMAGES, Measurements, different
 from robacc.modelling.model import predict
 from robacc.robots.description import Fixture, Frame, Robot, Vector
 
-_PASSES = 3
+PASSES = 3
 """Fits of a registration, each with the rows weighted by their errors in the one before."""
 _TRIM = 6.0
 """Median errors beyond which a pose is left out of a trimmed registration, as a beam break is."""
@@ -192,8 +192,9 @@ def register_positions(
     measured: Array,
     by_target: Array,
     *,
+    by_socket: Array | None = None,
     turn: Array | None = None,
-    passes: int = _PASSES,
+    passes: int = PASSES,
     trimmed: bool = False,
 ) -> Registration:
     """Register base and targets to measured positions.
@@ -203,14 +204,17 @@ def register_positions(
         translation: ``(H, N, 3)`` its position, or that of the targets where they are known roughly, m.
         measured: ``(H or 1, N, 3)`` measured positions, m.
         by_target: ``(T, N)`` as :func:`rows_by_target` returns it; without rows only the base is registered.
+        by_socket: ``(S, N)`` 1 where a row is in a socket, else 0; each socket has a place of its own. None: all are
+            in one frame.
         turn: ``(H, 3, 3)`` known rotation from the measuring frame to the base; None to fit it.
         passes: Fits.
         trimmed: Least squares of all rows but those far off, in two passes; else each row counts by its error.
     """
     h, n = translation.shape[:2]
     # Columns of shift and targets, to eliminate, and of the nine elements of R and the arm.
-    shift = np.broadcast_to(np.eye(3), (h, n, 3, 3))
-    offsets = np.concatenate([shift, *(_RELUCTANCE * rotation * r[:, None, None] for r in by_target)], axis=3)
+    shift, places = np.broadcast_to(np.eye(3), (h, n, 3, 3)), np.ones((1, n)) if by_socket is None else by_socket
+    parts = [*((shift, rows) for rows in places), *((_RELUCTANCE * rotation, rows) for rows in by_target)]
+    offsets = np.concatenate([part * rows[:, None, None] for part, rows in parts], axis=3)
     means = measured.mean(axis=1, keepdims=True), translation.mean(axis=1, keepdims=True)
     columns = np.zeros((h, n, 3, 10))
     for axis in range(3):
@@ -232,11 +236,11 @@ def register_positions(
         weight = np.where(errors <= limit, 1.0, _LEAST_WEIGHT) if trimmed else _weights(errors)
     moved = (solved @ _with_arm(fitted))[..., 0]
     centre = moved[:, :3] + (fitted @ means[0].swapaxes(1, 2))[..., 0] - means[1][:, 0]
-    return Registration(fitted, centre, _RELUCTANCE * moved[:, 3:].reshape(h, -1, 3), vectors)
+    return Registration(fitted, centre, _RELUCTANCE * moved[:, 3 * len(places) :].reshape(h, -1, 3), vectors)
 
 
 def register_orientations(
-    rotation: Array, measured: Array, passes: int = _PASSES
+    rotation: Array, measured: Array, passes: int = PASSES
 ) -> tuple[Array, Array, NDArray[np.bool_]]:
     """Return the rotations ``(H, 3, 3)`` from the measuring frame to the base, median errors, and if it is unique.
 

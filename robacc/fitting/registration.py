@@ -13,7 +13,7 @@ from typing import cast
 import numpy as np
 
 from robacc.effects import effect_class
-from robacc.errors import InputError, Problem, RobaccError, UsageError, refuse
+from robacc.errors import InputError, Problem, RobaccError, refuse
 from robacc.fitting.closed_form import gravity_turned, register_frames
 from robacc.fitting.fit_result import Fit, Options, held_out_poses
 from robacc.fitting.levels import DECISIVE, MANY
@@ -272,5 +272,6 @@ def _gantry(data: Measurements, oriented: bool) -> Robot:
 def check_frames(frames: Sequence[str]) -> None:
     """Raise UsageError if ``frames`` is empty or names anything else than ``base_frame`` and ``tool_frame``."""
     unknown = [name for name in frames if name not in ALIGNABLE]
-    if unknown or not frames:
-        raise UsageError(f"cannot align {', '.join(unknown) or 'nothing'}; choose among {', '.join(ALIGNABLE)}")
+    refuse(
+        (unknown or not frames, f"cannot align {', '.join(unknown) or 'nothing'}; choose among {', '.join(ALIGNABLE)}")
+    )

@@ -13,7 +13,7 @@ import numpy as np
 
 from robacc.effects.base import SCALE_OF_INSTRUMENT, Effect, Term
 from robacc.effects.specification import absorbed
-from robacc.errors import EquilibriumError, InputError
+from robacc.errors import EquilibriumError, InputError, refuse
 from robacc.fitting.closed_form import register_frames
 from robacc.fitting.fit_result import Dropped, Fit, Identifiability, Options, identify_terms
 from robacc.fitting.levels import (
@@ -314,11 +314,14 @@ class _Solver:
         partners = {free[i].name: (partner,) for i, partner in unmeasured.items()}
         dropped = tuple(Dropped(each.name, partners.get(each.name, each.partners)) for each in identified.dropped)
         measured = self.data.count(np.ones_like(self.inliers))
-        if identified.columns.size >= measured and equations.terms:
-            raise InputError(
+        refuse(
+            (
+                identified.columns.size >= measured and equations.terms,
                 f"{measured} numbers measured ({self.data.n} pose{'s' * (self.data.n != 1)}), too few for "
-                f"{identified.columns.size} coefficients; measure more poses or fit fewer effects"
-            )
+                f"{identified.columns.size} coefficients; measure more poses or fit fewer effects",
+            ),
+            error=InputError,
+        )
         known = np.flatnonzero(is_free)[identified.columns]
         equations.columns = np.sort(np.concatenate((known, np.flatnonzero(~is_free))))
         if at_nominal:

@@ -17,7 +17,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array, NDArray
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, clip, opened
-from robacc.io.table import MAX_TEXT, SKIP, Table, TableBody, TableOptions, TablePart, TableRows, TextTable
+from robacc.io.table import MAX_TEXT, SKIP, Table, TableBody, TableOptions, TablePart, TableRows, TextTable, says_lost
 from robacc.plug_ins import plug_in, plug_ins
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -65,6 +65,13 @@ class ColumnTable(Table):
         table = np.empty((len(numbers), self.n))
         for row, i in zip(table, numbers, strict=True):
             row[:] = self._numbers(*self.column(i), self.labels[i])
+        self.log.gaps.update(
+            place
+            for i, label in enumerate(self.labels)
+            if says_lost(label, "lost")
+            for place, cell in zip(self.places.tolist(), self.column(i)[0].tolist(), strict=True)
+            if says_lost(label, _text(cell))
+        )
         return TableBody(table, [self._texts(i) for i in texts], self.places).without(self.log.gaps)
 
     @property

@@ -196,9 +196,8 @@ class TableDialect(NamedTuple):
             return []
 
     def is_row(self, line: str) -> bool:
-        """Return whether a line is neither blank nor a comment."""
-        stripped = line.lstrip()
-        return bool(stripped) and not stripped.startswith(self.comments)
+        """Return whether a line is neither blank, nor separators alone, as spreadsheets write one, nor a comment."""
+        return bool(line.strip(' \t\r\n,;|"')) and not line.lstrip().startswith(self.comments)
 
     def is_footer(self, line: str, width: int) -> bool:
         """Return whether a line at the file's end is no row: blank, a mean, or few texts that are not a row's names."""

@@ -71,7 +71,11 @@ class ProblemLog:
         return (
             *(text for of_file, text in self._warnings if not of_file),
             *([Note(f"{self.file}: {self.remark}")] if self.remark else []),
-            *([f"{self.file}: {rows} with a missing value left out ({self.counted} {first})"] if self.gaps else []),
+            *(
+                [f"{self.file}: {rows} incomplete or not measured, left out ({self.counted} {first})"]
+                if self.gaps
+                else []
+            ),
             *(text for of_file, text in self._warnings if of_file),
         )
 

@@ -12,6 +12,7 @@ import io
 import itertools
 import math
 import os
+import re
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence, Set
 from dataclasses import dataclass
 from typing import Any, BinaryIO, NamedTuple
@@ -157,13 +158,18 @@ Block = tuple[int, list[str]]
 _OF_NUMBERS = b"0123456789+-.eE \t"
 """Characters of numbers and around them."""
 SKIP = "give `skip_gaps` to leave out rows with a missing value"
-_STATUS = frozenset(
-    {"status", "state", "result", "ergebnis", "valid", "ok", "quality", "tracked", "visible", "detected"}
-)
-_FAILED = frozenset(
-    {"lost", "missing", "failed", "fail", "error", "nok", "ng", "invalid", "bad", "no", "false", "timeout", "missed"}
-)
-"""Names of a column that says whether a row was measured, and what it says of a row that was not."""
+_VALID = frozenset({"valid", "tracked", "visible", "detected"})
+_STATUS = _VALID | {"status", "state", "result", "ergebnis", "ok", "quality"}
+"""Words of a column that says whether a row was measured; those of the first give no verdict on the values."""
+_LOST = frozenset({"lost", "missing", "invalid", "timeout", "missed"})
+_FAILED = _LOST | {"failed", "fail", "error", "nok", "ng", "bad", "no", "false"}
+"""What it says of a row that was not measured; the others where a value is missing, too, else they may be a verdict."""
+
+
+def says_lost(column: str, cell: str) -> bool:
+    """Return whether a cell says that its row was not measured: its values are stale."""
+    words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", column)}
+    return bool(words & _STATUS) and cell.lower() in (_LOST | {"no", "false", "0"} if words & _VALID else _LOST)
 
 
 class TextTable(Table):
@@ -205,6 +211,7 @@ class TextTable(Table):
             for above, fields in itertools.pairwise(grid)
         )
         """Whether the names stand above each block of rows, with other text above them."""
+        self._status = [i for i, label in enumerate(self.labels) if says_lost(label, "lost")]
         self.log.remarks.append(dialect.description())
         lacks_names = self.names[0] == "" and "pose" not in self.names
         index = ["".join(fields[:1]) for fields in grid if lacks_names]
@@ -343,22 +350,27 @@ class TextTable(Table):
                 split = (line.rsplit(separator, width - count) for line in lines)
                 heads, *behind = zip(*split, strict=True) if count < width else [lines]
                 values = self._numbers(heads, separator, count).T[list(numbers)]
-                fields = [behind[i - count] for i in texts]
+                fields = [behind[i - count] for i in (*texts, *self._status)]
                 widths = {count + len(behind)}
             else:
                 cells = text.split(separator)
                 columns = [self._numbers(cells[i::width], separator, 1) for i in numbers]
                 values = np.array(columns).reshape(count, len(lines))
-                fields = [cells[i::width] for i in texts]
+                fields = [cells[i::width] for i in (*texts, *self._status)]
                 widths = {line.count(separator) + 1 for line in lines}
         except ValueError:
             return None
         stripped = [[*map(str.strip, column)] for column in fields]
         sizes = [*map(len, itertools.chain(*stripped))]
         is_whole = widths <= {width} and 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT
-        if not is_whole or not np.isfinite(values).all():
+        is_lost = any(
+            says_lost(self.labels[i], cell)
+            for i, column in zip(self._status, stripped[len(texts) :], strict=True)
+            for cell in {*column}
+        )
+        if is_lost or not is_whole or not np.isfinite(values).all():
             return None
-        return TableBody(values, [np.array(column, dtype=str) for column in stripped], places)
+        return TableBody(values, [np.array(column, dtype=str) for column in stripped[: len(texts)]], places)
 
     def _numbers(self, fields: Sequence[str], separator: str, count: int) -> Array:
         """Return the numbers ``(N, count)`` of fields that have so many each, with separators between them.
@@ -431,12 +443,14 @@ class TextTable(Table):
         return math.nan
 
     def _is_lost(self, line: int, fields: Sequence[str], numbers: Sequence[int], texts: Sequence[int]) -> bool:
-        """Return whether a row is left out: every value is missing, or one is and the status says not measured."""
-        status = {text.lower() for name, text in zip(self.labels, fields, strict=True) if name.lower() in _STATUS}
+        """Return whether a row is left out: every value is missing, or the status says that it was not measured."""
         missing = [fields[i].lower() in GAPS for i in numbers]
         # A number in place of a name counts the rows.
         named = not self.sparse and not all(self.dialect.is_number(fields[i]) for i in texts)
-        is_lost = (bool(status & _FAILED) and any(missing)) or (not named and len(missing) > 1 and all(missing))
+        is_lost = any(
+            says_lost(self.labels[i], fields[i]) or (any(missing) and fields[i].lower() in _FAILED)
+            for i in self._status
+        ) or (not named and len(missing) > 1 and all(missing))
         self.log.gaps |= {line} if is_lost and not self.sparse else set()
         return is_lost
 
@@ -450,12 +464,10 @@ class TextTable(Table):
         expected = len(self.labels)
         if self._repeats and not any(map(self.dialect.is_number, fields)):
             return None
-        if len(fields) == expected and any(fields):
+        if len(fields) == expected:
             return fields
         if self.skip_gaps and len(fields) < expected:
             self.log.gaps.add(line)
-        elif not any(fields):
-            self.log.add("every field of the row is empty", line, fix="delete the line")
         else:
             self._widths.append((line, len(fields)))
         return None

@@ -22,7 +22,7 @@ import numpy as np
 from robacc.accuracy.error_statistics import principal_axes
 from robacc.errors import Problem, by_key, refuse
 from robacc.geometry import Array, NDArray, compose, log_so3, rpy_from_rotation, transpose
-from robacc.measurements import Measurements
+from robacc.measurements import STILL, Measurements
 from robacc.statistics.intervals import (
     STUDENT,
     EstimateOrReason,
@@ -494,9 +494,6 @@ def _largest_angles(
 #     vAP_p = max |p̄_h - p̄_k|,  vAP_a = max |ā_h - ā_k| …   over approaches h, k
 #     E = max |p̄_h - p̄_k|                                    over robots h, k
 
-SAME_COMMAND = 1e-6
-"""m: commanded positions closer than this are the same."""
-
 
 def accuracy(poses: Sequence[CommandedPose], confidence: float) -> Characteristic:
     """Return the accuracy (AP) of every commanded pose."""
@@ -570,7 +567,7 @@ def exchangeability(poses_by_file: Sequence[Sequence[CommandedPose]], confidence
         for pose in shared:
             both = [each.commanded for each in (first, pose) if each.commanded is not None]
             offset = float(np.linalg.norm(both[-1] - both[0])) if both else 0.0
-            if offset > SAME_COMMAND:
+            if offset > STILL:
                 why = (
                     f"{pose.label} of {pose.source} is commanded {offset * 1e3:.3g} mm from that of {first.source}: "
                     "exchangeability needs the same commanded poses"

@@ -22,7 +22,6 @@ from robacc.errors import InputError, Problem, applying, refuse
 from robacc.geometry import Array, Poses, rms_length, rotation_about
 from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.iso_9283.criteria import (
-    SAME_COMMAND,
     Characteristic,
     CommandedPose,
     Iso9283Result,
@@ -34,7 +33,7 @@ from robacc.iso_9283.criteria import (
     repeatability,
     visits_of,
 )
-from robacc.measurements import Measurements, motion_between_visits, numbered_visits
+from robacc.measurements import STILL, Measurements, motion_between_visits, numbered_visits
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
 
@@ -720,6 +719,13 @@ def _warnings(
         if pose.deviation is not None and pose.commanded is not None
     ]
     move, label = max(moves, key=lambda entry: entry[0], default=(0.0, ""))
+    # Readings have more digits than an arm repeats, unless one is copied or the instrument is too coarse.
+    equal = [
+        pose.label
+        for of_file in poses_by_file
+        for pose in of_file
+        if pose.data.n > 1 and np.ptp(pose.data.position, axis=1).max() == 0.0
+    ]
     # A single pose does not show whether the accuracy of a robot is too bad for an arm.
     is_far = any(
         too_far(
@@ -732,10 +738,15 @@ def _warnings(
     warnings = applying(
         *((True, warning) for data in files for warning in data.warnings),
         (
-            move > SAME_COMMAND,
+            move > STILL,
             f"the command of {label} differs by {move * 1e3:.2g} mm between its visits, but cycles repeat one "
             "commanded pose; put commanded joint values into the q columns, not encoder readings",
         ),
         (is_far, TOO_LARGE if registered else UNREGISTERED),
+        (
+            bool(equal),
+            f"all visits of {', '.join(equal[:5])} have the same position to the last digit: they were not measured "
+            "one by one, or the instrument is too coarse, and RP is no result",
+        ),
     )
     return tuple(dict.fromkeys(warnings))

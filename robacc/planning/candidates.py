@@ -84,8 +84,6 @@ class Constraints:
     inside: Zone | None = None
     outside: tuple[Zone, ...] = ()
     half_spaces: tuple[Zone, ...] = ()
-    min_height: float | None = None
-    """m above the base's origin, along z."""
     sight: Sight | None = None
     max_condition: float | None = None
     """Largest condition number of the joints' Jacobian."""
@@ -173,19 +171,16 @@ def filtered(model: Model, q: Array, constraints: Constraints) -> tuple[Array, d
         excluded[f"target outside the box {constraints.inside.text}"] = ~np.all(
             constraints.inside.contains(positions), axis=0
         )
-    sides = [(half_space, f"a point of the arm beyond {half_space.text}") for half_space in constraints.half_spaces]
-    if constraints.min_height is not None:
-        floor = Zone(np.array([[0.0, 0.0, -1.0]]), np.array([-constraints.min_height]), "")
-        sides.append((floor, f"below the minimum height of {constraints.min_height:g} m"))
-    points = np.concatenate((moving_points(arm, q), positions), axis=1) if constraints.outside or sides else positions
+    is_of_arm = constraints.outside or constraints.half_spaces
+    points = np.concatenate((moving_points(arm, q), positions), axis=1) if is_of_arm else positions
     for box in constraints.outside:
         reached = np.any(box.contains(points), axis=0)
         excluded[f"a point of the arm inside the box {box.text}"] = (
             reached if links is None else reached | links.in_box(q, [*-box.offsets[3:]], [*box.offsets[:3]])
         )
-    for side, reason in sides:
+    for side in constraints.half_spaces:
         beyond = ~np.all(side.contains(points), axis=0)
-        excluded[reason] = (
+        excluded[f"a point of the arm beyond {side.text}"] = (
             beyond if links is None else beyond | links.beyond(q, [*side.normals[0]], float(side.offsets[0]))
         )
     if links is not None:

@@ -14,7 +14,7 @@ import numpy as np
 from robacc.effects.base import Effect, Term, effect_class
 from robacc.effects.specification import build, every_column, parse_requests
 from robacc.fitting.fit_result import Dropped, identify_terms
-from robacc.fitting.levels import ACCEPTED, ROUNDS
+from robacc.fitting.levels import ACCEPTED, NEW, ROUNDS
 from robacc.fitting.normal_equations import whitening
 from robacc.fitting.solver import BADLY_MADE, broad_stds, tolerance_priors
 from robacc.fitting.visits import visit_numbers
@@ -462,9 +462,6 @@ def _pairs(tested: Sequence[tuple[NDArray[np.int64], Mapping[str, Any]]], gram: 
 
 # Choice of poses for a trace.
 
-_EXACT = 1e-6
-"""Share of a column that must remain given a rival: no poses distinguish exact equals."""
-
 
 def choose_for_power(problem: DesignProblem, count: int, seed: int) -> NDArray[np.int64]:
     """Return ``count`` different candidates, chosen among some drawn at random."""
@@ -503,10 +500,10 @@ def power_problem(
     columns = flat[:, n_free:]
     new = _without(flat[:, :n_free], columns)
     size = np.linalg.norm(new, axis=0)
-    is_new = size > np.sqrt(_EXACT) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
+    is_new = size > np.sqrt(NEW) * np.maximum(np.linalg.norm(columns, axis=0), 1e-300)
     new = new / np.where(is_new, size, np.inf)
     similarity = np.square(new.T @ new)
-    similarity[similarity > 1.0 - _EXACT] = 0.0
+    similarity[similarity > 1.0 - NEW] = 0.0
     criterion = PowerCriterion(
         np.array([chance[value] for value in log_priors]),
         np.where(similarity.max(axis=1) > 0.0, np.argmax(similarity, axis=1), np.arange(size.size)),

@@ -6,12 +6,13 @@ import re
 from collections import Counter
 from collections.abc import Mapping, Sequence, Set
 from dataclasses import replace
+from functools import lru_cache
 from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.errors import Note, by_key
+from robacc.errors import MAX_PROBLEMS, Note, by_key
 from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
@@ -48,7 +49,6 @@ from robacc.poses.reading import (
 )
 from robacc.poses.reshaped_tables import advice_on_points
 
-_MAX_WARNINGS = 20
 _QUANTITIES: Mapping[str, tuple[str, ...]] = {"length": ("length",), "angle": ("angle",), "joint": ("length", "angle")}
 """Quantities of the units that each kind of column may have; one of these units it needs."""
 QUANTITY = {kind: quantities[-1] for kind, quantities in _QUANTITIES.items()}
@@ -106,19 +106,21 @@ class Names(NamedTuple):
         joint_type = next(iter(types[int(number) - 1 :]), None)
         return "joint" if joint_type is None else "length" if joint_type == "prismatic" else "angle"
 
-    def nearest(self, name: str) -> str:
-        """Return the known name most similar to ``name``, with or without a unit."""
-        joints = self.robot.joint_names or tuple(f"q{i + 1}" for i in range(6))
-        bare = {**FIXED_KINDS, **dict.fromkeys(joints, "joint")}
-        suffixed = [
-            f"{stem}_{unit}"
-            for stem, kind in bare.items()
-            for unit in NAME_UNITS
-            if UNITS[unit][0] in _QUANTITIES.get(kind, ())
-        ]
-        motions = [f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints]
-        # The start of the name is enough: the cost of the comparison grows with the length of both names.
-        return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
+
+@lru_cache(1024)
+def nearest_name(name: str, joint_names: tuple[str, ...]) -> str:
+    """Return the known name most similar to ``name``, with or without a unit; each of many readings asks for it."""
+    joints = joint_names or tuple(f"q{i + 1}" for i in range(6))
+    bare = {**FIXED_KINDS, **dict.fromkeys(joints, "joint")}
+    motions = (f"{prefix}{joint}" for prefix in ("dir_", "speed_", "read_") for joint in joints)
+    suffixed = (
+        f"{stem}_{unit}"
+        for stem, kind in bare.items()
+        for unit in NAME_UNITS
+        if UNITS[unit][0] in _QUANTITIES.get(kind, ())
+    )
+    # The start of the name is enough: the cost of the comparison grows with the length of both names.
+    return difflib.get_close_matches(name[:64].lower(), [*bare, *motions, *suffixed], n=1, cutoff=0.0)[0]
 
 
 class Layout(NamedTuple):
@@ -214,10 +216,10 @@ def read_layout(
             log.add("the column is a duplicate", line, clip(name), "keep one of them")
         texts = [
             f"unknown column {clip(name)} is ignored; the nearest known name is "
-            f"{documented_name(name) or names.nearest(name)!r}"
-            for name in [*unknown][:_MAX_WARNINGS]
+            f"{documented_name(name) or nearest_name(name, tuple(names.robot.joint_names or ()))!r}"
+            for name in [*unknown][:MAX_PROBLEMS]
         ]
-        texts += [f"… and {len(unknown) - _MAX_WARNINGS} more unknown columns"] * (len(unknown) > _MAX_WARNINGS)
+        texts += [f"… and {len(unknown) - MAX_PROBLEMS} more unknown columns"] * (len(unknown) > MAX_PROBLEMS)
         if unnamed := sum(not name for name in layout.unused):
             texts.append(f"columns without a name are ignored: {unnamed}")
         for text in texts:
@@ -595,10 +597,10 @@ def find_columns(table: Table, known: Layout, reading: Reading) -> Layout:
 
 def _with_suggestion(name: str, names: Names) -> str:
     """Return a name in quotes, with the documented name that it resembles."""
-    nearest = names.nearest(name)
+    known = nearest_name(name, tuple(names.robot.joint_names or ()))
     # Similarity of two names (0 to 1) from which one may be a slip of the other.
-    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), nearest).ratio() >= 0.8
-    return f"{clip(name)} (did you mean {nearest}?)" if is_similar else clip(name)
+    is_similar = difflib.SequenceMatcher(None, name[:64].lower(), known).ratio() >= 0.8
+    return f"{clip(name)} (did you mean {known}?)" if is_similar else clip(name)
 
 
 def _column(

@@ -169,7 +169,7 @@ _REFUSED = DEVIATIONS | frozenset(
 """Words that make a name none of a pose's: a deviation from the nominal value, a velocity, a force."""
 _JOINT_WORDS = frozenset(
     [
-        *("q", "j", "jt", "a", "joint", "joints", "axis", "ax", "achse", "gelenk", "theta", "th", "rax"),
+        *("q", "j", "jt", "a", "joint", "joints", "axis", "ax", "actuator", "achse", "gelenk", "theta", "th", "rax"),
         *(
             "axe",
             "articulation",
@@ -323,7 +323,7 @@ def meaning_of(heading: Heading, siblings: frozenset[str]) -> Meaning | None:
     of_joint = re.sub(r"^(\d\d?) (轴|軸)$", r"\2 \1", of_joint)
     # A path such as /joint_states/j1/position has both words.
     # Commands without another word stand beside the joints that were read back: cmd1 … cmd6.
-    if (match := re.fullmatch(r"(?:(?:joint )?(\w+) )?(\d\d?)", of_joint)) and (
+    if (match := re.fullmatch(r"(?:(?:joint |axis )?(\w+) )?(\d\d?)", of_joint)) and (
         match[1] in _JOINT_WORDS
         or re.match(r"joint angles? ", of_joint)
         or (commanded and not match[1] and {f"{text[:-1]}{i}" for i in range(1, 7)} <= siblings)

@@ -561,7 +561,9 @@ def allocate(robot: Robot, prediction: Prediction, grade: str) -> Mapping[str, A
         verified = predict_accuracy(robot, tightened, prediction.configurations, scale, prediction.meaning)
         excess = _relative_excess(verified, limits)
         # Relative distance below the square of a limit that the allocation aims at.
-        target_variances = np.where(excess > 1.0, target_variances / np.square(excess) * (1.0 - 5e-4), target_variances)
+        target_variances = (
+            target_variances / np.square(np.maximum(excess, 1.0)) * np.where(excess > 1.0, 1.0 - 5e-4, 1.0)
+        )
     return {
         "grade": grade,
         "met": bool(np.max(excess) <= 1.0),

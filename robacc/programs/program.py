@@ -214,7 +214,7 @@ class ConfigurationRules(NamedTuple):
     """``(N,)`` whether joints ``(J, N)`` of a nominal arm, with the identity as its base frame, have a configuration
     besides."""
     are_read_whole: bool = False
-    """Whether nothing of them is unread; else they name the side of axis 5 by a letter or a word."""
+    """Whether nothing of them is unread."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -142,12 +142,10 @@ def leaves_configuration(rules: ConfigurationRules, text: str, before: Array, af
         after: Corrected joints ``(J,)``, rad.
     """
     window = joint_window(rules, text, before.size)
-    if window is not None:
-        inside = (before > window[0]) & (before < window[1])
-        if np.any(inside & ((after < window[0]) | (after > window[1]))):
-            return True
-    is_named = not rules.are_read_whole and text != "" and before.size == N_AXES
-    return bool(is_named and before[4] * after[4] < 0)
+    low, high = (-np.inf, np.inf) if window is None else window
+    left = (before > low) & (before < high) & ((after < low) | (after > high))
+    # Every dialect's configuration names the side of axis 5.
+    return bool(np.any(left) or (text != "" and before.size == N_AXES and before[4] * after[4] < 0))
 
 
 # Numbers written as the program writes them: decimals, column width, sign and leading zero.

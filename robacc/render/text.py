@@ -243,8 +243,8 @@ def unit_of(unit: str, *sizes: float) -> Unit:
 
 
 def day(date: str) -> str:
-    """Return a date to the minute, or to the day at midnight."""
-    return date[:10] if date.endswith("T00:00:00Z") else date[:16].replace("T", " ")
+    """Return a date to the minute with its zone, or to the day at midnight."""
+    return date[:10] if date.endswith("T00:00:00Z") else f"{date[:16].replace('T', ' ')} UTC"
 
 
 def joint_unit(joint: Document) -> Unit:

@@ -743,33 +743,3 @@ def test_number_of_poses_for_a_variance_is_the_fewest(share: float) -> None:
     assert chance(poses) >= 0.9 > chance(poses - 1)
     assert curve.poses_for(1.0, 0.95, 50) is None
     assert curve.poses_for(1.0 + 1e-6, 0.95, 50) is None
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("statistic", ["rms", "mean_error", "p95"])
-@pytest.mark.parametrize("n", [15, 40, 150])
-def test_grades_are_as_probable_as_they_say(statistic: str, n: int) -> None:
-    """Over a spread of true values: of the grades said to be 80 % sure, some 80 % are right, to within 6 %.
-
-    Each said probability counts; those of one decile are put together (at least 80 of them, 4.5 % of one standard
-    deviation at worst; what one set says of its grades goes together, so three are not asked for).
-    """
-    scale = Scale("fine", statistic, 0.95, tuple(GradeStep(str(i), 1e-4 * 1.25**i, None) for i in range(14)), "beyond")
-    rng = np.random.default_rng(6)
-    shape = np.array([1.0, 0.8, 0.5])[:, None]
-    truth = error_statistics(shape * rng.standard_normal((3, 200_000)), "m").estimate(statistic)[0]
-    said, right = [], []
-    for seed in range(1500):
-        size = 1e-4 * 1.25 ** rng.uniform(1.0, 11.0)
-        errors = size / truth * shape * rng.standard_normal((3, n))
-        result = grade(error_statistics(errors, "m", bootstrap=400, seed=seed), None, scale)
-        true = next(step.grade for step in scale.steps if size <= step.position)
-        said += [share for _, share in result.probabilities]
-        right += [name == true for name, _ in result.probabilities]
-    sure, hit = np.array(said), np.array(right)
-    for low in np.arange(0.1, 0.95, 0.1):
-        inside = (sure >= low) & (sure < low + 0.1)
-        if np.count_nonzero(inside) >= 80:
-            assert np.mean(hit[inside]) == pytest.approx(
-                np.mean(sure[inside]), abs=0.06 + 2 * 0.5 / math.sqrt(inside.sum())
-            )

@@ -598,7 +598,7 @@ def test_gaps_of_frames_have_a_row_and_a_column(missing: object) -> None:
         robacc.read_poses(frame)
     data = robacc.read_poses(frame, skip_gaps=True)
     assert data.n == len(table["y"]) - 1
-    assert any("1 row with a missing value left out (row 4)" in text for text in data.warnings)
+    assert any("1 row incomplete or not measured, left out (row 4)" in text for text in data.warnings)
 
 
 @pytest.mark.parametrize(
@@ -649,9 +649,9 @@ def test_the_text_of_a_result_is_the_first_screen_of_the_command(result: robacc.
     assert str(result).splitlines()[1] == "poses.csv against the model robot.yaml"
     stepped = robacc.estimate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", align="none", frame="base")
     assert str(dataclasses.replace(stepped, warnings=("a doubt",))).endswith("\nwarning: a doubt")
-    traced = robacc.trace(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", declared="base_frame,tool_frame")
-    assert str(traced).startswith("Trace of 60 measured poses: ")
-    assert "next:" in str(traced)
+    fitted = robacc.calibrate(SAMPLES / "poses.csv", robot=SAMPLES / "robot.yaml", folds=2)
+    assert str(fitted).startswith("Calibration from 60 measured poses")
+    assert "next:" in str(fitted)
 
 
 def test_the_text_of_poses_has_ten_lines_at_most() -> None:

@@ -201,7 +201,7 @@ NOTE = "the robot file was fitted to these same poses"
 def model(tmp_path_factory: pytest.TempPathFactory) -> Path:
     path = tmp_path_factory.mktemp("model") / "better.yaml"
     fit = "base_frame,tool_frame,gear_ratio[j2]"
-    output("calibrate", POSES, "--robot", ROBOT, "--fit", fit, "--write-model", str(path))
+    output("calibrate", POSES, "--robot", ROBOT, "--fit", fit, "--folds", "2", "--write-model", str(path))
     return path
 
 
@@ -223,7 +223,7 @@ def test_the_model_names_its_poses(model: Path, others: Path) -> None:
     assert document("show", str(model))["robot"]["fitted_to"] == [digest]
     assert f"fitted   to the poses of SHA-256 {digest[:16]}…" in output("show", str(model))
     # A fit on top of a fit is of both files' poses.
-    twice = robacc.calibrate(others, robot=model, fit="base_frame")
+    twice = robacc.calibrate(others, robot=model, fit="base_frame", folds=2)
     assert twice.robot.fitted_to == (digest, hashlib.sha256(others.read_bytes()).hexdigest())
     # The sample's arm has effects that its geometry alone does not explain.
     assert [text for text in twice.warnings if "a trace searches" not in text] == []
@@ -237,7 +237,7 @@ def test_its_own_poses_are_told_from_others(model: Path, others: Path, tmp_path:
     assert (plain["robot"]["effects"], plain["robot"]["fitted_to"], plain["notes"].count(NOTE)) == ([], [], 0)
     assert own["robot"]["effects"] == ["gear_ratio"]
     assert own["robot"]["fitted_to"]
-    for command, more in (("calibrate", ("--fit", "base_frame")), ("iso9283", ())):
+    for command, more in (("calibrate", ("--fit", "base_frame", "--folds", "2")), ("iso9283", ())):
         again = document(command, POSES, "--robot", str(model), *more)
         assert any(WARNING in text for text in again["warnings"]), command
     for name, one in (("own", own), ("other", other)):
@@ -444,7 +444,8 @@ ENDMODULE
         place = ",".join(f"{1e3 * value:.6f}" for value in target[:3, 3])
         turn = ",".join(f"{value:.10f}" for value in (w, x, y, z))
         quarters = ",".join(str(int(np.floor(2 * Q[axis, i] / np.pi))) for axis in (0, 3, 5))
-        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},0],{unused}]")
+        # In front is where axis 2 turns the upright arm, which is the other side on this arm.
+        text = text.replace(f"PLACE{i}", f"[[{place}],[{turn}],[{quarters},4],{unused}]")
     path = tmp_path / "cell.mod"
     result = corrected(path, text, model=real, nominal=nominal)
     assert result.n_corrected == 3
@@ -500,11 +501,13 @@ def test_a_correction_into_another_configuration_is_seen() -> None:
     config = "N U T, 0, 0, 0"
     assert [leaves_configuration(fanuc.CONFIGURATIONS, config, before, q) for q in (before, over, flipped)] == [0, 1, 1]
     # A turn of KRL is the sign of each axis, and knows nothing of half a turn.
-    assert [leaves_configuration(krl.CONFIGURATIONS, "S 2,T 10", before, q) for q in (before, over, flipped)] == [
-        0,
-        0,
-        1,
-    ]
+    for rules, stated, at_border in (
+        (krl.CONFIGURATIONS, "S 2,T 10", 0),
+        (krl.CONFIGURATIONS, "S 2", 0),
+        (rapid.CONFIGURATIONS, "[0,-1,1,0]", 1),
+    ):
+        found = [leaves_configuration(rules, stated, before, q) for q in (before, over, flipped)]
+        assert found == [0, at_border, 1]
     assert [leaves_configuration(ConfigurationRules(), "", before, q) for q in (before, over, flipped)] == [0, 0, 0]
     on_border = np.where(np.arange(6) == 5, np.pi, before)
     assert not leaves_configuration(fanuc.CONFIGURATIONS, config, on_border, on_border + 1e-4 * np.eye(6)[5])

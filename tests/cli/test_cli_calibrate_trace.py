@@ -366,15 +366,15 @@ def test_nothing_is_written_where_the_data_are_refused(traced_files: Path, tmp_p
 
 def test_what_is_declared_by_default_is_said_and_recorded(traced_files: Path) -> None:
     bare = ("trace", str(traced_files / "poses.csv"), "--robot", str(traced_files / "arm.yaml"))
-    text = one_line(output(*bare, "--full"))
+    text = one_line(output(*bare, "--full", "--folds", "2"))
     assert "declared effects: base_frame, tool_frame, joint_offset, link_geometry (default; --declared changes" in text
     # What the effect does at the tool comes before its coefficients.
     assert text.index("1) backlash on j2 moves the tool by up to ") < text.index("backlash.j2 = ")
-    found = commands.document(*bare)
+    found = commands.document(*bare, "--folds", "2")
     names = ["base_frame", "tool_frame", "joint_offset", "link_geometry"]
     assert found["declared"] == {"effects": names, "by_default": True, "left_out": []}
     assert found["options"]["declared"] == ",".join(names)
-    named = commands.document(*trace_command(traced_files, declared=",".join(names)))
+    named = commands.document(*trace_command(traced_files, "--folds", "2", declared=",".join(names)))
     assert named["declared"]["by_default"] is False
     assert named["findings"] == found["findings"]
 

@@ -1,6 +1,5 @@
 """The frame of the command line: exit statuses, streams, colour, completion, help, names of options, build servers."""
 
-import ast
 import contextlib
 import inspect
 import itertools
@@ -13,10 +12,8 @@ import shutil
 import subprocess
 import sys
 import tomllib
-from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
-from types import FunctionType
 
 import commands
 import pytest
@@ -31,7 +28,7 @@ from robacc.cli import commands as declarations
 from robacc.cli.hooks import main
 from robacc.cli.main import COMMANDS, FORMS, RENAMED, app, form_of
 from robacc.errors import MAX_PROBLEMS, InputError, Problem, UsageError
-from robacc.render.text import _MARKED, as_options, say_error
+from robacc.render.text import as_options, say_error
 
 # The frame of the command line: exit statuses, what goes to which stream, colour, completion.
 
@@ -289,57 +286,7 @@ def test_the_example_at_the_end_of_the_help_runs(name: str, tmp_path: Path, monk
             assert (tmp_path / file).exists()
 
 
-# The library names parameters, the command line options: no text outside ``robacc.cli`` is spelled for one of them.
-
-PACKAGE = Path(robacc.__file__).parent
-
-OPTION = re.compile(r"(?<![\w-])--[a-z]")
-
-SHOWS_COMMANDS = {
-    "render/page.py",  # the command that makes a result again
-    "render/views/accuracy.py",  # the command that comes next
-    "render/views/fit.py",  # the same
-    "render/views/expected.py",  # the same
-    "modelling/robot_file.py",  # the command that makes a robot file
-    "simulation/simulate.py",  # comments of files that `robacc init` writes
-    "poses/csv_file.py",  # the same
-    "render/plots/canvas.py",  # variables of CSS
-    "render/text.py",
-}
-
-
-def library_files() -> Iterator[tuple[str, Path]]:
-    for path in sorted(PACKAGE.rglob("*.py")):
-        name = path.relative_to(PACKAGE).as_posix()
-        if not name.startswith("cli/"):
-            yield name, path
-
-
-@cache
-def texts(path: Path) -> list[str]:
-    """String literals of a file, parts of f-strings included and docstrings left out."""
-    nodes = list(ast.walk(ast.parse(path.read_text(encoding="utf-8"))))
-    docstrings = {id(node.value) for node in nodes if isinstance(node, ast.Expr)}
-    literals = (node for node in nodes if isinstance(node, ast.Constant) and isinstance(node.value, str))
-    return [node.value for node in literals if id(node) not in docstrings]
-
-
-def test_no_text_of_the_library_has_an_option():
-    with_options = {
-        name
-        for name, path in library_files()
-        if name not in SHOWS_COMMANDS and any(OPTION.search(text) for text in texts(path))
-    }
-    assert with_options == set()
-
-
-def test_every_marked_name_is_a_parameter_of_a_call():
-    functions = [call for call in (getattr(robacc, name) for name in robacc.__all__) if isinstance(call, FunctionType)]
-    functions += [getattr(declarations, name) for name in (*COMMANDS, *FORMS.values())]
-    parameters = {name for function in functions for name in inspect.signature(function).parameters}
-    for name, path in library_files():
-        marked = {match[1] for text in texts(path) for match in _MARKED.finditer(text)}
-        assert marked <= parameters, name
+# Texts name parameters, which the terminal shows as options.
 
 
 @pytest.mark.parametrize(

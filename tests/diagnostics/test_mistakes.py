@@ -137,6 +137,29 @@ def test_few_poses_or_no_joints_are_not_judged() -> None:
     assert check_data(robot, dataclasses.replace(data, q=None)) == ()
 
 
+@pytest.mark.parametrize(
+    ("order", "sign", "message"),
+    [
+        ([0, 1, 2, 3, 4, 5], [1, 1, 1, -1, 1, 1], "the sign of joint wrist_1_joint seems to be reversed"),
+        (
+            [0, 1, 2, 5, 4, 3],
+            [1, 1, 1, 1, 1, 1],
+            "the columns of joints wrist_1_joint and wrist_3_joint seem to be exch",
+        ),
+    ],
+)
+def test_mistakes_of_joints_are_refused_in_sockets_of_unknown_place(
+    order: list[int], sign: list[int], message: str, tmp_path: Path
+) -> None:
+    lines = Path("sample_data/sockets/unknown.csv").read_text().splitlines()
+    heading, *rows = (line.split(",") for line in lines if not line.startswith("#"))
+    changed = [[f"{k * float(row[i])}" for k, i in zip(sign, order, strict=True)] + row[6:] for row in rows]
+    file = tmp_path / "unknown.csv"
+    file.write_text("\n".join(",".join(row) for row in [heading, *changed]) + "\n")
+    with pytest.raises(InputError, match=message):
+        robacc.calibrate(file, robot="ur10")
+
+
 Matrix = np.ndarray
 
 
@@ -176,8 +199,7 @@ def zero(q: Matrix, joint: int, degrees: float) -> Matrix:
     return changed
 
 
-@pytest.mark.parametrize("joints", ["14", "235", "2345"])
-@pytest.mark.parametrize("oriented", [False, True])
+@pytest.mark.parametrize(("joints", "oriented"), [("14", True), ("235", False), ("2345", False)])
 def test_several_signs_together(joints: str, oriented: bool) -> None:
     q, position, rotation = made()
     mistake = judged(q * signs(joints), position, rotation if oriented else None)
@@ -421,7 +443,7 @@ def test_exchanged_names_of_targets() -> None:
     assert "give each row the name of the target that was measured" in warning
 
 
-@pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2), (10, 55, 1)])
+@pytest.mark.parametrize(("first", "end", "shift"), [(20, 35, 1), (0, 40, -1), (30, 60, 2)])
 def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
     rows = list(range(first, end))
     with pytest.raises(InputError, match="the measured poses seem to be shifted") as info:
@@ -434,7 +456,7 @@ def test_a_shifted_stretch(first: int, end: int, shift: int) -> None:
     assert abs(named[1] - end) <= 2
 
 
-@pytest.mark.parametrize("seed", range(4))
+@pytest.mark.parametrize("seed", range(2))
 def test_permuted_rows_are_named_with_an_unknown_tool(seed: int) -> None:
     order = np.random.default_rng(seed).permutation(N_OF_ROW_MISTAKES)
     turned = registered_poses(independent_arm.robot(), data_of_row_mistakes()).rotation

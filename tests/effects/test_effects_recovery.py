@@ -7,7 +7,6 @@ from itertools import product
 import numpy as np
 import pytest
 from arms import CONFIGURED, arm, model_of
-from scipy import stats
 from slow_parameters import some_fast
 
 from robacc import Measurements, Robot
@@ -122,31 +121,6 @@ HAS_IT_NOT = (
     }
     | {("rail_errors", name) for name in ("irb1600", "panda", "puma560", "ur10")}
 )  # no joint slides; the simulation reads no joints back
-SIX = ("joint_compliance", "backlash", "transmission_error", "thermal_expansion", "frame_drift", "gear_ratio")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", SIX)
-def test_coverage_of_95_percent_intervals(name: str) -> None:
-    # 300 seeds: the share that covers has a standard error of 1.3 %, less where an effect has several coefficients.
-    one = arm("puma560")
-    effect = one_joint(name, one, blank("puma560", 40))
-    truth = truth_of(effect, one, blank("puma560", 40))
-    robot = with_truth(one, effect, truth)
-    hits = []
-    for seed in range(300):
-        data = simulate(robot, dataclasses.replace(PLAN, poses=40, seed=seed)).data
-        free = [REGISTRY[part].default(one, data) for part in ("base_frame", "tool_frame")]
-        found = fit(Model.of(one.robot, [*free, effect]), data)
-        limit = stats.t.ppf(0.975, found.degrees_of_freedom)
-        for term, value in truth.items():
-            i = found.names.index(term)
-            hits.append(abs(found.theta[i] - value) < limit * np.sqrt(found.covariance[i, i]))
-    share = float(np.mean(hits))
-    print(f"{name}: {share:.3f} of {len(hits)} intervals hold the truth")
-    assert 0.93 <= share <= 0.97
-
-
 # Every effect on thousands of poses: several blocks, targets, folds, both deflection forms; slow.
 
 

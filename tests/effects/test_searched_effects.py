@@ -602,7 +602,7 @@ def positions_of_loads_and_steps(poses: Run, part: str, size: float) -> np.ndarr
 
 
 def traced(data: Measurements) -> Trace:
-    return trace(model(data), data, n_folds=4)
+    return trace(model(data), data, n_folds=2)
 
 
 @pytest.mark.parametrize(("part", "timed"), [("target", False), ("base", True), ("joint", False)])

@@ -21,6 +21,7 @@ from robacc.error_model.covariance import (
     Rows,
     estimated,
     likelihood_derivatives,
+    log_evidence,
     too_many_gross_errors,
     unaccounted,
     whitened,
@@ -28,6 +29,7 @@ from robacc.error_model.covariance import (
 )
 from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -214,3 +216,13 @@ def test_no_variance_is_negative_where_a_part_of_the_rows_shows_what_they_share(
     relative = structured.covariance[np.ix_(columns, columns)] / usual / usual[:, None]
     assert not np.allclose(relative, plain.covariance[np.ix_(columns, columns)] / usual / usual[:, None], rtol=0.1)
     assert np.linalg.eigvalsh(relative).min() > 0.0
+
+
+def test_scatter_costs_by_the_visits_that_show_it() -> None:
+    linear = linearised()
+    alone, with_scatter = noise_with(linear), noise_with(linear, "scatter")
+    price = log_evidence(alone, linear) - whitened(alone, linear).log_likelihood
+    price -= log_evidence(with_scatter, linear) - whitened(with_scatter, linear).log_likelihood
+    count = TERMS["scatter"].variances(with_scatter.terms["scatter"], linear, alone.std)
+    assert count > 0
+    assert price == pytest.approx(0.5 * np.log(8) * count + ACCEPTED)  # 24 rows of 8 visits

@@ -38,7 +38,7 @@ def measured(seed: int, n: int = 60) -> Measurements:
 
 def zeros_of(data: Measurements) -> np.ndarray:
     """Errors ``(4,)`` of the zeros of joints 2 to 5, and their standard errors."""
-    result = robacc.calibrate(data, robot=robot(), fit="base_frame,tool_frame,joint_offset")
+    result = robacc.calibrate(data, robot=robot(), fit="base_frame,tool_frame,joint_offset", folds=2)
     found = {parameter.name: parameter for parameter in result.parameters}
     zeros = [found[f"joint_offset.j{number}"] for number in (2, 3, 4, 5)]
     return np.array([(each.value - zero, each.std) for each, zero in zip(zeros, ZEROS[1:5], strict=True)]).T

@@ -120,7 +120,10 @@ def test_control_charts_show_the_change_and_its_limits(database, tmp_path):
 
 def test_charts_of_several_arms_are_of_what_changed(database, tests, tmp_path):
     copy = shutil.copy(database, tmp_path / "copy.db")
-    output("history", "add", tests[0], "--db", tmp_path / "other.db", "--arm", "other")
+    output(
+        "history", "add", tests[0], "--db", tmp_path / "other.db", "--arm", "other", "--at", "2026-01-01T10:30+02:00"
+    )
+    assert "2026-01-01 08:30 UTC" in output("history", "show", "--db", tmp_path / "other.db")
     with sqlite3.connect(copy) as base:
         base.execute("ATTACH ? AS other", [str(tmp_path / "other.db")])
         columns = "at, name, arm, model, command, version, n_poses, grade, temperature_c, document"
@@ -364,6 +367,10 @@ def test_a_fleet_takes_only_coefficients_that_mean_the_same_and_come_from_the_po
     assert by_key["joint_offset.j3"]["n_arms"] == 6
     assert [stranger["arm"] for stranger in found["strangers"]] == ["SN05"]
     assert any(note.startswith("fits left out: 1;") for note in found["notes"])
+    # The same fit under another name, with a space more.
+    again = saved(tmp_path / "again.json", fleet_results[0].read_text() + " ")
+    notes = document("fleet", *fleet_results, again)["notes"]
+    assert any(note.startswith("results of the same measured poses as another: 1;") for note in notes)
 
 
 def test_a_fleet_is_the_same_bytes_whoever_read_its_results(fleet_results, tmp_path):

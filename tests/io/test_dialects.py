@@ -225,7 +225,7 @@ EXPORTS = {
         ("{n}", "deg", "mm"),
         f"pose,{Q},{XYZ}",
         ("{n}", "deg", "mm"),
-        "2 rows with a missing value left out (line 5, 11)",
+        "2 rows incomplete or not measured, left out (line 5, 11)",
         options=("--skip-gaps",),
         lost=(3, 9),
     ),

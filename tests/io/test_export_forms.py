@@ -76,6 +76,7 @@ def columns_of(c: Campaign) -> dict[str, np.ndarray]:
         **{"cmd_rotvec": c.commanded_turn.as_rotvec(), "constant": np.tile((-0.214, 50.02, 27.74), (N, 1))},
         **{"cmd_abc_deg": c.commanded_turn.as_euler("ZYX", degrees=True), "off_mm": (c.position - c.commanded) * MM},
         "off_cm": (c.position - c.commanded) * 100,
+        "stamp": 1578493243.25 + 0.5 * counted,
         **{"count": counted, "seconds": 2.5 * counted, "frames": counted / 120, "zero": 0 * counted},
     }
 
@@ -176,6 +177,10 @@ TABLES_OF_POSITIONS: dict[str, dict[str, Text]] = {
     },
     "robodk": {"robodk.csv": Text(f"Name,{J},X,Y,Z,Error", "deg mm zero", "Target {0}", ",")},
     "bare_degrees_and_mm": {"poses.txt": Text("", "deg mm", sep=" ")},
+    "bare_with_times_since_1970": {
+        "lt.txt": Text("", "stamp m", sep=","),
+        "joints.txt": Text("", "deg", sep=" "),
+    },
     "bare_with_constant_angles": {"poses.csv": Text("", "deg mm constant", sep=",")},
     "bare_points_and_poses": {
         "lt.txt": Text("", "mm", "{0}", "   "),
@@ -759,34 +764,58 @@ def stamped(c: Campaign) -> dict[str, str]:
     }
 
 
-def in_rows(c: Campaign, head: str, sep: str, row: Callable[[int, str, float], str], above: str = "") -> dict[str, str]:
-    text = "".join(
-        above.format(i) + "".join(row(i, axis, value) for axis, value in zip("XYZ", values, strict=True))
-        for i, values in enumerate(c.position * MM, 1)
-    )
-    return {"report.txt": head + text, "joints.csv": table(JOINTS, np.degrees(c.q))}
+def in_rows(row: str, head: str, above: str = "", behind_z: str = "") -> Form:
+    """A report with a line for each coordinate; its deviation is -1 mm."""
+
+    def files(c: Campaign) -> dict[str, str]:
+        text = "".join(
+            above.format(i)
+            + "".join(row.format(i=i, a=a, lower=a.lower(), n=v + 1, v=v) for a, v in zip("XYZ", values, strict=True))
+            + behind_z
+            for i, values in enumerate(c.position * MM, 1)
+        )
+        return {"report.txt": head + text, "joints.csv": table(JOINTS, np.degrees(c.q))}
+
+    return files
 
 
-def polyworks_blocks(c: Campaign) -> dict[str, str]:
-    head = "Report\nUnits: Millimeters\n\nName\tControl\tNominal\tMeasured\tTest\n"
-    return in_rows(
-        c,
-        head,
-        "\t",
-        lambda i, axis, v: (
-            f"{f'P{i}' * (axis == 'X')}\t{axis}\t{v + 1:.6f}\t{v:.6f}\tPass\n" + "\t3D Dist\t\t\tPass\n" * (axis == "Z")
-        ),
-    )
-
-
-def metrolog(c: Campaign) -> dict[str, str]:
-    head = "METROLOG\tcell 4\nElement\tType\tAxe\tNominal\tMesuré\tStatus\n"
-    return in_rows(c, head, "\t", lambda i, axis, v: f"P{i}\tPoint\t{axis}\t{v + 1:.6f}\t{v:.6f}\tOK\n")
-
-
-def pc_dmis(c: Campaign) -> dict[str, str]:
-    above = "\nDIM LOC{0}= LOCATION OF POINT P{0}  UNITS=MM\nAX    NOMINAL    +TOL    MEAS    DEV\n"
-    return in_rows(c, "PART NAME  : CELL\n", " ", lambda i, axis, v: f"{axis} {v + 1:.6f} 0.5 {v:.6f} -1.0\n", above)
+LOCATION = "\nDIM LOC{0}= LOCATION OF POINT P{0}  UNITS=MM"
+REPORTS: dict[str, Form] = {
+    "polyworks_blocks": in_rows(
+        "P{i}\t{a}\t{n:.6f}\t{v:.6f}\tPass\n",
+        "Report\nUnits: Millimeters\n\nName\tControl\tNominal\tMeasured\tTest\n",
+        behind_z="\t3D Dist\t\t\tPass\n",
+    ),
+    "metrolog": in_rows(
+        "P{i}\tPoint\t{a}\t{n:.6f}\t{v:.6f}\tOK\n",
+        "METROLOG\tcell 4\nElement\tType\tAxe\tNominal\tMesuré\tStatus\n",
+    ),
+    "pc_dmis": in_rows(
+        "{a} {n:.6f} 0.5 {v:.6f} -1.0\n",
+        "PART NAME  : CELL\n",
+        LOCATION + "\nAX    NOMINAL    +TOL    MEAS    DEV\n",
+    ),
+    "pc_dmis_with_graphs": in_rows(
+        "{a} {n:.4f} 0.5 0.5 {v:.6f} -1.0 0.0 ----#----\n",
+        "PART NAME  : CELL\n",
+        LOCATION
+        + " ,$\nGRAPH=OFF  TEXT=OFF  MULT=10.00  OUTPUT=BOTH\n"
+        + "AX    NOMINAL       +TOL       -TOL       MEAS        DEV     OUTTOL\n",
+    ),
+    "calypso": in_rows(
+        "c\t1\tP{i}_{a}\t{a}1\t{lower}Value\t{v:.7f}\t{n:.7f}\t1\t-1\tP{i}\t\tmm\n",
+        "planid\tpartnb\tid\ttype\tidsymbol\tactual\tnominal\tuppertol\tdeviation\tfeatureid\tcomment\tunit\n",
+    ),
+    # No column says which axis a line is of.
+    "names_with_axes": in_rows(
+        "Punkt{i}_{a}   {v:.6f}   {n:.6f}   -1.0000\n",
+        "Messplan: Zelle\n\nName   Istwert   Nennwert   Abweichung\n",
+    ),
+    "names_of_calypso": in_rows("{a}-Wert_Punkt{i}\t{n:.6f}\t{v:.6f}\t-1.0\n", "Merkmal\tNennmaß\tIstmaß\tAbw.\n"),
+    "axes_of_measured_values": in_rows(
+        "P{i}\tM{a}\t{n:.6f}\t{v:.6f}\t-1\n", "Feature\tAxis\tNominal\tMeasured\tDeviation\n"
+    ),
+}
 
 
 def body_and_marker(c: Campaign) -> dict[str, str]:
@@ -939,39 +968,6 @@ def kuka_poses(c: Campaign) -> dict[str, str]:
     return {"points.csv": robtargets(c)["points.csv"].replace("Print", "P"), "kuka.log": text}
 
 
-def calypso(c: Campaign) -> dict[str, str]:
-    head = "planid\tpartnb\tid\ttype\tidsymbol\tactual\tnominal\tuppertol\tdeviation\tfeatureid\tcomment\tunit\n"
-    return in_rows(
-        c,
-        head,
-        "\t",
-        lambda i, a, v: f"c\t1\tP{i}_{a}\t{a}1\t{a.lower()}Value\t{v:.7f}\t{v + 1:.7f}\t1\t-1\tP{i}\t\tmm\n",
-    )
-
-
-def names_with_axes(c: Campaign) -> dict[str, str]:
-    """No column says which axis a line is of."""
-    head = "Messplan: Zelle\n\nName   Istwert   Nennwert   Abweichung\n"
-    return in_rows(c, head, " ", lambda i, a, v: f"Punkt{i}_{a}   {v:.6f}   {v + 1:.6f}   -1.0000\n")
-
-
-def names_of_calypso(c: Campaign) -> dict[str, str]:
-    head = "Merkmal\tNennmaß\tIstmaß\tAbw.\n"
-    return in_rows(c, head, "\t", lambda i, a, v: f"{a}-Wert_Punkt{i}\t{v + 1:.6f}\t{v:.6f}\t-1.0\n")
-
-
-def axes_of_measured_values(c: Campaign) -> dict[str, str]:
-    head = "Feature\tAxis\tNominal\tMeasured\tDeviation\n"
-    return in_rows(c, head, "\t", lambda i, a, v: f"P{i}\tM{a}\t{v + 1:.6f}\t{v:.6f}\t-1\n")
-
-
-def pc_dmis_with_graphs(c: Campaign) -> dict[str, str]:
-    above = "\nDIM LOC{0}= LOCATION OF POINT P{0}  UNITS=MM ,$\nGRAPH=OFF  TEXT=OFF  MULT=10.00  OUTPUT=BOTH\n"
-    above += "AX    NOMINAL       +TOL       -TOL       MEAS        DEV     OUTTOL\n"
-    row = "{} {:.4f} 0.5 0.5 {:.6f} -1.0 0.0 ----#----\n".format
-    return in_rows(c, "PART NAME  : CELL\n", " ", lambda i, a, v: row(a, v + 1, v), above)
-
-
 def dmis(c: Campaign) -> dict[str, str]:
     rows = enumerate(c.position * MM, 1)
     text = "".join(f"FA(P{i})=FEAT/POINT,CART,{numbers(row)},0.0,0.0,1.0\n" for i, row in rows)
@@ -1064,16 +1060,11 @@ def pandas(orient: str) -> Form:
 POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_by_name, means_between_rows, names_on_each_line),
-    *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler, polyworks_blocks, metrolog, pc_dmis),
+    *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler),
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
     *(
         abb_with_tracker,
         rokae,
-        calypso,
-        names_with_axes,
-        names_of_calypso,
-        axes_of_measured_values,
-        pc_dmis_with_graphs,
         dmis,
         franka_states,
         lists_behind_names,
@@ -1091,6 +1082,7 @@ FORMS: dict[str, Form | dict[str, Text]] = {
     **TABLES_OF_POSES,
     **{form.__name__: form for form in (*POSITIONS, *POSES)},
     **LOGS,
+    **REPORTS,
     **{f"pandas_{orient}": pandas(orient) for orient in PANDAS},
 }
 WITH_ORIENTATION = (*TABLES_OF_POSES, *(form.__name__ for form in POSES))
@@ -1180,14 +1172,6 @@ def test_numbers_without_one_reading_stay_a_question(
     path = written({"bare.csv": lines(rows(campaign))}, tmp_path)[0]
     with pytest.raises(InputError, match="found numbers, expected a header row"):
         robacc.read_poses(path, robot=ROBOT)
-
-
-def test_a_time_since_1970_leads_to_a_position(campaign: Campaign, tmp_path: Path) -> None:
-    stamped = np.column_stack((1578493243.25 + 0.5 * np.arange(N), campaign.position))
-    saved(tmp_path / "lt.txt", lines(stamped))
-    np.savetxt(tmp_path / "joints.txt", np.degrees(campaign.q))
-    result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
-    assert result["position"]["rms_m"] < 1e-4
 
 
 def test_three_targets_without_names_are_found_by_their_motion(campaign: Campaign, tmp_path: Path) -> None:
@@ -1306,7 +1290,7 @@ def test_rows_without_a_measurement_are_left_out_by_their_status(campaign: Campa
     data = robacc.read_poses(path, robot=ROBOT)
     assert data.n == N
     (left_out,) = [text for text in data.warnings if "left out" in text]
-    assert "2 rows with a missing value left out (line 6, 11)" in left_out
+    assert "2 rows incomplete or not measured, left out (line 6, 11)" in left_out
     assert not isinstance(left_out, Note)
     text = Path(path).read_text(encoding="utf-8").replace("FAILED", "OK")
     Path(path).write_text(text, encoding="utf-8")
@@ -1559,10 +1543,12 @@ def test_rows_of_several_tools_name_this_cause(campaign: Campaign, tmp_path: Pat
     assert "give each of several tools (Tool ID) its own file" in said
 
 
-def test_deviations_alone_are_no_positions(campaign: Campaign, tmp_path: Path) -> None:
-    text = table(f"{JOINTS};dX;dY;dZ", np.degrees(campaign.q), campaign.position)
+@pytest.mark.parametrize("names", ["dX;dY;dZ", "Fx;Fy;Fz;Mx;My;Mz"])
+def test_deviations_and_moments_are_no_positions(names: str, campaign: Campaign, tmp_path: Path) -> None:
+    positions = np.tile(campaign.position, len(names.split(";")) // 3)
+    text = table(f"{JOINTS};{names}", np.degrees(campaign.q), positions)
     with pytest.raises(InputError, match="columns x, y, z are missing"):
-        robacc.read_poses(written({"deviations.csv": text}, tmp_path)[0], robot=ROBOT)
+        robacc.read_poses(saved(tmp_path / "log.csv", text), robot=ROBOT)
 
 
 @pytest.mark.parametrize(
@@ -1685,12 +1671,6 @@ def test_an_uncertainty_that_an_instrument_rounds_to_0_is_its_least(campaign: Ca
     zero = saved(tmp_path / "zero.csv", table(head, np.degrees(campaign.q), campaign.position * MM, 0 * uncertainty))
     with pytest.raises(InputError, match="expected a standard deviation above 0"):
         robacc.read_poses(zero, robot=ROBOT)
-
-
-def test_a_moment_is_no_coordinate(campaign: Campaign, tmp_path: Path) -> None:
-    text = table(f"{JOINTS};Fx;Fy;Fz;Mx;My;Mz", np.degrees(campaign.q), campaign.position, campaign.position)
-    with pytest.raises(InputError, match="columns x, y, z are missing"):
-        robacc.read_poses(saved(tmp_path / "force.csv", text), robot=ROBOT)
 
 
 ENTRIES = {"nm": "pose", "label": "pose", **{f"ax{i}": f"q{i}_deg" for i in range(1, 7)}}

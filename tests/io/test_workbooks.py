@@ -95,7 +95,7 @@ def test_a_gap_in_a_sheet_is_reported_by_its_row(tmp_path: Path) -> None:
         read_poses(path)
     data = read_poses(PoseFile(path, skip_gaps=True))
     assert data.n == 2
-    assert any("1 row with a missing value left out (row 2)" in warning for warning in data.warnings)
+    assert any("1 row incomplete or not measured, left out (row 2)" in warning for warning in data.warnings)
 
 
 def test_several_sheets_are_a_question(tmp_path: Path) -> None:

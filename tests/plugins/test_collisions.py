@@ -108,7 +108,7 @@ def test_the_plan_counts_self_collisions(urdf: Path) -> None:
 
 def test_a_side_that_no_pose_can_keep_is_named(urdf: Path) -> None:
     options = ("--tip-link", "tip", "--collisions", "--candidates", "50", "--min-height", "310mm")
-    assert "2000 are excluded by: below the minimum height of 0.31 m" in refused("plan", urdf, *options)
+    assert "2000 are excluded by: a point of the arm beyond z>=310mm" in refused("plan", urdf, *options)
 
 
 def test_the_log_of_the_reader_of_urdfs_is_as_before(urdf: Path, tmp_path: Path) -> None:

@@ -52,6 +52,7 @@ def offer(monkeypatch: pytest.MonkeyPatch, *readers: Any) -> list[str]:
         return entries
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
+    monkeypatch.syspath_prepend(f"/offers/{id(asked)}")  # a path whose entry points are not known yet
     return asked
 
 

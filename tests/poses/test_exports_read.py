@@ -35,6 +35,8 @@ NAMES = {
     "J1": ("q1", None),
     "J 6 [deg]": ("q6", "deg"),
     "A3 (°)": ("q3", "deg"),
+    "$AXIS_ACT.A1 [deg]": ("q1", "deg"),
+    "actuator_2_deg": ("q2", "deg"),
     "joint_2": ("q2", None),
     "Achse 4": ("q4", None),
     "theta5_rad": ("q5", "rad"),
@@ -130,6 +132,17 @@ READ: list[tuple[str | bytes, dict[str, Any], dict[str, Any], list[str]]] = [
         [],
     ),
     ("x_mm,y_mm,z_mm,q1_deg\n1234.5,0.1,-7.3,90\n", {}, {"position": [[1.2345], [1e-4], [-7.3e-3]]}, []),
+    # Rows with stale values that say they were not measured; a verdict on the values is another matter.
+    *(
+        (f"q1,x,y,z,{name}\n0,1,2,3,{yes}\n0.1,1,2,3,{no}\n0.2,1,2,4,{yes}\n", {}, {"rows": rows}, warnings)
+        for name, yes, no, rows, warnings in (
+            ("Valid", "1", "0", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
+            ("isTracked", "True", "False", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
+            ("Target Status", "OK", "Lost", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
+            ("Result", "pass", "fail", [2, 3, 4], ["unknown column 'Result' is ignored"]),
+        )
+    ),
+    ("q1,x,y,z\n0,1,2,3\n, ,,\n0.2,1,2,4\n", {}, {"rows": [2, 4]}, []),
     (
         "z,qz,q2,y,qw,q1,x,qy,qx\n3,0,0.2,2,1,0.1,1,0,0\n",
         {},
@@ -707,7 +720,6 @@ BAD_ROWS = {
     "1,2,3": "2: found 3 fields, expected 4 as in the header",
     "1,2,3,4,": "2: found 5 fields, expected 4 as in the header",
     "1,0,2,0,3,0,4,0": "2: found 8 fields, expected 4 as in the header; write decimals with a point, not a comma",
-    ",, ,": "2: every field of the row is empty; delete the line",
     '1,2,3,"4': "2: the row cannot be read (unexpected end of data); close every quote on its line",
 }
 

@@ -217,6 +217,9 @@ def test_allocation_keeps_sufficient_tolerances_and_meets_two_limits() -> None:
     assert allocation["met"]
     assert allocation["verified"].grade["grade"] == "A"
     assert allocation["verified"].orientation.p95 <= np.deg2rad(0.1)
+    # Lengths alone turn nothing: the orientation has no variance to allocate.
+    lengths = predicted(with_tolerances(robot, {"theta": 0.0, "alpha": 0.0, "beta": 0.0, "a": 3e-4, "d": 3e-4}))
+    assert allocate(robot, lengths, "B")["met"]
     with pytest.raises(UsageError, match=r"no grade 'Z' on the scale .*; it has A, B, C, D, E"):
         allocate(robot, prediction, "Z")
 

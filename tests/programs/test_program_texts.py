@@ -16,6 +16,7 @@ from robacc.programs.targets import with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
 from robacc_plugins.krl import allowed_by_status, joint_window
+from robacc_plugins.rapid import allowed_by_cfx
 
 SAMPLES = Path(__file__).parent / "samples"
 
@@ -155,7 +156,12 @@ def test_status_follows_the_definition(name: str) -> None:
         (0, -20, -60, 0, -20, 50): 4,
     }
     arm = Arm.of(dataclasses.replace(kuka(name), base=Frame()))
-    assert status(arm, np.radians(np.array(list(cases), dtype=float)).T) == list(cases.values())
+    q = np.radians(np.array(list(cases), dtype=float)).T
+    assert status(arm, q) == list(cases.values())
+    # RAPID numbers the same sides otherwise: 4 behind axis 1, 2 behind the lower arm, 1 for a negative axis 5.
+    of_cfx = [[*allowed_by_cfx(arm, f"[0,0,0,{cfx}]", q)] for cfx in range(8)]
+    numbers = [{2: 0, 6: 1, 3: 4, 7: 5, 0: 2, 4: 3}[number] for number in cases.values()]
+    assert of_cfx == [[number == cfx for number in numbers] for cfx in range(8)]
 
 
 def test_arms_without_a_common_wrist_centre_have_the_sign_of_axis_5_alone() -> None:

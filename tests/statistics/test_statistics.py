@@ -269,12 +269,6 @@ def test_quantiles_agree_with_the_exact_integral(probability: float) -> None:
     np.testing.assert_allclose(quantiles[:3], chi, rtol=1e-8)
 
 
-def test_probabilities_agree_with_the_exact_integral() -> None:
-    for radius in (1e-4, 0.3, 1.0, 4.0):
-        exact = [length_probability(radius, np.zeros(3), v) for v in SHAPES.T]
-        np.testing.assert_allclose(length_probabilities(radius, SHAPES), exact, atol=2e-9)
-
-
 def test_no_scatter_has_no_length() -> None:
     variances = np.array([[0.0, 1.0], [0.0, 1.0], [0.0, 1.0]])
     assert (length_quantiles(0.95, variances)[0], mean_lengths(variances)[0]) == (0.0, 0.0)

@@ -182,18 +182,6 @@ def test_a_clean_arm_is_left_alone(name: str) -> None:
         assert found.noise.noise.position == pytest.approx(NOISE_OF_TRACE, rel=0.3)
 
 
-@pytest.mark.slow
-def test_two_hundred_clean_arms() -> None:
-    wrong = []
-    for seed in range(200):
-        name = ("puma560", "panda", "irb1600")[seed % 3]
-        found = traced(arm(name).robot, measured(name, n=60 + 60 * (seed % 5), seed=1000 + seed), n_folds=2)
-        if found.findings:
-            wrong.append((seed, named(found)))
-    print("named on a clean arm:", wrong)
-    assert len(wrong) <= 4
-
-
 @pytest.mark.parametrize("which", CASES)
 def test_what_is_there_is_named_and_nothing_besides(which: str) -> None:
     _, effect = CASES[which]

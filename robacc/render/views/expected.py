@@ -225,7 +225,7 @@ def _allocation(allocation: Document, statistic: str) -> Section:
         title,
         [
             Grid(("parameter", "given (1 sd)", "needed (1 sd)", "factor"), rows),
-            Text(f"the other {len(tolerances) - len(rows)} tolerances need no change"),
+            Text(f"tolerances that need no change: {len(tolerances) - len(rows)}"),
             Text(
                 f"A new prediction with these tolerances {'meets' if allocation['met'] else 'does not meet'} the grade"
                 f"{f': {_CRITERIA[statistic]} {sizes}' if sizes else ''}. The allocation minimises the cost, taken as "

@@ -555,10 +555,15 @@ def trace(
 
         def structured_beside(fitted: Fit) -> ErrorStructure:
             """Return a fit with the structure of its errors."""
-            again = functools.partial(refit, fitted, fitted.model.free, data)
-            return with_error_structure(fitted, data, Options(), again, tuple(found.state.noise.terms))
+            return with_error_structure(
+                fitted,
+                data,
+                Options(),
+                functools.partial(refit, fitted, fitted.model.free, data),
+                tuple(found.state.noise.terms),
+            )
 
-        structured = structured_beside(final)
+        structured: ErrorStructure | None = None
         if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
             correction = Identified(left[0], left[1], -left[2], 0.0)
             corrected = fitted([*identified, correction])
@@ -568,6 +573,7 @@ def trace(
             ):
                 identified.append(correction)
                 structured = beside
+        structured = structured or structured_beside(final)
         effects = [one.effect for one in identified]
         constants = [
             effect.name

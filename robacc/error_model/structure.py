@@ -39,7 +39,7 @@ from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
 from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
-from robacc.geometry import Array, NDArray
+from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements, different
 
 Source = Literal["repeated visits", "several targets", "residual"]
@@ -143,20 +143,30 @@ def with_error_structure(
     if is_weighted:
         # Other terms are an error of each row, too: beside them, the misfit is what remains of the residual.
         is_weighted = not any(TERMS[name].is_correlated for name in noise.terms)
-        known = misfit if is_weighted else options.misfit
-        options = dataclasses.replace(options, scatter=np.exp(noise.terms["scatter"]), misfit=known)
+        options = dataclasses.replace(
+            options, scatter=np.exp(noise.terms["scatter"]), misfit=misfit if is_weighted else options.misfit
+        )
         fitted = refitted(options)
         linear, rows = beside(fitted, data)
         noise = dataclasses.replace(noise, factor=np.ones(rows.size))
     if "scatter" in noise.terms:
         fitted = dataclasses.replace(fitted, noise=noise_of(data, misfit, False))
-    in_weights = {name: noise.terms[name] for name in noise.terms if name == "scatter" and source != "residual"}
-    left = left_by_fit(dataclasses.replace(noise, terms=in_weights), linear)
+    # The fit has weights of its own misfit, which the terms share.
+    left = left_by_fit(
+        CovarianceParameters(
+            np.log(np.maximum(fitted.misfit[: log_std.size], RESOLUTION)),
+            noise.factor,
+            {name: noise.terms[name] for name in noise.terms if name == "scatter" and source != "residual"},
+        ),
+        linear,
+    )
     sizes = {name: TERMS[name].size(values, linear, left) for name, values in noise.terms.items()}
+    # Of a variance that few visits show, the estimate may be larger than their error.
+    share = min(1.0, rms_length(fitted.residual[:3, rows]) / max(math.hypot(*sizes.values()), RESOLUTION))
     independent = np.sum(np.square(noise.independent(linear.rows.stated) * linear.rows.shown)[:, :3], axis=1)
     parts: dict[ErrorPart, float] = {"noise": float(np.sqrt(np.median(independent)))}
     for name, size in sizes.items():
-        parts[TERMS[name].part] = math.hypot(size, parts.get(TERMS[name].part, 0.0))
+        parts[TERMS[name].part] = math.hypot(share * size, parts.get(TERMS[name].part, 0.0))
     # Poses that are visited again are a part of the design: standard errors that leave out what they may share are too
     # small where it is there (random effects of a design stay in the model; Barr et al. 2013).
     starts = [] if "place" in noise.terms else TERMS["place"].starts(linear, usual_std(noise, linear))
@@ -167,7 +177,7 @@ def with_error_structure(
         parts,
         _repeatability(fitted, noise, linear, parts, source) if "scatter" in parts else None,
         directional,
-        tuple(TERMS[name].warning(sizes[name]) for name in noise.terms if TERMS[name].is_correlated),
+        tuple(TERMS[name].warning(share * sizes[name]) for name in noise.terms if TERMS[name].is_correlated),
     )
 
 

@@ -552,15 +552,29 @@ def trace(
         while useless := _useless(final, identified, own_places):
             identified = [one for one in identified if one not in useless]
             final = fitted(identified)
+
+        def structured_beside(fitted: Fit) -> ErrorStructure:
+            """Return a fit with the structure of its errors."""
+            return with_error_structure(
+                fitted,
+                data,
+                Options(),
+                functools.partial(refit, fitted, fitted.model.free, data),
+                tuple(found.state.noise.terms),
+            )
+
+        structured: ErrorStructure | None = None
         if empirical and (left := correction_of_position(final, data, found.state.noise)) is not None:
             correction = Identified(left[0], left[1], -left[2], 0.0)
             corrected = fitted([*identified, correction])
-            if not _useless(corrected, [correction], own_places):
+            # The scatter of visits may leave nothing to the correction.
+            if not _useless(corrected, [correction], own_places) and not _useless(
+                (beside := structured_beside(corrected)).fit, [correction], own_places
+            ):
                 identified.append(correction)
-                final = corrected
+                structured = beside
+        structured = structured or structured_beside(final)
         effects = [one.effect for one in identified]
-        refitted = functools.partial(refit, final, final.model.free, data)
-        structured = with_error_structure(final, data, Options(), refitted, tuple(found.state.noise.terms))
         constants = [
             effect.name
             for effect in model.free
@@ -581,10 +595,9 @@ def trace(
                 advice += [] if poses is None else [poses]
         unexplained = remaining_error(found, findings, final, noise, data, structured, judged.rounding)
         share, before_rms, after_rms = None, *(stage.held_out_rms for stage in (judged.before, judged.after))
-        if before_rms is not None and after_rms is not None:
-            floor = noise.rms**2 + (0.0 if repeatability is None else repeatability.position**2)
-            if (total := before_rms**2 - floor) > 0.0:
-                share = float(np.clip((before_rms**2 - after_rms**2) / total, 0.0, 1.0))
+        floor = noise.rms**2 + (0.0 if repeatability is None else repeatability.position**2)
+        if before_rms is not None and after_rms is not None and (total := before_rms**2 - floor) > 0.0:
+            share = float(np.clip((before_rms**2 - after_rms**2) / total, 0.0, 1.0))
         return Trace(
             **vars(judged if findings else dataclasses.replace(judged, gain=None)),
             verdict=(verdict := verdict_of(findings, unexplained)),
@@ -605,7 +618,7 @@ def trace(
 
 
 def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) -> list[Identified]:
-    """Return the effects without which the poses, each held out in turn, are predicted no worse, the worst first.
+    """Return the effects without which the poses, each held out in turn, are predicted hardly worse, the worst first.
 
     The search looks at a part of a large set, and its likelihood knows only the structures of its terms: an error
     outside the catalogue may resemble an effect there and not elsewhere. On 632 poses of a UR10 (series D), a profile
@@ -622,7 +635,7 @@ def _useless(fit: Fit, identified: Sequence[Identified], own_places: HoldOut) ->
             for residual in residuals
         ]
         best = int(np.argmin(costs[1:]))
-        if residuals[0] is None or (costs[1 + best] > costs[0] and not math.isclose(costs[1 + best], costs[0])):
+        if residuals[0] is None or costs[1 + best] > costs[0] + NEGLIGIBLE:
             break
         gone.append(kept.pop(best))
     return gone

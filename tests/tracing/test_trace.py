@@ -31,7 +31,8 @@ from robacc.render.views.fit import _at_tool, _remaining_error, _residual
 from robacc.robots.arm import Arm
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.calibrating import ErrorCause, causes
-from robacc.tracing.trace import Trace, assumption_of, trace
+from robacc.tracing.search import Identified
+from robacc.tracing.trace import Trace, _useless, assumption_of, trace
 
 ESTIMATED = LackOfFit(Noise(2e-5, None, "residual"), None, 1.0)
 TINY = LackOfFit(Noise(4e-8, None, "residual"), None, 1.0)
@@ -636,3 +637,20 @@ def test_a_slide_that_scatters_has_no_period() -> None:
     noise = 2e-5 * np.random.default_rng(5).standard_normal(position.shape)
     data = dataclasses.replace(exact, position=position + noise)
     assert robacc.trace(data, robot=nominal, declared=DECLARED_OF_SLIDES, folds=3).findings == ()
+
+
+class EqualPlaces:
+    """Held-out residuals that are next to equal with and without an effect."""
+
+    def residuals(self, fitted: Fit, without: Any) -> list[Any]:
+        """Return the residual, larger by a millionth where an effect is left out."""
+        return [fitted.residual * (1.0 + 1e-6 * k) for k in range(len(without))]
+
+
+def test_an_effect_that_predicts_next_to_nothing_is_useless() -> None:
+    """A TIAGo's error was found to depend on the pose, by 1e-5 mm of 1.65 mm."""
+    data = Measurements(position=independent_arm.targets(q := poses(10, 10, np.random.default_rng(0))), q=q)
+    data = replace(data, position=data.position + 1e-5 * np.random.default_rng(1).standard_normal(data.position.shape))
+    fitted = fit(model_of(independent_arm.robot(), "base_frame,joint_offset", data), data)
+    one = Identified(fitted.model.free[-1], 0.0, 0.0, 0.0)
+    assert _useless(fitted, [one], EqualPlaces()) == [one]

@@ -445,14 +445,16 @@ class TextTable(Table):
     def _is_lost(self, line: int, fields: Sequence[str], numbers: Sequence[int], texts: Sequence[int]) -> bool:
         """Return whether a row is left out: every value is missing, or the status says that it was not measured."""
         missing = [fields[i].lower() in GAPS for i in numbers]
-        # A number in place of a name counts the rows.
-        named = not self.sparse and not all(self.dialect.is_number(fields[i]) for i in texts)
-        is_lost = any(
+        is_unmeasured = any(
             says_lost(self.labels[i], fields[i]) or (any(missing) and fields[i].lower() in _FAILED)
             for i in self._status
-        ) or (not named and len(missing) > 1 and all(missing))
-        self.log.gaps |= {line} if is_lost and not self.sparse else set()
-        return is_lost
+        )
+        # A number in place of a name counts the rows.
+        is_empty = (len(missing) > 1 and all(missing)) and (
+            bool(self.sparse) or all(self.dialect.is_number(fields[i]) for i in texts)
+        )
+        self.log.gaps |= {line} if is_unmeasured or (is_empty and not self.sparse) else set()
+        return is_unmeasured or is_empty
 
     def _fields(self, line: int, text: str) -> list[str] | None:
         """Return the fields of a row; None for a row that does not fit the header, which is logged."""

@@ -24,6 +24,7 @@ from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit, moved_frames, suspected_mistakes
 from robacc.geometry import exp_so3, quaternion_from_rotation, rotate, rotation_about, rotation_from_quaternion
 from robacc.modelling.model import Model, predict
+from robacc.poses.csv_file import read_poses
 from robacc.robots.description import Frame
 from robacc.simulation.simulate import Plan, simulate
 from robacc.tracing.trace import trace
@@ -158,6 +159,15 @@ def test_mistakes_of_joints_are_refused_in_sockets_of_unknown_place(
     file.write_text("\n".join(",".join(row) for row in [heading, *changed]) + "\n")
     with pytest.raises(InputError, match=message):
         robacc.calibrate(file, robot="ur10")
+
+
+def test_readings_in_sockets_that_say_they_are_not_valid_are_left_out_with_a_warning(tmp_path: Path) -> None:
+    lines = [line for line in Path("sample_data/sockets/unknown.csv").read_text().splitlines() if line[0] != "#"]
+    stated = [f"{line},{'valid' if i == 0 else int(i not in (5, 9))}" for i, line in enumerate(lines)]
+    (file := tmp_path / "unknown.csv").write_text("\n".join(stated) + "\n")
+    data = read_poses(file)
+    assert not np.isin([6, 10], data.rows).any()
+    assert any("2 rows incomplete or not measured, left out (line 6, 10)" in text for text in data.warnings)
 
 
 Matrix = np.ndarray

@@ -303,7 +303,7 @@ def _inverse(recorded: Recorded) -> Recorded:
 
 MIRRORED = _of_positions(
     "the positions seem to be in a left-handed frame",
-    "look for a column with a reversed sign, or for two exchanged columns",
+    "look for a column with a reversed sign, for two exchanged columns, or for a wrong sign in the robot file",
     np.diag([-1.0, 1.0, 1.0]),
 )
 """Change by which a left-handed frame becomes right-handed: the first axis is reversed."""

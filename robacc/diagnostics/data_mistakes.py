@@ -454,8 +454,9 @@ def check_data(robot: Robot, data: Measurements) -> tuple[str, ...]:
     if is_gross and not (mistake and mistake.refused):
         mistake = find_mistake(robot, data) or find_part_mistake(robot, data) or mistake
     texts = [f"{data.source}: {mistake.text}" if data.source else mistake.text] if mistake else []
+    refuse((mistake and mistake.refused, "".join(texts)), error=InputError)
     others = other_arm(robot, data, poses.translation)
-    refuse((mistake and mistake.refused, "".join(texts)), (others and is_gross, "".join(others)), error=InputError)
+    refuse((others and is_gross, "".join(others)), error=InputError)
     return (*others, *texts)
 
 
@@ -553,8 +554,10 @@ def _stages(robot: Robot, data: Measurements, pool: Sequence[_Hypothesis]) -> It
     """Yield groups of sets of changes, the likely ones first; ``pool`` has what was judged before."""
     assert data.q is not None
     of_arm = arm_poses(robot, data, data.q[None])[1][0].T
-    measured = measured_changes(data, spread(of_arm)) if data.kind is None else []
-    variants = [*measured, *convention_changes(robot)]
+    variants = [
+        *(measured_changes(data, spread(of_arm)) if data.kind is None else ()),
+        *convention_changes(robot),
+    ]
     signs, names = sign_sets(robot), robot.variable_names
     elementary = [
         *signs[: len(names)],

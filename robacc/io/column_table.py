@@ -17,7 +17,7 @@ from robacc.errors import InputError, Problem, given, refuse
 from robacc.geometry import Array, NDArray
 from robacc.io.dialect import GAPS
 from robacc.io.files import STANDARD_STREAM, clip, opened
-from robacc.io.table import MAX_TEXT, SKIP, Table, TableBody, TableOptions, TablePart, TableRows, TextTable, says_lost
+from robacc.io.table import MAX_TEXT, SKIP, Table, TableBody, TableOptions, TablePart, TableRows, TextTable, lost_words
 from robacc.plug_ins import plug_in, plug_ins
 
 _NOT_NUMBERS = (str, bytes, complex, dt.date, dt.time, dt.timedelta, np.datetime64, np.timedelta64)
@@ -68,9 +68,9 @@ class ColumnTable(Table):
         self.log.gaps.update(
             place
             for i, label in enumerate(self.labels)
-            if says_lost(label, "lost")
+            if (words := lost_words(label))
             for place, cell in zip(self.places.tolist(), self.column(i)[0].tolist(), strict=True)
-            if says_lost(label, _text(cell))
+            if _text(cell).lower() in words
         )
         return TableBody(table, [self._texts(i) for i in texts], self.places).without(self.log.gaps)
 

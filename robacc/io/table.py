@@ -166,10 +166,13 @@ _FAILED = _LOST | {"failed", "fail", "error", "nok", "ng", "bad", "no", "false"}
 """What it says of a row that was not measured; the others where a value is missing, too, else they may be a verdict."""
 
 
-def says_lost(column: str, cell: str) -> bool:
-    """Return whether a cell says that its row was not measured: its values are stale."""
+def lost_words(column: str) -> frozenset[str]:
+    """Return what a column's cells say, in small letters, of a row that was not measured and has stale values.
+
+    Nothing for a column that is no status.
+    """
     words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", column)}
-    return bool(words & _STATUS) and cell.lower() in (_LOST | {"no", "false", "0"} if words & _VALID else _LOST)
+    return (_LOST | {"no", "false", "0"} if words & _VALID else _LOST) if words & _STATUS else frozenset()
 
 
 class TextTable(Table):
@@ -211,7 +214,7 @@ class TextTable(Table):
             for above, fields in itertools.pairwise(grid)
         )
         """Whether the names stand above each block of rows, with other text above them."""
-        self._status = [i for i, label in enumerate(self.labels) if says_lost(label, "lost")]
+        self._status = {i: words for i, label in enumerate(self.labels) if (words := lost_words(label))}
         self.log.remarks.append(dialect.description())
         lacks_names = self.names[0] == "" and "pose" not in self.names
         index = ["".join(fields[:1]) for fields in grid if lacks_names]
@@ -364,9 +367,8 @@ class TextTable(Table):
         sizes = [*map(len, itertools.chain(*stripped))]
         is_whole = widths <= {width} and 0 < min(sizes, default=1) <= max(sizes, default=1) <= MAX_TEXT
         is_lost = any(
-            says_lost(self.labels[i], cell)
-            for i, column in zip(self._status, stripped[len(texts) :], strict=True)
-            for cell in {*column}
+            not words.isdisjoint(map(str.lower, column))
+            for words, column in zip(self._status.values(), stripped[len(texts) :], strict=True)
         )
         if is_lost or not is_whole or not np.isfinite(values).all():
             return None
@@ -446,8 +448,8 @@ class TextTable(Table):
         """Return whether a row is left out: every value is missing, or the status says that it was not measured."""
         missing = [fields[i].lower() in GAPS for i in numbers]
         is_unmeasured = any(
-            says_lost(self.labels[i], fields[i]) or (any(missing) and fields[i].lower() in _FAILED)
-            for i in self._status
+            fields[i].lower() in words or (any(missing) and fields[i].lower() in _FAILED)
+            for i, words in self._status.items()
         )
         # A number in place of a name counts the rows.
         is_empty = (len(missing) > 1 and all(missing)) and (

@@ -159,11 +159,12 @@ _OF_NUMBERS = b"0123456789+-.eE \t"
 """Characters of numbers and around them."""
 SKIP = "give `skip_gaps` to leave out rows with a missing value"
 _VALID = frozenset({"valid", "tracked", "visible", "detected"})
-_STATUS = _VALID | {"status", "state", "result", "ergebnis", "ok", "quality"}
-"""Words of a column that says whether a row was measured; those of the first give no verdict on the values."""
-_LOST = frozenset({"lost", "missing", "invalid", "timeout", "missed"})
+_LOST = frozenset({"lost", "missing", "invalid", "occluded", "timeout", "missed"})
+_STATUS = _VALID | _LOST | {"status", "state", "result", "ergebnis", "ok", "quality"}
+"""Words of a column that says whether a row was measured; those of the first two give no verdict on the values."""
 _FAILED = _LOST | {"failed", "fail", "error", "nok", "ng", "bad", "no", "false"}
-"""What it says of a row that was not measured; the others where a value is missing, too, else they may be a verdict."""
+"""What it says of a row that was not measured; beyond the lost where a value is missing, too: else it may be a verdict.
+"""
 
 
 def lost_words(column: str) -> frozenset[str]:
@@ -172,7 +173,10 @@ def lost_words(column: str) -> frozenset[str]:
     Nothing for a column that is no status.
     """
     words = {word.lower() for word in re.findall("[A-Z]?[a-z]+|[A-Z]+", column)}
-    return (_LOST | {"no", "false", "0"} if words & _VALID else _LOST) if words & _STATUS else frozenset()
+    # Other words may count: `lost_frames`, `n_occluded`.
+    is_lost = words <= _LOST | {"is", "beam", "target", "tracker"}
+    said = {"yes", "true", "1"} if is_lost else {"no", "false", "0"} if words & _VALID else set[str]()
+    return _LOST | said if words & _STATUS else frozenset()
 
 
 class TextTable(Table):

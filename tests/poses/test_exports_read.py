@@ -138,6 +138,8 @@ READ: list[tuple[str | bytes, dict[str, Any], dict[str, Any], list[str]]] = [
         for name, yes, no, rows, warnings in (
             ("Valid", "1", "0", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
             ("isTracked", "True", "False", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
+            ("Occluded", "0", "1", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
+            ("lost_frames", "0", "1", [2, 3, 4], ["unknown column 'lost_frames' is ignored"]),
             ("Target Status", "OK", "Lost", [2, 4], ["1 row incomplete or not measured, left out (line 3)"]),
             ("Result", "pass", "fail", [2, 3, 4], ["unknown column 'Result' is ignored"]),
         )

@@ -15,6 +15,8 @@ Counted = Literal["line", "row", "photo", "pose"]
 
 MAX_PROBLEMS = 20
 """Problems that one error carries at most."""
+LISTED = 10
+"""Names, or numbers of rows, that a message lists at most; the others are counted."""
 
 
 @dataclass(frozen=True, slots=True)

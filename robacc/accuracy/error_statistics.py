@@ -18,6 +18,7 @@ from robacc.accuracy.error_sums import LENGTH, PAIRS, ErrorSums, features, weigh
 from robacc.errors import InputError, applying, refuse
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
+    FEWEST,
     EstimateOrReason,
     Interval,
     PercentileCurve,
@@ -271,8 +272,6 @@ class ErrorStatistics(NamedTuple):
 
 SIGNIFICANCE = 0.01
 """Significance level: an assumption with a smaller p-value is rejected."""
-FEWEST_FOR_MODEL = 10
-"""Fewer poses cannot contradict a Gaussian, so no interval relies on its tail."""
 PROBABILITY = 0.95
 """Share of poses within a radius, and level of the percentile."""
 
@@ -575,8 +574,8 @@ class _ErrorSample(PoseSampling):
         lengths, n = self.lengths, int(self.n_independent)
         levels = percentile_levels(n, PROBABILITY, confidence)
         # Repetitions count as one pose, however equal they are: the levels are then wider than needed, never narrower.
-        by_model = levels[1] is None and self.shape and n >= FEWEST_FOR_MODEL
-        if not by_model and (n < FEWEST_FOR_MODEL or levels == (None, None, None)):
+        by_model = levels[1] is None and self.shape and n >= FEWEST
+        if not by_model and (n < FEWEST or levels == (None, None, None)):
             return Interval.missing(confidence, f"{self.described}: too few for a 95th percentile")
         if by_model and shape is None:
             return radius.interval

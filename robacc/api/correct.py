@@ -33,7 +33,7 @@ from robacc.correction import (
     correction,
 )
 from robacc.documents.envelope import csv_text
-from robacc.errors import InputError, MissingColumnError, Problem, by_key, refuse
+from robacc.errors import LISTED, InputError, MissingColumnError, Problem, by_key, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
@@ -55,8 +55,6 @@ from robacc.quantities import size
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, part_of
 from robacc.robots.description import Frame, Robot
 
-_LISTED = 5
-"""Refused targets that a message names for one reason."""
 _SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
 """Sizes in a reason, which differ from target to target."""
 
@@ -146,9 +144,9 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
     texts = {}
     for group in groups.values():
         places = ", ".join(
-            name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group[:_LISTED]
+            name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group[:LISTED]
         )
-        more = f" and {len(group) - _LISTED} more" if len(group) > _LISTED else ""
+        more = f" and {len(group) - LISTED} more" if len(group) > LISTED else ""
         first = "at the first, " * (len({reason for *_, reason in group}) > 1)
         targets = f"{len(group)} target{'s' * (len(group) > 1)} ({places}{more})"
         texts[f"{targets}: {first}{group[0][2]}"] = group[0][0]

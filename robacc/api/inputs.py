@@ -38,7 +38,7 @@ from robacc.api.parameters import (
 from robacc.diagnostics.robot_poses import check_size, nominal_poses, read_robot_poses, read_rows
 from robacc.documents.envelope import InputFile, Provenance
 from robacc.effects.specification import with_effect_units
-from robacc.errors import InputError, Note, Problem, UsageError, refuse
+from robacc.errors import LISTED, InputError, Note, Problem, UsageError, refuse
 from robacc.geometry import Array, NDArray
 from robacc.io.column_table import open_table
 from robacc.io.files import read_text, sha256_of, write_file
@@ -545,8 +545,6 @@ def with_measured_targets(robot: Robot, data: Measurements) -> tuple[Robot, Meas
 
 # Commands of measured poses from another file: a robot program, or a table of joints or commanded poses.
 
-_SHOWN = 6
-"""Names that a message lists."""
 _DAY = 86400.0
 
 
@@ -773,7 +771,7 @@ def _joined(
         remark = f"commands of {path} joined by the order of rows: the files share no names"
     unmatched = [f"line {line}" for line in lines[at < 0]] if names is None else names[at < 0].tolist()
     without = list(dict.fromkeys(map(str, unmatched)))
-    listed = f"{', '.join(without[:_SHOWN])}{' …' * (len(without) > _SHOWN)}"
+    listed = f"{', '.join(without[:LISTED])}{' …' * (len(without) > LISTED)}"
     message = f"{len(without)} of the measured poses have no command in {path}: {listed}"
     refuse((0 < most <= 0.5, Problem(message, source, column="pose", fix="give the poses the same names")))
     left_out = (f"rows without a command in {path} are left out: {listed}",) if without else ()

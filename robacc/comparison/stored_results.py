@@ -16,7 +16,7 @@ from robacc.accuracy.grade import GradeStep, Quantity, Scale
 from robacc.errors import applying, given, refuse
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.statistics.intervals import (
-    FEWEST_FOR_BOOTSTRAP,
+    FEWEST,
     MOST_FOR_BOOTSTRAP,
     EstimatedValue,
     Interval,
@@ -500,7 +500,7 @@ def difference(
         ]
     value = float(values[1][0] - values[0][0])
     # With fewer poses, a single pose sets the 95th percentile, and bootstrap intervals cover less than they claim.
-    fewest = 30 if statistic == "p95" else FEWEST_FOR_BOOTSTRAP
+    fewest = 30 if statistic == "p95" else FEWEST
     obstacles = applying(
         (statistic == "max", NO_TEST_OF_MAXIMUM),
         (min(sizes) < 2, "one commanded pose shows no scatter between poses"),
@@ -531,7 +531,7 @@ def difference(
     terms = (float(np.sum(variance)) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))
     dof = float(np.sum(variances)) ** 2 / sum(terms)
     below = above = t = student_quantile(0.5 + 0.5 * confidence, dof)
-    if is_smooth and min(sizes) >= FEWEST_FOR_BOOTSTRAP and max(sizes) <= MOST_FOR_BOOTSTRAP:
+    if is_smooth and min(sizes) >= FEWEST and max(sizes) <= MOST_FOR_BOOTSTRAP:
         # (resampled difference - difference) / standard error of the resample.
         counts = [resampled_counts(size, DRAWS, (seed, 0 if paired else i)) for i, size in enumerate(sizes)]
         resamples, spreads = _moments(statistic, sums, counts, paired)

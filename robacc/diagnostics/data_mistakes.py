@@ -17,7 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from robacc.errors import InputError, RobaccError, refuse
+from robacc.errors import LISTED, InputError, RobaccError, refuse
 from robacc.fitting.closed_form import (
     PASSES,
     Registration,
@@ -28,7 +28,7 @@ from robacc.fitting.closed_form import (
     register_positions,
     rows_by_target,
 )
-from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, MANY, SAMPLE, SHORTLIST
+from robacc.fitting.levels import ALIKE, BEST, ENOUGH, EXAMPLES, FEW, GROSS, MANY, SAMPLE, SHORTLIST
 from robacc.geometry import (
     Array,
     NDArray,

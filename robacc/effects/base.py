@@ -163,6 +163,8 @@ RADIUS = -2
 """Pseudo-motion: the radius of the sphere that a row touches, m."""
 FOLLOWED_SHARE = 0.5
 """Share from which the joints read back describe the arm better than those commanded."""
+FEWEST = 8
+"""Least rows of a group, and least different angles of an order, so that some remain when others are held out."""
 LEAST_OF_CONSTANT = 1e-3
 """Least independent part of the column of a length or angle of the arm. Its other lengths and angles are wrong by about
 1 mm and 1 mrad, so that the column itself is known to this share only; a smaller independent part is an error of the

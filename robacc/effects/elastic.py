@@ -9,6 +9,7 @@ from typing import Literal
 import numpy as np
 
 from robacc.effects.base import (
+    FEWEST,
     MASSES,
     About,
     Effect,
@@ -492,8 +493,6 @@ class PayloadCompliance(Elastic):
 
 _NOTHING = ("none", "empty")
 """Names of a group of rows without a load."""
-_FEWEST_ROWS = 8
-"""Least rows of a group, so that the rest has some whichever is held out."""
 
 
 def _groups(data: Measurements) -> tuple[str, ...]:
@@ -501,7 +500,7 @@ def _groups(data: Measurements) -> tuple[str, ...]:
     if data.payload_group is None or data.payload is not None:
         return ()
     names, counts = np.unique(data.payload_group, return_counts=True)
-    is_enough = names.size >= 2 and counts.min() >= _FEWEST_ROWS
+    is_enough = names.size >= 2 and counts.min() >= FEWEST
     return tuple(str(name) for name in names if name not in _NOTHING) if is_enough else ()
 
 

@@ -15,6 +15,7 @@ from typing import Any, Literal
 import numpy as np
 
 from robacc.effects.base import (
+    FEWEST,
     MASSES,
     About,
     Beyond,
@@ -89,8 +90,6 @@ HIGHEST_OF_ALL = 210.0
 """Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
 HIGHEST_OF_SLIDE = 1000.0
 """rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""
-_FEWEST = 8
-"""Different angles that an order needs at least."""
 
 
 def common_period(orders: Sequence[float]) -> float:
@@ -143,7 +142,7 @@ def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
 def _limits(angle: Array) -> tuple[float, float]:
     """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
     values = np.unique(np.round(angle, 6))
-    if values.size < _FEWEST:
+    if values.size < FEWEST:
         return ORDER_STEP, 0.0
     # Quantile of the gaps between angles that sets the highest order they support.
     gap = float(np.quantile(np.diff(values), 0.1))

@@ -56,10 +56,8 @@ BEST = 8
 """Best of a rough order that are looked at again."""
 ALIKE = 1.5
 """Ratio of two errors up to which they are alike: as much as few poses leave by chance (root 2)."""
-LISTED = 10
-"""Names, or numbers of rows, that a message lists at most; the others are counted."""
 EXAMPLES = 4
-"""The same of longer texts."""
+"""Long texts that a message lists at most."""
 
 # Numbers that bound time and memory alone: results are the same with larger ones, or those of a fair part of the rows.
 

@@ -6,10 +6,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robacc.errors import Note
+from robacc.errors import LISTED, Note
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, LISTED, NEGLIGIBLE, SIGNIFICANT
+from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, NEGLIGIBLE, SIGNIFICANT
 from robacc.fitting.masses import DEFAULT
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import outlier_pattern

@@ -12,7 +12,7 @@ import numpy as np
 
 from robacc.effects.drivers import MARGIN, driver_unit, driver_values, range_excess
 from robacc.effects.specification import Known, known_effects
-from robacc.errors import Problem, UsageError, refuse
+from robacc.errors import LISTED, Problem, UsageError, refuse
 from robacc.geometry import Array, nearest_rotation, rms_length
 from robacc.measurements import Measurements, even_rows
 from robacc.modelling.model import Model, predict
@@ -156,8 +156,6 @@ def _registered_rms(predicted: Array, measured: Array) -> float:
 
 _ROUNDING = 1e-9
 """Excess (SI) that rounding explains."""
-_LISTED = 6
-"""Drivers that a message lists; the others are counted."""
 
 
 class OutsideValidity(NamedTuple):
@@ -176,8 +174,8 @@ class OutsideValidity(NamedTuple):
 
     def warnings(self) -> tuple[str, ...]:
         """Return one sentence with the drivers and how far the poses exceed their ranges; empty if all are inside."""
-        listed = "; ".join(_sentence(item) for item in self.ranges[:_LISTED])
-        more = f"; and {len(self.ranges) - _LISTED} more" if len(self.ranges) > _LISTED else ""
+        listed = "; ".join(_sentence(item) for item in self.ranges[:LISTED])
+        more = f"; and {len(self.ranges) - LISTED} more" if len(self.ranges) > LISTED else ""
         verb = "pose is" if self.n == 1 else f"of {self.n} poses are"
         added = f", which adds up to {self.std_max * 1e3:.2g} mm to its standard deviation" if self.std_max > 0 else ""
         text = f"{self.n_poses} {verb} outside the validity range of the model{added}: {listed}{more}"

@@ -396,8 +396,8 @@ def _distance(values: Values, robot: KnownRobot, known: tuple[Array | None, ...]
 
 # Orientations: their representation, and the convention of angles that names leave open.
 
-_BLOCK = 4096
-"""Rotations converted at a time: the working arrays of a block fit the cache."""
+BLOCK = 4096
+"""Rows converted or written at a time: the working arrays of a block fit the cache."""
 _WRITERS = {
     "rotvec": "Universal Robots",
     "fixed-xyz": "trackers, FANUC, Yaskawa",
@@ -421,8 +421,8 @@ def rotations(values: Values, keys: tuple[str, ...] | None, convention: str) -> 
     if keys is None or (columns := values.column_set(keys)) is None:
         return None
     result = np.empty((3, 3, columns.shape[1]))
-    for start in range(0, columns.shape[1], _BLOCK):
-        result[..., start : start + _BLOCK] = CONVENTIONS[convention](columns[:, start : start + _BLOCK])
+    for start in range(0, columns.shape[1], BLOCK):
+        result[..., start : start + BLOCK] = CONVENTIONS[convention](columns[:, start : start + BLOCK])
     return result
 
 

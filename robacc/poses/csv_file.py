@@ -21,6 +21,7 @@ from robacc.measurements import Measurements
 from robacc.plug_ins import plug_in
 from robacc.poses.cameras import BOARDS
 from robacc.poses.checks import (
+    BLOCK,
     READ_BACK_TOLERANCE,
     SMALLEST_SIGMA,
     check_rows,
@@ -78,9 +79,6 @@ from robacc.poses.reshaped_tables import (
 
 # Write poses as CSV text in SI units, which :func:`robacc.poses.csv_file.read_poses` reads back.
 
-_BLOCK = 4096
-"""Rows written at a time."""
-
 
 def format_poses(measurements: Measurements, *, attained: bool = True) -> str:
     """Return the poses as CSV text, each number in the fewest digits that give the same float.
@@ -93,8 +91,8 @@ def format_poses(measurements: Measurements, *, attained: bool = True) -> str:
 
 def pose_pieces(measurements: Measurements, *, attained: bool = True) -> Iterator[str]:
     """Yield the text of :func:`format_poses` in pieces of some thousand rows, to limit the memory used."""
-    for start in range(0, max(measurements.n, 1), _BLOCK):
-        columns = _columns(measurements.subset(slice(start, start + _BLOCK)), attained)
+    for start in range(0, max(measurements.n, 1), BLOCK):
+        columns = _columns(measurements.subset(slice(start, start + BLOCK)), attained)
         if start == 0:
             # Metres that would be read as millimetres have a unit in the name.
             positions = ((AXES, measurements.position), (COMMANDED_AXES, measurements.commanded_position))
@@ -147,7 +145,7 @@ def _joined(numbers: NDArray[Any]) -> list[str]:
 
     A file of few rows does without orjson, whose import takes longer.
     """
-    if len(numbers) < _BLOCK:
+    if len(numbers) < BLOCK:
         return [",".join(map(repr, row)) for row in numbers.tolist()]
     import orjson
 

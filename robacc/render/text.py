@@ -58,6 +58,10 @@ _CODES = {"bold": "1", "dim": "2", "green": "32", "red": "31", "yellow": "33"}
 """Select Graphic Rendition of ECMA-48, 8.3.117."""
 is_quiet = False
 """Whether notes are left out; the command line sets it."""
+LISTED_ROWS = 12
+"""Rows of a table of the details; the page and the JSON result have all."""
+MOST_ROWS = 60
+"""Rows of a table of poses, or of coefficients."""
 PLAIN_WIDTH = 80
 """Columns of a table written to a file or a pipe; fits a mail, a ticket and a printed page."""
 

@@ -472,8 +472,8 @@ def resampled_counts(size: int, draws: int, seed: int | tuple[int, ...]) -> Arra
 
 
 STUDENT = "Student's t"
-FEWEST_FOR_BOOTSTRAP = 10
-"""Fewer poses give too few distinct resamples for meaningful quantiles."""
+FEWEST = 10
+"""Fewer poses give too few distinct resamples for meaningful quantiles, and cannot contradict a Gaussian."""
 MOST_FOR_BOOTSTRAP = 1000
 """With more poses the mean is Gaussian to within the bootstrap's own noise, and Student's t is cheaper."""
 
@@ -689,7 +689,7 @@ class PoseSampling:
         if min(error := self._error(deviations), mean if positive else error) <= 1e-13 * largest:
             return Interval.exact(mean, confidence)
         method, resampled = f"Student's t over {self.described}", None
-        if FEWEST_FOR_BOOTSTRAP <= self.n_groups <= MOST_FOR_BOOTSTRAP:
+        if FEWEST <= self.n_groups <= MOST_FOR_BOOTSTRAP:
             resampled = self._studentised(deviations, mean, positive)
             method = f"studentised bootstrap over {self.described}, {self.draws} draws, no narrower than Student's t"
         root = math.sqrt(mean) if positive else mean

@@ -25,9 +25,9 @@ from robacc.error_model.structure import (
     correction_of_position,
     with_error_structure,
 )
-from robacc.errors import RobaccError
+from robacc.errors import LISTED, RobaccError
 from robacc.fitting.fit_result import Fit, HoldOut, Options
-from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, LISTED, NEGLIGIBLE, SAMPLE, SIGNIFICANT
+from robacc.fitting.levels import ACCEPTED, ALIKE, ENOUGH, EXAMPLES, FEW, NEGLIGIBLE, SAMPLE, SIGNIFICANT
 from robacc.fitting.masses import UndeclaredLoad, undeclared_load
 from robacc.fitting.outliers import outlier_pattern
 from robacc.fitting.parameters import FittedParameter

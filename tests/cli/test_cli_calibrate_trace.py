@@ -455,7 +455,7 @@ def test_refused_targets_stand_once_for_each_reason(screens: dict[str, str], fol
     words = ("--model", folder / "model.yaml", "-o", folder / "none", "--most")
     ended = run("correct", folder / "poses.csv", *words, "0.4mm")
     told = (
-        "(line 3, line 4, line 5, line 6, line 7 and 44 more): at the first, the correction of",
+        "line 10, line 11, line 12 and 39 more): at the first, the correction of",
         "2 targets (line 21",
     )
     assert (missing(ended.stderr, *told), ended.stderr.count("is larger than 0.4 mm")) == ([], 1)

@@ -19,6 +19,7 @@ from robacc.error_model.covariance import TERMS, CovarianceParameters, left_by_f
 from robacc.error_model.structure import beside, with_error_structure
 from robacc.fitting import solver
 from robacc.fitting.fit_result import Fit, Options
+from robacc.fitting.levels import SIGNIFICANT
 from robacc.fitting.solver import fit, outlier_pattern, refit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.geometry import Array, rms_length
@@ -194,12 +195,14 @@ def scattered(robot: Robot, n: int, seed: int, visits: int = 1, scatter: float |
     return dataclasses.replace(base, q=q[:, rows], position=position)
 
 
-def test_scatter_of_few_poses_is_no_error_that_depends_on_the_pose() -> None:
-    """A process of short length explained it as well: two of these four arms were given a correction."""
+@pytest.mark.parametrize("scatter", [4e-5, SCATTER])
+def test_scatter_of_few_poses_is_no_error_that_depends_on_the_pose(scatter: float) -> None:
+    """A process of short length explained it as well: a half of such arms had a correction, at p = 1e-304."""
     robot = three_targets()
     for seed in range(1, 5):
-        data = scattered(robot, 36, seed)
-        assert search(model_of(robot, "base_frame,tool_frame,joint_offset", data), data).identified == ()
+        data = scattered(robot, 36, seed, scatter=scatter)
+        identified = search(model_of(robot, "base_frame,tool_frame,joint_offset", data), data).identified
+        assert all(one.p_value > SIGNIFICANT for one in identified)
 
 
 def test_parts_of_the_remaining_error_are_no_larger_than_it() -> None:

@@ -7,10 +7,8 @@ import numpy as np
 from robacc.render.plots.canvas import Array, Axis, Chart, Panel, Series, numbers, short
 from robacc.render.text import Document, Grid, day, unit_of
 
-_LISTED = 40
-"""Last tests that the table of a chart lists."""
 _MOST = 40
-"""Charts of a page; those of the most certain changes come first."""
+"""Charts of a page, those of the most certain changes first; and last tests that the table of a chart lists."""
 
 
 def control_charts(document: Document) -> Iterator[Chart]:
@@ -80,8 +78,8 @@ def _chart(arm: str, series: Document, changes: Sequence[Document]) -> Chart:
         [Panel((Axis("", is_date=True, rules=rules), Axis(f"{short(key, 34)}, {unit.name}")), drawn)],
         Grid(
             ("date", *names),
-            [(day(one["at"]), *(unit.text(one[name]) for name in names)) for one in values[-_LISTED:]],
-            note=f"The last {_LISTED} of {len(at)} tests; the JSON result has all of them." * (len(at) > _LISTED),
+            [(day(one["at"]), *(unit.text(one[name]) for name in names)) for one in values[-_MOST:]],
+            note=f"The last {_MOST} of {len(at)} tests; the JSON result has all of them." * (len(at) > _MOST),
         ),
         (4.9, 3.0),
     )

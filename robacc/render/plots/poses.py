@@ -26,7 +26,7 @@ from robacc.render.plots.canvas import (
     thinning_note,
     vectors,
 )
-from robacc.render.text import QUANTITIES, Document, Grid, unit_of
+from robacc.render.text import MOST_ROWS, QUANTITIES, Document, Grid, unit_of
 from robacc.render.views.fit import fit_stages
 
 # The errors of a result's poses by stage: nominal model, baseline, extended model.
@@ -34,8 +34,6 @@ from robacc.render.views.fit import fit_stages
 Curve = tuple[str, str, Array]
 """Role, which is its colour, label and values."""
 _DASHES = {"nominal": (0, (1, 1.2)), "before": (0, (5, 1.6)), "after": "-"}
-_LISTED = 60
-"""Poses in the table of a chart."""
 
 
 class Stages(NamedTuple):
@@ -256,7 +254,7 @@ def error_over_time_charts(document: Document) -> Iterator[Chart]:
     stages = [stage for stage in errors.sizes() if stage[0] != "nominal"]
     _, labels, sizes = zip(*stages, strict=True)
     last, used = sizes[-1], errors.used
-    rows, listed = thinned(700, x, *sizes), thinned(_LISTED, x, last)
+    rows, listed = thinned(700, x, *sizes), thinned(MOST_ROWS, x, last)
     unit = unit_of("m", float(np.max(sizes)))
     over = "time, s" if timed else "line of the file"
     worst = int(np.argmax(last))
@@ -396,7 +394,7 @@ def _errors_in_space(
     unit = unit_of("m", float(np.max(sizes)))
     scale = _magnification(at, sizes[0])
     still, turned = thinned(220, *sizes), thinned(900, *sizes)
-    order = np.argsort(-sizes[-1], kind="stable")[:_LISTED]
+    order = np.argsort(-sizes[-1], kind="stable")[:MOST_ROWS]
     largest = unit.text(float(sizes[-1].max()))
     texts = [
         "\n".join(
@@ -490,7 +488,7 @@ def warranty_charts(document: Document) -> Iterator[Chart]:
     present = [name for name in known if name in grades] + sorted({*grades.tolist()} - {*known})
     shares = ", ".join(f"{name} in {np.count_nonzero(grades == name)}" for name in present)
     unit, edge = unit_of("m", float(bound.max())), f"{1e3 * voxels['voxel_m']:g} mm"
-    order, rows = np.argsort(-bound, kind="stable")[:_LISTED], thinned(1500, bound)
+    order, rows = np.argsort(-bound, kind="stable")[:MOST_ROWS], thinned(1500, bound)
     x, y, z = at[order[0]]
     series = [
         Series(at[own].T, role, f"grade {name}", marker=marker, size=3.4, alpha=0.75, texts=texts)

@@ -8,6 +8,7 @@ from robacc.iso_9283 import ORIENTATION_TEXT
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
+    LISTED_ROWS,
     QUANTITIES,
     STATISTICS,
     Block,
@@ -363,8 +364,6 @@ def _methods(part: Document, unit: str) -> tuple[str, ...]:
 # An evaluation by ISO 9283. Accuracy and repeatability stand in separate tables: reading RP as AP is the commonest
 # mistake with the standard.
 
-_MAX_ROWS = 12
-"""Places in a table; the JSON result has all of them."""
 _NAMES = {
     "AP": "pose accuracy",
     "vAP": "multi-directional variation",
@@ -535,9 +534,9 @@ def _places(criterion: Document, heading: str, head: str, key: str, confidence: 
     """Return one row per place, the largest first if there are too many, with the file if there are several."""
     has_none = key == "abc_rad" and all(place[key] is None for place in criterion["poses"])
     places = [] if has_none else criterion["poses"]
-    if len(places) > _MAX_ROWS:
-        heading += f" (the {_MAX_ROWS} largest of {len(places)})"
-        places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:_MAX_ROWS]
+    if len(places) > LISTED_ROWS:
+        heading += f" (the {LISTED_ROWS} largest of {len(places)})"
+        places = sorted(places, key=lambda place: -abs(place["position_m"] or 0.0))[:LISTED_ROWS]
     file = "file" if several and criterion["symbol"] != "E" else None
     values = ("visits", head, percent(confidence)) if head else (None, None, None)
     rows = [

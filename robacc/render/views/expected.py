@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
+    LISTED_ROWS,
     QUANTITIES,
     Block,
     Cell,
@@ -44,8 +45,6 @@ _CRITERIA = {
     "p95": "95 % of errors within",
     "max": "largest 95 % radius of any pose",
 }
-_LISTED = 12
-"""Parameters of the budget in the table; the page and the JSON result have all of them."""
 _BAR = 14
 _NOISE_SOURCES = {
     "file": "from the file",
@@ -109,13 +108,13 @@ def prediction_view(document: Document, source: str = "", form: Form = "page") -
         (part for part in document["budget"] if part["sd"] is not None or any(part[name] for name in names)),
         key=lambda part: -round(sum(part[name] for name in names), 9),
     )
-    unlisted = budget[_LISTED:]
+    unlisted = budget[LISTED_ROWS:]
     position, turn = (_percent(sum(part[name] for part in unlisted)) for name in names)
     budgets = [
         Section(
             "Error budget: share of the variance (parameters sorted by both shares)",
             [
-                _budget(("parameter" if parameters else "source"), "parameter", budget[:_LISTED]),
+                _budget(("parameter" if parameters else "source"), "parameter", budget[:LISTED_ROWS]),
                 Text(
                     f"{len(unlisted)} more parameters: {position} of position, {turn} of orientation" * bool(unlisted)
                 ),

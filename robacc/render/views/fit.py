@@ -10,6 +10,7 @@ from robacc.effects.specification import FRAMES
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
+    MOST_ROWS,
     QUANTITIES,
     UNBOUNDED,
     Block,
@@ -79,8 +80,6 @@ _PARTS = {
     "pose_m": "error that depends on the pose",
     "wander_m": "wander over time",
 }
-_LISTED = 60
-"""Coefficients in the table of a text."""
 
 
 def fit_stages(document: Document) -> Sequence[tuple[str, str, str]]:
@@ -230,8 +229,10 @@ def fit_view(
         held = f", of which priors leave {free:.0f} free" * (2 * free < count)
         title = f"Calibration from {start}: {count} coefficients fitted{held}"
         estimated, masses = _without_masses(p for p in document["parameters"] if p["std"] is not None)
-        others = f"and {len(estimated) - _LISTED} more; the JSON result has all of them" * (len(estimated) > _LISTED)
-        listed: list[Block] = [coefficients(estimated[:_LISTED]), Text(others), *map(Text, masses)]
+        others = f"and {len(estimated) - MOST_ROWS} more; the JSON result has all of them" * (
+            len(estimated) > MOST_ROWS
+        )
+        listed: list[Block] = [coefficients(estimated[:MOST_ROWS]), Text(others), *map(Text, masses)]
         parts = [
             Section("Before and after", _stage_blocks(document)),
             Section("Coefficients", listed if form == "full" else []),

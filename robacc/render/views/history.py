@@ -6,6 +6,7 @@ from itertools import groupby
 from robacc.history import SETUP
 from robacc.render.text import (
     IN_MM,
+    LISTED_ROWS,
     Document,
     Grid,
     Listing,
@@ -21,8 +22,6 @@ from robacc.render.text import (
     unit_of,
 )
 
-_LISTED = 12
-"""Detection limits that a text lists."""
 _KINDS = {
     "step": "step",
     "ramp": "ramp",
@@ -130,8 +129,8 @@ def changes_view(document: Document) -> list[Section]:
 def _limits(part: Document) -> Section:
     """Return the least change of each coefficient that is found, those of the set-up last."""
     limits = sorted(part["detection_limits"], key=lambda limit: (limit["key"].startswith(SETUP), limit["key"]))
-    rows = [(limit["key"], unit_of(limit["unit"]).text(limit["limit"])) for limit in limits[:_LISTED]]
-    more = f"; and {len(limits) - _LISTED} more in the JSON result" * (len(limits) > _LISTED)
+    rows = [(limit["key"], unit_of(limit["unit"]).text(limit["limit"])) for limit in limits[:LISTED_ROWS]]
+    more = f"; and {len(limits) - LISTED_ROWS} more in the JSON result" * (len(limits) > LISTED_ROWS)
     note = Text(
         f"a false alarm in a test has a probability of at most {100.0 * part['level']:.2g} %{more}", is_note=True
     )

@@ -34,7 +34,7 @@ from robacc.documents.history import date_text
 from robacc.effects.frames import JointOffset, LinkGeometry
 from robacc.effects.specification import absorbed
 from robacc.errors import InputError, Problem, by_key, refuse
-from robacc.fitting.levels import NEW
+from robacc.fitting.levels import ACCEPTED, NEW, NORMAL_95
 from robacc.fitting.parameters import apply_fit
 from robacc.fitting.solver import fit
 from robacc.geometry import Array, rms_length
@@ -50,10 +50,6 @@ _MOST_LEVEL = 0.05
 """Level of tests that are rare."""
 POWER = 0.95
 """Probability that a change of the size of the detection limit is found in the first test after it."""
-RIVAL = 3.0
-"""Fall of the log likelihood, nats, up to which another kind is named too: odds of 20."""
-_NEAR = 3.841
-"""Twice the fall of the log likelihood at the ends of the interval of a date: 95 % point of chi-square."""
 SETUP = ("base_frame.", "tool_frame.")
 """Coefficients of the set-up."""
 Entry = Mapping[str, Any]
@@ -312,8 +308,11 @@ def _changes(
             if shape == _SHAPES.index("single test"):
                 continue
             gains = fitted(row, found[:i] + found[i + 1 :]).gains(times) / whole.factor
-            near = np.flatnonzero(gains[shape] > gains[shape, at] - _NEAR)
-            others = [_SHAPES[kind] for kind in (1 - shape, 2) if np.max(gains[kind]) > gains[shape, at] - 2.0 * RIVAL]
+            near = np.flatnonzero(gains[shape] > gains[shape, at] - NORMAL_95**2)
+            # Another kind within the odds of acceptance is named, too.
+            others = [
+                _SHAPES[kind] for kind in (1 - shape, 2) if np.max(gains[kind]) > gains[shape, at] - 2.0 * ACCEPTED
+            ]
             kind = "setup" if series.is_of_setup else "ramp" if shape else "step"
             length = -float(start[at]) if shape else 1.0
             tests = series.times[[at, near[0], near[-1]]]
@@ -446,7 +445,7 @@ def quick_test(
         if len(known) * f_sf(gains[best] / variance, 1.0, dof) >= level:
             break
         found.append(best)
-        least = gains[best] - 2.0 * RIVAL * variance
+        least = gains[best] - 2.0 * ACCEPTED * variance
         rivals[best] = tuple(name for name in known if name != best and gains[name] > least)
     variance = max(1.0, float(left @ left) / (dof + 1))
     critical = student_quantile(1.0 - 0.5 * level / max(len(known), 1), max(dof, 1))

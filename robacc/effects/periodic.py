@@ -349,6 +349,7 @@ class Counterbalance(Effect):
         is_searched=True,
         chart=Over("{joint}"),
         is_bounded=True,
+        rejects_implausible=True,
         prior_odds=1.0 / (150.0 * len(_CENTRES) * len(_RATIOS)),  # one in 150 joints has a spring at any place
     )
     about = About(
@@ -378,6 +379,12 @@ class Counterbalance(Effect):
             for i, k in itertools.product(range(-4, 5), repeat=2):
                 ratio = round(min(max(self.ratio + more * k / 4, _RATIO_RANGE[0]), _RATIO_RANGE[1]), 4)
                 yield Counterbalance(self.joints, round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4), ratio)
+
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason also if the spring's free length is negative: a joint that only sags has such a fit."""
+        is_negative = any(spring * length > 0.0 for spring, length in zip(values[::2], values[1::2], strict=True))
+        negative = f"{self} is implausible: the free length of its spring is negative"
+        return negative if is_negative else super().implausible(terms, values)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint."""

@@ -32,7 +32,7 @@ from robacc.effects.base import (
 )
 from robacc.effects.drivers import Driver, Validity
 from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import ONE_COMMAND, Measurements
 from robacc.robots.arm import BASE, FLEXURES, Arm
 
 # Physical origins of a periodic error's order: motor turns, the wave generator of a strain-wave gear, the joint.
@@ -142,12 +142,13 @@ def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
 
 def _limits(angle: Array) -> tuple[float, float]:
     """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
-    values = np.unique(np.round(angle, 6))
-    if values.size < _FEWEST:
+    gaps = np.diff(np.sort(angle))
+    # Angles of one command that were read back differ a little: on a grid of angles they would support any order.
+    gaps = gaps[gaps > ONE_COMMAND]
+    if gaps.size < _FEWEST - 1:
         return ORDER_STEP, 0.0
     # Quantile of the gaps between angles that sets the highest order they support.
-    gap = float(np.quantile(np.diff(values), 0.1))
-    return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
+    return float(np.pi / np.ptp(angle)), float(np.pi / np.quantile(gaps, 0.1))
 
 
 def orders_setting(default: tuple[float, ...]) -> Any:

@@ -301,8 +301,8 @@ def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], lis
     of_mass = r"(?P<effect>.+)\.(?:h[xyz]|m)\d+"
     matches = [(each, " kg" in each["unit"] and re.fullmatch(of_mass, each["name"])) for each in parameters]
     return [each for each, match in matches if not match], [
-        f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
-        "(the JSON result has each)"
+        f"{effect}: {count} coefficients, because masses are not known exactly; the poses determine their sum, not "
+        "each (the JSON result has each)"
         for effect, count in Counter(match["effect"] for _, match in matches if match).items()
     ]
 

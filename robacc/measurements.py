@@ -9,12 +9,18 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from robacc.errors import Counted
-from robacc.geometry import Array, NDArray, Poses
+from robacc.geometry import Array, NDArray, Poses, rms_length
 
 MOVES_UNUSED = "moves and is not used"
 """What a note of a column for an axis outside the robot says, at its end."""
 STILL = 1e-6
 """rad or m; joints or commanded poses that differ by less are equal: below any encoder, above the rounding of files."""
+ONE_COMMAND = 5e-4
+"""rad or m; distance of two readings of a joint at one commanded pose at most. Servo errors are smaller, and the error
+of an arm hardly changes over it."""
+FAR = 0.05
+"""Position error, as a share of the standard deviation of the positions, above which its cause is a frame or a unit,
+not the arm, whose errors are some mm on a reach of a metre."""
 IMAGES = ("image", "image from hand")
 """Kinds of images: of a camera beside the arm, and of one on its hand."""
 SHOWN = {
@@ -407,3 +413,9 @@ def hashed(values: Array) -> NDArray[np.uint64]:
         mixed = (mixed ^ (np.round(row, 9) + 0.0).view(np.uint64)) * np.uint64(0x9E3779B97F4A7C15)
         mixed ^= mixed >> np.uint64(29)
     return mixed
+
+
+def too_far(error: float, position: Array, share: float = FAR) -> bool:
+    """Return whether an error in m is too large for an arm that moved between the positions ``(3, N)``."""
+    # m; an arm as it is built may be off by as much, however near its poses are to each other.
+    return error > max(share * rms_length(position - position.mean(axis=1, keepdims=True)), 3e-3)

@@ -28,7 +28,7 @@ from robacc.accuracy.grade import Grade, Scale, default_scale, grade
 from robacc.errors import MAX_PROBLEMS, InputError, Note, Problem, RobaccError, applying, given, refuse
 from robacc.fitting.outliers import inlier_limit, inlier_mask
 from robacc.geometry import Array, NDArray, log_between, rms_length, rotate_back, transpose, vector_lengths
-from robacc.measurements import MOVES_UNUSED, STILL, Measurements, even_rows
+from robacc.measurements import MOVES_UNUSED, STILL, Measurements, even_rows, too_far
 from robacc.robots.description import Robot
 from robacc.statistics.intervals import quantiles
 from robacc.workers import single_threaded
@@ -147,9 +147,6 @@ def position_errors(data: Measurements, commanded: Array, turns: Array | None) -
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.
 
-_FAR = 0.05
-"""Position error relative to the extent of the poses above which the cause is a frame or a unit, not the arm (whose
-errors are some mm on a reach of a metre)."""
 _MOSTLY = 0.6
 """Share of the errors' squares from which a step explains them."""
 _FEWEST_ROWS, _FEWEST_AT_END = 20, 3
@@ -168,12 +165,6 @@ def register(data: Measurements, robot: Robot | None, frames: Sequence[str], *, 
         rotation = None if data.commanded_rotation is None else data.rotation
         return registration.align_commands(replace(data, rotation=rotation), frames, held_out=held_out)
     return registration.align(robot, data, frames, held_out=held_out)
-
-
-def too_far(error: float, position: Array) -> bool:
-    """Return whether an error in m is too large for an arm that moved between the positions ``(3, N)``."""
-    # m; an arm as it is built may be off by as much, however near its poses are to each other.
-    return error > max(_FAR * rms_length(position - position.mean(axis=1, keepdims=True)), 3e-3)
 
 
 def _far_errors(errors: Array) -> tuple[float, int]:

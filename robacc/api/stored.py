@@ -17,7 +17,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from robacc.accuracy.estimation import TOO_LARGE, too_far
+from robacc.accuracy.estimation import TOO_LARGE
 from robacc.api.accuracy import estimate
 from robacc.api.inputs import STDIN, Inputs, path_of, with_measured_targets
 from robacc.api.parameters import (
@@ -78,7 +78,7 @@ from robacc.history import (
     tests,
     typical_robot,
 )
-from robacc.measurements import different
+from robacc.measurements import different, too_far
 from robacc.plug_ins import plug_in
 from robacc.prediction.model_uncertainty import model_fit
 from robacc.render.text import Section

@@ -104,8 +104,8 @@ STAGE = part(
     ),
     held_out=Key(
         STAGE_FIGURES | None,
-        "Metrics of all held-out poses, outliers included, which are used neither for choosing nor for "
-        "fitting; null if there are too few poses.",
+        "Metrics of all held-out poses, outliers included, which are not used for fitting; validation poses are not "
+        "used for choosing effects either. Null if there are too few poses.",
     ),
     held_out_inliers=Key(
         STAGE_FIGURES | None, "Metrics of the held-out poses without the outliers; null if there are none."

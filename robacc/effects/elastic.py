@@ -220,7 +220,12 @@ class JointHardening(Effect):
     largest_torques: Mapping[str, float] = dataclasses.field(default_factory=dict, repr=False, compare=False)
     """Largest torque on a joint, either way, beyond which the deflection is held; none while it is fitted."""
 
-    traits = Traits(needs=(MASSES,), drivers=("{joint}", "torque_{joint}"), chart=Over("torque_{joint}"))
+    traits = Traits(
+        needs=(MASSES,),
+        drivers=("{joint}", "torque_{joint}"),
+        chart=Over("torque_{joint}"),
+        rejects_implausible=True,
+    )
     about = About(
         summary="the joint's spring hardens: strain-wave gears and gears with play are soft at small torque",
         equation="theta_j + c (tau_j / tau_ref)^3, tau_j the torque of gravity about the axis; with knee_nm: "
@@ -254,18 +259,13 @@ class JointHardening(Effect):
             )
 
     def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
-        """Return the reason also if a small torque would deflect a joint as only a much softer one does."""
-        if self.knee is None:
-            for term, value in zip(terms, values, strict=True):
-                compliance = 3.0 * abs(value) / self.reference
-                # rad/(N m), or m/N: ten times the largest usual compliance of a joint.
-                if compliance > 5e-4:
-                    load, per_load = ("N m", "(N m)") if term.unit == "rad" else ("N", "N")
-                    return (
-                        f"{term.name} = {value:.3g} {term.unit} at {self.reference:.3g} {load} is implausible: the "
-                        f"joint would have a compliance of {compliance:.2g} {term.unit}/{per_load}"
-                    )
-        return super().implausible(terms, values)
+        """Return the reason also if the spring's compliance is that of no joint: that of a knee, or at the reference.
+
+        A knee of a negative compliance is a spring that softens: on a TIAGo Pro it stood for the plain compliance.
+        """
+        slopes = [3.0 * abs(value) / self.reference for value in values] if self.knee is None else values
+        springs = [term._replace(name=f"{term.name} as a compliance", unit="rad/(N m)") for term in terms]
+        return super().implausible(terms, values) or JointCompliance(self.joints).implausible(springs, slopes)
 
     def within(self, validity: Validity) -> Effect:
         """Return the effect with its deflection held beyond 1.5 times the largest torques of ``validity``.

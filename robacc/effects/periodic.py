@@ -33,7 +33,7 @@ from robacc.effects.base import (
 )
 from robacc.effects.drivers import Driver, Validity
 from robacc.geometry import Array
-from robacc.measurements import Measurements
+from robacc.measurements import ONE_COMMAND, Measurements
 from robacc.robots.arm import BASE, FLEXURES, Arm
 
 # Physical origins of a periodic error's order: motor turns, the wave generator of a strain-wave gear, the joint.
@@ -141,12 +141,13 @@ def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
 
 def _limits(angle: Array) -> tuple[float, float]:
     """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
-    values = np.unique(np.round(angle, 6))
-    if values.size < FEWEST:
+    gaps = np.diff(np.sort(angle))
+    # Angles of one command that were read back differ a little: on a grid of angles they would support any order.
+    gaps = gaps[gaps > ONE_COMMAND]
+    if gaps.size < FEWEST - 1:
         return ORDER_STEP, 0.0
     # Quantile of the gaps between angles that sets the highest order they support.
-    gap = float(np.quantile(np.diff(values), 0.1))
-    return float(np.pi / (values[-1] - values[0])), float(np.pi / max(gap, 1e-6))
+    return float(np.pi / np.ptp(angle)), float(np.pi / np.quantile(gaps, 0.1))
 
 
 def orders_setting(default: tuple[float, ...]) -> Any:
@@ -348,6 +349,7 @@ class Counterbalance(Effect):
         is_searched=True,
         chart=Over("{joint}"),
         is_bounded=True,
+        rejects_implausible=True,
         prior_odds=1.0 / (150.0 * len(_CENTRES) * len(_RATIOS)),  # one in 150 joints has a spring at any place
     )
     about = About(
@@ -377,6 +379,12 @@ class Counterbalance(Effect):
             for i, k in itertools.product(range(-4, 5), repeat=2):
                 ratio = round(min(max(self.ratio + more * k / 4, _RATIO_RANGE[0]), _RATIO_RANGE[1]), 4)
                 yield Counterbalance(self.joints, round((self.centre + turn * i / 4 + 180.0) % 360.0 - 180.0, 4), ratio)
+
+    def implausible(self, terms: Sequence[Term], values: Sequence[float]) -> str | None:
+        """Return the reason also if the spring's free length is negative: a joint that only sags has such a fit."""
+        is_negative = any(spring * length > 0.0 for spring, length in zip(values[::2], values[1::2], strict=True))
+        negative = f"{self} is implausible: the free length of its spring is negative"
+        return negative if is_negative else super().implausible(terms, values)
 
     def terms(self, arm: Arm, data: Measurements) -> tuple[Term, ...]:
         """Return two terms per joint."""

@@ -457,8 +457,8 @@ class Wander(CovarianceTerm):
         """Return that the errors are correlated in time."""
         return (
             f"the remaining errors are correlated in time: {1e3 * size:.2g} mm rms of them wander slowly, as "
-            "where the instrument or the base moved or drifts (a trace tests both); standard errors of coefficients "
-            "allow for it"
+            "where the instrument or the base moved or drifts (a trace tests steps, and drift where time_s varies); "
+            "standard errors of coefficients allow for it"
         )
 
 

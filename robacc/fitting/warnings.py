@@ -9,7 +9,7 @@ import numpy as np
 from robacc.errors import LISTED, Note
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
-from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, FEW, GROSS, NEGLIGIBLE, SIGNIFICANT
+from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, GROSS, NEGLIGIBLE, SIGNIFICANT
 from robacc.fitting.masses import DEFAULT
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import outlier_pattern
@@ -17,7 +17,7 @@ from robacc.fitting.priors import weak_kinds
 from robacc.fitting.registration import ALIGNABLE
 from robacc.fitting.visits import places_warning, visit_numbers
 from robacc.geometry import Array, log_so3, rms_length, rotate_back
-from robacc.measurements import Measurements, different
+from robacc.measurements import FAR, Measurements, different, too_far
 from robacc.modelling.model import Noise, residuals
 from robacc.robots.description import LENGTH_PARAMETERS, Robot
 from robacc.statistics.intervals import chi2_sf, f_sf
@@ -145,13 +145,12 @@ def fit_warnings(
         yield from filter(None, (outlier_pattern(data, ~fit.inliers, fit.model.arm.names),))
     yield from suspected_mistakes(fit)
     absent = [name for name in ALIGNABLE if name not in {effect.name for effect in without_findings.model.free}]
-    size = np.sqrt(np.sum(np.var(data.position[:, fit.inliers], axis=1)))
-    far = (FEW if absent else GROSS) * size
-    if data.kind is None and rms_length(fit.residual[:3, fit.inliers]) > far:
+    error, position = rms_length(fit.residual[:3, fit.inliers]), data.position[:, fit.inliers]
+    if data.kind is None and too_far(error, position, FAR if absent else GROSS):
         cause = "units, joint signs, exchanged columns or an instrument that was moved"
         advice = f"; declare {','.join(absent)}" * bool(absent)
         cause = "frames that do not agree" if absent else cause
-        yield f"errors this large come from {cause} rather than from the arm{advice}"
+        yield f"errors this large come more often from {cause} than from the arm{advice}"
     is_small = (noise.p_value or 0.0) > 1.0 - SIGNIFICANT and noise.ratio * ALIKE < 1.0
     if is_small and noise.noise.source == "file" and data.seen is None:
         yield (

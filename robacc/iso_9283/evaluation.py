@@ -16,7 +16,6 @@ from robacc.accuracy.estimation import (
     check_confidence,
     commanded_poses,
     register,
-    too_far,
 )
 from robacc.errors import InputError, Problem, applying, refuse
 from robacc.geometry import Array, Poses, rms_length, rotation_about
@@ -33,7 +32,7 @@ from robacc.iso_9283.criteria import (
     repeatability,
     visits_of,
 )
-from robacc.measurements import STILL, Measurements, motion_between_visits, numbered_visits
+from robacc.measurements import STILL, Measurements, motion_between_visits, numbered_visits, too_far
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, spread_configurations
 from robacc.robots.description import Frame, Robot
 

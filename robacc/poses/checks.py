@@ -11,7 +11,14 @@ import numpy as np
 from robacc.errors import InputError, Note, Problem, by_key
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.io.files import ProblemLog, clip
-from robacc.measurements import Measurements, commanded_groups, motion_between_visits, numbered, numbered_visits
+from robacc.measurements import (
+    ONE_COMMAND,
+    Measurements,
+    commanded_groups,
+    motion_between_visits,
+    numbered,
+    numbered_visits,
+)
 from robacc.poses.layout import QUANTITY, Values, compact, listing
 from robacc.poses.reading import (
     AGREES,
@@ -522,9 +529,6 @@ def conventions(
 
 MOST_POSES = 5000
 """Largest number of poses that are compared; more are close to others in any case."""
-_ONE_COMMAND = 5e-4
-"""rad or m; distance of two readings of a joint at one commanded pose at most. Servo errors are smaller, and the error
-of an arm hardly changes over it."""
 
 
 def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
@@ -535,7 +539,7 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     if data.pose is not None or data.q is None or not 2 <= data.n <= MOST_POSES:
         return data
     _, first, which = np.unique(data.groups(), return_index=True, return_inverse=True)
-    place = close_groups(data.q[:, first], _ONE_COMMAND, 2.0 * _ONE_COMMAND)
+    place = close_groups(data.q[:, first], ONE_COMMAND, 2.0 * ONE_COMMAND)
     count = np.bincount(place)
     # Share of the different readings that are near another, from which a file has repetitions.
     if np.mean(count[place] > 1) < 0.25:
@@ -543,7 +547,7 @@ def with_repetitions(data: Measurements, log: ProblemLog) -> Measurements:
     ids = np.array([f"P{k + 1}" for k in numbered(first[place[which]]).tolist()])
     log.warn(
         f"{data.n} rows are read as {np.count_nonzero(count)} commanded poses and their repetitions, because joints "
-        f"differ by less than {1e3 * _ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
+        f"differ by less than {1e3 * ONE_COMMAND:g} mrad (mm); a pose column states repetitions",
         of_file=True,
     )
     return replace(data, pose=ids)

@@ -105,7 +105,9 @@ def fitted_harmonics(
     others = np.ones(len(orders), dtype=bool)
     for _ in range(min(len(orders), LISTED)):
         pairs = (maps @ values).reshape(-1, 2)
-        k = int(np.argmax(np.where(others, np.linalg.norm(pairs, axis=1), -1.0)))
+        sizes = np.where(others, np.linalg.norm(pairs, axis=1), -1.0)
+        # Angles on a grid do not distinguish an order from those that the grid mirrors: then it is the lowest.
+        k = int(np.argmax(sizes >= 0.99 * sizes.max()))
         own, (cosine, sine) = slice(2 * k, 2 * k + 2), pairs[k]
         amplitude = math.hypot(cosine, sine)
         rotation = np.array([[cosine, sine], [-sine, cosine]]) / max(amplitude, 1e-300) @ maps[own]

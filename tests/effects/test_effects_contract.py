@@ -588,10 +588,29 @@ def test_usual_sizes_are_plausible_and_ten_thousand_times_that_is_not(name: str)
         pytest.skip("not possible on these poses")
     (effect,) = build(parse_requests(name), Model.of(robot).arm, data)
     terms = effect.terms(Model.of(robot).arm, data)
-    usual = cls.about.usual_range[1]
-    assert effect.implausible(terms, [usual] * len(terms)) is None
+    usual = np.resize((1.0, -1.0 if name == "counterbalance" else 1.0), len(terms)) * cls.about.usual_range[1]
+    assert effect.implausible(terms, usual.tolist()) is None
     if not cls.traits.is_constant and any(term.unit == cls.about.unit.partition(" (")[0] for term in terms):
-        assert "implausible" in effect.implausible(terms, [1e4 * usual] * len(terms))
+        assert "implausible" in effect.implausible(terms, (1e4 * usual).tolist())
+
+
+@pytest.mark.parametrize(
+    ("name", "settings", "values", "reason"),
+    [
+        ("joint_hardening", {"knee_nm": 20.0}, [-1e-6], "cannot be negative"),  # A TIAGo Pro's spring that softens.
+        ("counterbalance", {"ratio": 0.6}, [-6e-3, -5e-4], "free length"),  # An iiwa that sags.
+    ],
+)
+def test_springs_that_cannot_be_are_implausible(
+    name: str, settings: dict[str, float], values: list[float], reason: str
+) -> None:
+    one = Model.of(arm("puma560").robot).arm
+    data = simulate(arm("puma560").robot, Plan(20, seed=1, noise_position=1e-5, orientation=False)).data
+    effect = REGISTRY[name].from_settings(("j2",), settings)
+    terms = effect.terms(one, data)
+    assert reason in (effect.implausible(terms, values) or "")
+    assert effect.implausible(terms, [abs(values[0]), *values[1:]]) is None
+    assert effect.form.rejects_implausible
 
 
 def test_a_joint_that_hardly_carries_a_load_does_not_harden_by_it() -> None:
@@ -602,7 +621,7 @@ def test_a_joint_that_hardly_carries_a_load_does_not_harden_by_it() -> None:
         reason = effect.implausible(effect.terms(one, data), [3.6e-4])
         assert (reason is None) is is_plausible
         if reason is not None:
-            assert reason.endswith("is implausible: the joint would have a compliance of 0.57 rad/(N m)")
+            assert reason.startswith("joint_hardening.j5 as a compliance = 0.568 rad/(N m) is implausible; usual")
 
 
 def test_a_negative_compliance_is_implausible_and_never_a_finding() -> None:

@@ -13,6 +13,7 @@ from robacc.effects import REGISTRY
 from robacc.effects.elastic import JointCompliance
 from robacc.effects.specification import parse_requests
 from robacc.fitting.fit_result import Fit
+from robacc.fitting.levels import GROSS
 from robacc.fitting.masses import with_mass_uncertainty
 from robacc.fitting.normal_equations import posterior, solved
 from robacc.fitting.parameters import parameters
@@ -20,6 +21,7 @@ from robacc.fitting.registration import align, gravity_warning, with_gravity_dir
 from robacc.fitting.solver import fit
 from robacc.fitting.warnings import fit_warnings, lack_of_fit
 from robacc.geometry import rotation_from_rpy
+from robacc.measurements import too_far
 from robacc.modelling.model import Model, predict
 from robacc.robots.arm import Arm
 from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
@@ -128,7 +130,14 @@ def test_what_springs_explain_is_no_mistake_of_units(names_springs: bool) -> Non
     )
     found = springs if names_springs else rigid
     texts = list(fit_warnings(found, data, lack_of_fit(found, data), rigid, (1.0, 1.0)))
-    assert any("rather than from the arm" in text for text in texts) is not names_springs
+    assert any("than from the arm" in text for text in texts) is not names_springs
+
+
+def test_what_is_left_in_sockets_near_each_other_is_no_mistake_of_units() -> None:
+    """A Panda in two sockets 50 mm apart, calibrated to 0.26 mm, was told of wrong units and signs."""
+    sockets = np.repeat([[0.0, 0.05], [0.0, 0.0], [0.0, 0.0]], 30, axis=1)
+    assert not too_far(2.6e-4, sockets, GROSS)
+    assert too_far(4e-3, sockets, GROSS)
 
 
 JOINTS = ("j2", "j3")

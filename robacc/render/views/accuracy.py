@@ -325,8 +325,9 @@ def _distances(document: Document) -> list[Block]:
     return [
         Text(
             f"distances between poses: 95 % within {with_unit(found['p95_m'])}, largest error "
-            f"{with_unit(found['max_m'])} ({' to '.join(found['between'])}, {with_unit(found['distance_m'])}); "
-            f"measured ones are {100 * found['scale']:+.2g} % longer on average"
+            f"{with_unit(found['max_m'])} ({' to '.join(found['between'])}, {with_unit(found['distance_m'])})"
+            + f"; measured ones are {100 * found['scale']:+.2g} % longer on average"
+            * (abs(found["scale"]) >= 1e-5)
         ),
         Grid(
             ("distance up to, mm", "pairs", "rms error, mm", "largest, mm"),

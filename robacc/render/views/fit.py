@@ -7,6 +7,7 @@ from collections.abc import Iterable, Sequence
 
 from robacc.effects import REGISTRY
 from robacc.effects.specification import FRAMES
+from robacc.fitting.levels import NEGLIGIBLE
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -301,8 +302,8 @@ def _without_masses(parameters: Iterable[Document]) -> tuple[list[Document], lis
     of_mass = r"(?P<effect>.+)\.(?:h[xyz]|m)\d+"
     matches = [(each, " kg" in each["unit"] and re.fullmatch(of_mass, each["name"])) for each in parameters]
     return [each for each, match in matches if not match], [
-        f"{effect}: {count} coefficients, because masses are uncertain; the poses determine their sum, not each "
-        "(the JSON result has each)"
+        f"{effect}: {count} coefficients, because masses are not known exactly; the poses determine their sum, not "
+        "each (the JSON result has each)"
         for effect, count in Counter(match["effect"] for _, match in matches if match).items()
     ]
 
@@ -395,6 +396,11 @@ def _stage_blocks(document: Document) -> list[Block]:
             for ends in [" to ".join(limits)]
         ),
         Text(whose * ("findings" in document), is_note=True),
+        Text(
+            "findings are chosen on all poses, held-out ones too, so that the error elsewhere may be larger; --holdout "
+            "FILE measures it" * bool(document.get("findings") and document["n_folds"]),
+            is_note=True,
+        ),
     ]
 
 
@@ -495,8 +501,6 @@ def _shrinkage(kind: Document) -> str:
 
 
 def _residual(document: Document) -> str:
-    from robacc.fitting.levels import NEGLIGIBLE
-
     noise, repeatability = document["noise"], document["repeatability"]
     size, source = noise["rms_m"], _NOISE_SOURCES.get(noise["source"])
     why = "because the file has neither sigma columns nor repeated poses"
@@ -652,8 +656,11 @@ def _remaining_error(document: Document) -> list[str]:
 
 
 def _parts_of(unexplained: Document) -> str:
-    """Return the parts of the remaining error; empty if it is noise alone."""
-    sizes = [f"{_PARTS[key]} {three_digits(size * IN_MM)}" for key, size in unexplained.get("parts", {}).items()]
+    """Return the parts of the remaining error, those that are lost beside the others named; empty if it is one."""
+    sizes = [
+        f"{_PARTS[key]} {three_digits(size * IN_MM) if size > NEGLIGIBLE * unexplained['rms_m'] else 'not seen'}"
+        for key, size in unexplained.get("parts", {}).items()
+    ]
     return f", mm: {', '.join(sizes)}" if len(sizes) > 1 else ""
 
 

@@ -95,7 +95,7 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: robacc.calibrate(
             "sample_data/trace/poses.csv",
             robot="sample_data/trace/robot.yaml",
-            fit=("base_frame", "tool_frame", "joint_offset", "joint_compliance[j2]", "backlash[j3]"),
+            fit=(*results.DECLARED.split(","), "joint_compliance[j2]", "backlash[j3]"),
             folds=2,
         ),
         lambda: results.text("calibrate"),
@@ -196,7 +196,7 @@ def _files(tmp_path_factory: pytest.TempPathFactory) -> None:
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT, align="base_frame").save(folder / "b.json")
     (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
     for name, folds in (("c", 2), ("d", 3)):
-        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, fit=(*FRAMES, "joint_offset"), folds=folds)
+        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, folds=folds)
         fitted.save(folder / f"{name}.json")
         fitted.write_model(folder / "model.yaml")
     robacc.history_add(*(folder / f"{name}.json" for name in "abcd"), db=folder / "arm.db", at="2026-05-31")
@@ -233,8 +233,8 @@ def test_gate_stands_in_the_document_as_the_command_has_it(tmp_path: Path) -> No
 
 
 def test_files_that_commands_write_beside_the_result(tmp_path: Path) -> None:
-    output("calibrate", POSES, "--robot", ROBOT, "--fit", ",".join(FRAMES), "--write-model", tmp_path / "model.yaml")
-    robacc.calibrate(POSES, robot=ROBOT, fit=FRAMES).write_model(tmp_path / "own.yaml")
+    output("calibrate", POSES, "--robot", ROBOT, "--write-model", tmp_path / "model.yaml")
+    robacc.calibrate(POSES, robot=ROBOT).write_model(tmp_path / "own.yaml")
     assert (tmp_path / "own.yaml").read_bytes() == (tmp_path / "model.yaml").read_bytes()
     output("estimate", POSES, "--robot", ROBOT, "--per-pose", tmp_path / "e.csv")
     assert robacc.estimate(POSES, robot=ROBOT).per_pose_csv() == (tmp_path / "e.csv").read_text(encoding="utf-8")
@@ -307,14 +307,14 @@ def test_joint_variables_alone_are_enough_to_predict() -> None:
 
 def test_fit_of_poses_that_were_read_says_which_file_they_are_of() -> None:
     robot = robacc.read_robot(ROBOT)
-    found = robacc.calibrate(robacc.read_poses(POSES, robot=robot), robot=robot, fit="base_frame", folds=2)
+    found = robacc.calibrate(robacc.read_poses(POSES, robot=robot), robot=robot, folds=2)
     assert (found.made.options["poses"], found.made.options["robot"]) == (POSES, None)
     assert found.model_yaml().startswith(f"# written by robacc {robacc.__version__} calibrate from poses.csv\n")
     arrays = sample(source=None, sha256=None, rows=None)
-    made = robacc.calibrate(arrays, robot=robot, fit="base_frame", folds=2)
+    made = robacc.calibrate(arrays, robot=robot, folds=2)
     assert made.made.options["poses"] is None
     assert "calibrate from arrays\n" in made.model_yaml()
-    again = robacc.calibrate(arrays, robot=made.robot, fit="base_frame", folds=2)
+    again = robacc.calibrate(arrays, robot=made.robot, folds=2)
     assert again.nominal_unregistered.fitted.position.rms == pytest.approx(made.after.fitted.position.rms, rel=1e-9)
 
 

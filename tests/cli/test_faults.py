@@ -388,8 +388,8 @@ CASES: dict[str, tuple[str, int, str]] = {
 COMMANDS: dict[str, tuple[str, ...]] = {
     "estimate": ("{poses}", "--robot", "{robot}"),
     "predict": ("{robot}", "--samples", "8"),
-    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance"),
-    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame"),
+    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance", "--folds", "2"),
+    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame", "--folds", "2"),
     "iso9283": ("{poses}", "--robot", "{robot}"),
 }
 

@@ -140,12 +140,7 @@ def gated(folder: Path) -> tuple[str, str]:
 def holdout() -> Document:
     root = results.PROJECT
     data = sample()
-    fit = robacc.calibrate(
-        data.subset(slice(0, 40)),
-        robot=root / ROBOT,
-        fit=("base_frame", "tool_frame", "joint_offset"),
-        holdout=data.subset(slice(40, 60)),
-    )
+    fit = robacc.calibrate(data.subset(slice(0, 40)), robot=root / ROBOT, holdout=data.subset(slice(40, 60)))
     return made(fit)
 
 
@@ -158,9 +153,7 @@ def against() -> Document:
 def measured_twice(folder: Path) -> tuple[str, ...]:
     """The same targets, before and after a correction, and its model."""
     root = results.PROJECT
-    model = robacc.calibrate(
-        root / POSES, robot=root / ROBOT, fit=("base_frame", "tool_frame", "joint_offset"), folds=2
-    )
+    model = robacc.calibrate(root / POSES, robot=root / ROBOT, folds=2)
     model.write_model(folder / "model.yaml")
     for name, seed in (("before", 1), ("after", 2)):
         robacc.simulate(

@@ -101,13 +101,8 @@ CALLS: dict[str, tuple[Callable[[], robacc.Result], Callable[[], str]]] = {
         lambda: results.text("calibrate"),
     ),
     "trace": (
-        lambda: robacc.trace(
-            "sample_data/trace/poses.csv",
-            robot="sample_data/trace/robot.yaml",
-            declared=results.DECLARED,
-            progress=lambda *one: TOLD.append(one),
-        ),
-        lambda: results.text("trace"),
+        lambda: robacc.trace(POSES, robot=ROBOT, folds=2, progress=lambda *one: TOLD.append(one)),
+        lambda: printed("trace", POSES, "--robot", ROBOT, "--folds", "2"),
     ),
     "iso9283": (
         lambda: robacc.iso9283("sample_data/iso9283/poses.csv", robot="sample_data/iso9283/robot.yaml", align=FRAMES),

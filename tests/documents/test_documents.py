@@ -542,7 +542,7 @@ values = st.recursive(
 )
 
 
-@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=40)
+@settings(suppress_health_check=[HealthCheck.too_slow], deadline=None, max_examples=15)
 @given(st.dictionaries(st.text(), values))
 def test_reads_back_as_it_was(document: dict[str, object]) -> None:
     assert json.loads(json_text(document)) == document

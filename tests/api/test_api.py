@@ -21,6 +21,7 @@ import results
 from commands import missing, output, run
 from refusals import problems_of
 from sample_files import ROBOT as SAMPLE_ROBOT, ROOT, SAMPLES, saved
+from schemas import closed, wrong
 
 import robacc
 import robacc.api
@@ -190,11 +191,13 @@ def _files(tmp_path_factory: pytest.TempPathFactory) -> None:
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT).save(folder / "a.json")
     robacc.estimate(ROOT / POSES, robot=ROOT / ROBOT, align="base_frame").save(folder / "b.json")
     (folder / "gate.yaml").write_text(results.GATE, encoding="utf-8")
-    for name, folds in (("c", 2), ("d", 3)):
-        fitted = robacc.calibrate(ROOT / POSES, robot=ROOT / ROBOT, folds=folds)
+    poses = robacc.read_poses(ROOT / POSES, robot=robacc.read_robot(ROOT / ROBOT))
+    for name, rows in (("c", slice(0, 60)), ("d", slice(0, 40))):
+        fitted = robacc.calibrate(poses.subset(rows), robot=ROOT / ROBOT, folds=2)
         fitted.save(folder / f"{name}.json")
         fitted.write_model(folder / "model.yaml")
-    robacc.history_add(*(folder / f"{name}.json" for name in "abcd"), db=folder / "arm.db", at="2026-05-31")
+    for month, name in enumerate("abcd", 1):
+        robacc.history_add(folder / f"{name}.json", db=folder / "arm.db", at=f"2026-{month:02d}-01")
 
 
 @pytest.mark.parametrize("what", CALLS)
@@ -202,7 +205,10 @@ def test_call_gives_what_the_command_gives_byte_for_byte(what: str) -> None:
     call, command = CALLS[what]
     found, text = call(), command()
     assert isinstance(found, robacc.Result)
-    assert (found.to_json(), list(found.document())) == (text, list(json.loads(text)))
+    document = json.loads(text)
+    assert (found.to_json(), list(found.document())) == (text, list(document))
+    name = document["schema"].removeprefix("robacc.").partition("/")[0]
+    assert wrong(name, document) + wrong(name, document, closed) == [], "a key that the schema does not describe"
     assert isinstance(found.warnings, tuple)
     assert repr(found) == f"<robacc.{type(found).__name__} of {', '.join(file.name for file in found.made.inputs)}>"
     if what == "trace":

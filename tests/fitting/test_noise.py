@@ -195,7 +195,7 @@ def scattered(robot: Robot, n: int, seed: int, visits: int = 1, scatter: float |
 
 
 def test_scatter_of_few_poses_is_no_error_that_depends_on_the_pose() -> None:
-    """A process of short length explained it as well: the second of these arms was given a correction."""
+    """A process of short length explained it as well: arms like these were given a correction."""
     robot = three_targets()
     for seed in (1, 2):
         data = scattered(robot, 36, seed)

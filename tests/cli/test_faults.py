@@ -487,8 +487,8 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
 
 def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
     """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
-    files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 8, "0.02mm")
-    assert commands.document("calibrate", *(one.format(**files) for one in COMMANDS["calibrate"]))["n_poses"] == 8
+    files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 20, "0.02mm")
+    assert commands.document("calibrate", *(one.format(**files) for one in COMMANDS["calibrate"]))["n_poses"] == 20
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, math.pi - 1e-6, math.pi - 1e-12, math.pi])

@@ -209,12 +209,10 @@ def calibrate(
 
     Example:
         >>> import robacc
-        >>> result = robacc.calibrate(
-        ...     "sample_data/poses.csv", robot="sample_data/robot.yaml", fit=("base_frame", "tool_frame")
-        ... )
+        >>> result = robacc.calibrate("sample_data/poses.csv", robot="sample_data/robot.yaml", folds=2)
         >>> before, after = result.nominal_unregistered.fitted.position, result.after.fitted.position
         >>> print(f"{before.rms * 1e3:.2f} to {after.rms * 1e3:.2f} mm")
-        1.80 to 0.47 mm
+        1.80 to 0.05 mm
         >>> print(result.model_yaml().splitlines()[0].partition(" robacc ")[0])
         # written by
     """

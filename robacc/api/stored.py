@@ -774,9 +774,9 @@ def fleet(
     Example:
         >>> import robacc
         >>> poses, robot = "sample_data/poses.csv", "sample_data/robot.yaml"
-        >>> fits = [robacc.calibrate(poses, robot=robot, fit="joint_offset", folds=folds) for folds in (2, 3)]
+        >>> fits = [robacc.calibrate(poses, robot=robot, folds=folds) for folds in (2, 3)]
         >>> robacc.fleet(*fits).coefficients[0]["key"]
-        'joint_offset.j1'
+        'joint_offset.j2'
     """
     refuse((bool(results) == (db is not None), "name the results of the arms, or `db`"))
     inputs = Inputs({"base_link": base_link, "tip_link": tip_link})

@@ -12,7 +12,7 @@ parabola converges exponentially. A variance of zero is allowed.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import cached_property, lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -184,7 +184,7 @@ _ABREAST = np.linspace(0.0, 5.0, 21)[:, None]
 
 def length_probability(radius: float, mean: Array, variance: Array) -> float:
     """Return P(|Z| <= radius) for independent Z_i ~ N(mean[i], variance[i]), i < 3; absolute error about 1e-13."""
-    return _contour(radius * radius, np.asarray(mean, dtype=float), np.asarray(variance, dtype=float))[0]
+    return _contour(radius * radius, tuple(mean), tuple(variance))[0]
 
 
 def length_quantile(probability: float, mean: Array, variance: Array) -> float:
@@ -202,7 +202,7 @@ def length_quantile(probability: float, mean: Array, variance: Array) -> float:
 
     def distribution(square: Array) -> tuple[Array, Array]:
         # In units of the mean square length, so that the solution does not depend on the unit.
-        cdf, s, _, factor = _contour(float(square[0]), mean / math.sqrt(power), variance / power)
+        cdf, s, _, factor = _contour(float(square[0]), tuple(mean / math.sqrt(power)), tuple(variance / power))
         return np.array([cdf]), (s @ factor).imag * square
 
     scatter = np.sum(variance * (2.0 * variance + 4.0 * np.square(mean))) / power**2
@@ -221,7 +221,7 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
         d(r^2)/dm ``(3,)`` and d(r^2)/dC ``(3, 3)``, symmetric, in principal axes; the first has the unit of ``mean``.
     """
     scale = math.sqrt(float(np.sum(variance) + np.sum(np.square(mean))))
-    _, s, w, factor = _contour((radius / scale) ** 2, mean / scale, variance / scale**2)
+    _, s, w, factor = _contour((radius / scale) ** 2, tuple(mean / scale), tuple(variance / scale**2))
     # Weights: s for the density, d log M/dm_i and d log M/dC_ij for the gradient; C_ij and C_ji are separate variables.
     ratio = (mean / scale)[:, None] * s / w
     by_covariance: Complex = 2.0 * ratio[:, None] * ratio[None, :]
@@ -230,26 +230,27 @@ def squared_quantile_gradient(radius: float, mean: Array, variance: Array) -> tu
     return 2.0 * (ratio @ factor).imag / density * scale, -(by_covariance @ factor).imag / density
 
 
-def _contour(q: float, mean: Array, variance: Array) -> tuple[float, Complex, Complex, Complex]:
+@lru_cache(maxsize=1024)
+def _contour(q: float, mean: tuple[float, ...], variance: tuple[float, ...]) -> tuple[float, Complex, Complex, Complex]:
     """Return P(Q <= q), and the nodes of its integral: s ``(n,)``, 1 + 2 v s ``(3, n)``, and their factors ``(n,)``.
 
     The imaginary part of the sum of s and the factors is the density dP/dq. All is zero below the contribution of
-    directions without scatter.
+    directions without scatter. The latest are kept: several figures and stages of a result ask for the same.
     """
-    if q <= float(np.sum(np.square(mean[variance == 0.0]))):
+    if q <= sum(m * m for m, v in zip(mean, variance, strict=True) if v == 0.0):
         return 0.0, np.zeros(1, dtype=complex), np.ones((3, 1), dtype=complex), np.zeros(1, dtype=complex)
-    is_upper = q > float(np.sum(variance) + np.sum(np.square(mean)))
+    is_upper = q > sum(variance) + sum(m * m for m in mean)
     saddle, curvature = _saddle_point(q, mean, variance, is_upper)
 
     def along(t: Array) -> tuple[Complex, Complex, Complex]:
         """Return s = saddle + i t - b t^2 ``(n,)``, log(e^(sq) M(s) / s), and w = 1 + 2 v s ``(3, n)``."""
         s: Complex = saddle + 1j * t - bend * np.square(t)
-        w = 1.0 + 2.0 * variance[:, None] * s
+        w = 1.0 + 2.0 * np.array(variance)[:, None] * s
         logs = s * q - np.log(s) - 0.5 * np.sum(np.log(w), axis=0)
         return s, logs - np.sum(np.square(mean)[:, None] * s / w, axis=0), w
 
     grid = np.append(0.0, 2.0 ** np.arange(-2.0, 60.0, 0.5) / math.sqrt(curvature))
-    distance = saddle + 0.5 / variance[variance > 0.0]
+    distance = saddle + np.array([0.5 / v for v in variance if v > 0.0])
     # Start with a parabola whose focus is the first branch point: the exponent of that axis falls steadily from the
     # vertex. Where the mean lies along an axis of less scatter, the path may come near the singularity of that axis
     # and is straightened: along a straight line the integrand never exceeds its value at the saddle point.
@@ -287,14 +288,16 @@ def _contour(q: float, mean: Array, variance: Array) -> tuple[float, Complex, Co
     return 1.0 + tail if is_upper else tail, s, w, factor
 
 
-def _saddle_point(q: float, mean: Array, variance: Array, is_upper: bool) -> tuple[float, float]:
+def _saddle_point(
+    q: float, mean: tuple[float, ...], variance: tuple[float, ...], is_upper: bool
+) -> tuple[float, float]:
     """Return the minimum over real s of log(e^(sq) M(s) / |s|), convex there, and its second derivative."""
     terms = [(float(m) ** 2, float(v)) for m, v in zip(mean, variance, strict=True)]
 
     def slope(s: float) -> float:
         return q - 1.0 / s - sum(v / (1.0 + 2.0 * v * s) + square / (1.0 + 2.0 * v * s) ** 2 for square, v in terms)
 
-    branch = -0.5 / float(np.max(variance))
+    branch = -0.5 / max(variance)
     low, high = (branch * (1.0 - 1e-12), branch * 1e-12) if is_upper else (1.0 / q, 2.0 / q)
     # The path only needs to pass near the saddle point, relative to the distance to the nearest singularity.
     s = root(slope, low, high, 1e-9)

@@ -527,7 +527,7 @@ def test_different_commands_are_counted(count: int) -> None:
 
 def test_a_calibration_in_parts_is_that_of_all_rows(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     truth, robot = (str(ROOT / "sample_data" / "trace" / f"{name}.yaml") for name in ("truth", "robot"))
-    path = simulated(tmp_path / "poses.csv", truth, 1500, position_only=True)
+    path = simulated(tmp_path / "poses.csv", truth, 900, position_only=True)
     fit = "base_frame,tool_frame,joint_offset,link_geometry,joint_compliance[j2],backlash[j3]"
     whole = robacc.calibrate(path, robot=robot, fit=fit, shrink=False)
     in_parts(monkeypatch)

@@ -42,8 +42,7 @@ def stored(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A folder with ``estimate.json`` and ``calibrate.json`` of the sample data."""
     folder = tmp_path_factory.mktemp("stored")
     output(*ESTIMATE, "--format", "json", "-o", folder / "estimate.json")
-    fitted = ("calibrate", POSES, "--robot", ROBOT, "--fit", "base_frame,tool_frame,joint_offset", "--folds", "2")
-    output(*fitted, "--format", "json", "-o", folder / "calibrate.json")
+    output("calibrate", POSES, "--robot", ROBOT, "--folds", "2", "--format", "json", "-o", folder / "calibrate.json")
     return folder
 
 
@@ -473,12 +472,9 @@ def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> Non
     assert output("report", iso_result, *identity, "-o", "-") == text
 
 
-def test_without_a_name_the_page_is_beside_the_result(
+def test_the_page_of_two_results_without_a_name_is_in_the_folder(
     iso_result: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    beside = iso_result.with_suffix(".html")
-    assert output("report", iso_result) == f"wrote {beside}\n"
-    assert beside.exists()
     monkeypatch.chdir(tmp_path)
     assert output("report", iso_result, iso_result) == "wrote report.html\n"
     header = parsed(Path("report.html").read_text(encoding="utf-8")).all("table")[0].all("tr")[0]
@@ -498,12 +494,12 @@ def test_a_picture_without_a_kind_is_the_main_chart(iso_result: Path, tmp_path: 
 
 
 @pytest.mark.parametrize("command", ["iso9283", pytest.param("estimate", marks=pytest.mark.slow)])
-def test_report_beside_the_command_is_the_page_of_its_json(command: str, tmp_path: Path) -> None:
-    page, other, iso_result = tmp_path / "a.html", tmp_path / "b.html", tmp_path / command
+def test_report_beside_the_command_is_the_page_beside_its_json(command: str, tmp_path: Path) -> None:
+    page, beside = tmp_path / "a.html", tmp_path / "stored.html"
     assert "mm" in output(command, *results.CALLS[command], "--report", page)
-    iso_result.write_text(results.text(command), encoding="utf-8")
-    output("report", iso_result, "-o", other)
-    assert page.read_bytes() == other.read_bytes()
+    stored = saved(tmp_path / "stored.json", results.text(command))
+    assert output("report", stored) == f"wrote {beside}\n"
+    assert page.read_bytes() == beside.read_bytes()
 
 
 def test_a_failing_gate_is_in_the_report_and_in_the_exit_status(tmp_path: Path) -> None:

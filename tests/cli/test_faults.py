@@ -379,7 +379,7 @@ CASES: dict[str, tuple[str, int, str]] = {
     "reach of 100 m": (robot(6, size=18.0), 30, "0.02mm"),
     "errors of 1 nm": (robot(6), 30, "0.001um"),
     "errors of 1 m": (robot(6), 30, "1m"),
-    "no noise": (robot(6), 30, "0mm"),
+    "no noise": (robot(6), 15, "0mm"),
     "1 pose": (robot(6), 1, "0.02mm"),
     "2 poses": (robot(6), 2, "0.02mm"),
     "base far off, pitch of 90 degrees": (robot(6, base=FAR), 30, "0.02mm"),
@@ -388,8 +388,8 @@ CASES: dict[str, tuple[str, int, str]] = {
 COMMANDS: dict[str, tuple[str, ...]] = {
     "estimate": ("{poses}", "--robot", "{robot}"),
     "predict": ("{robot}", "--samples", "8"),
-    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance"),
-    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame"),
+    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance", "--folds", "2"),
+    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame", "--folds", "2"),
     "iso9283": ("{poses}", "--robot", "{robot}"),
 }
 

@@ -91,8 +91,6 @@ REFUSED = [
 @pytest.mark.parametrize(("change", "message"), REFUSED)
 def test_a_mistake_is_refused_before_a_search(change: Callable[[Measurements], Measurements], message: str) -> None:
     with pytest.raises(InputError, match=message):
-        check_data(arm("puma560").robot, change(good()))
-    with pytest.raises(InputError, match=message):
         trace(Model.of(arm("puma560").robot), change(good()))
 
 
@@ -128,7 +126,6 @@ def test_good_data_hold_no_mistake(name: str) -> None:
     for seed, orientation in ((0, True), (1, False)):
         plan = Plan(25, seed=seed, noise_position=1e-3, noise_orientation=1e-3, outliers=3, orientation=orientation)
         data = simulate(dataclasses.replace(robot, base=base), plan).data
-        assert find_mistake(robot, data) is None
         assert check_data(robot, data) == ()
 
 

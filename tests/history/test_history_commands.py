@@ -31,7 +31,7 @@ def arm_with(folder, *, j3=0.0, x=0.0):
     return saved(folder / "arm.yaml", yaml.safe_dump(content))
 
 
-def measured(folder, name, seed, poses=30, *, position_only=False, **arm):
+def measured(folder, name, seed, poses=20, *, position_only=False, **arm):
     path = folder / name
     noises = {"noise": "0.03mm", "noise_orientation": "0.03mrad"}
     robacc.simulate(arm_with(folder, **arm), poses=poses, seed=seed, position_only=position_only, **noises).write(path)

@@ -5,6 +5,7 @@ import itertools
 import json
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -1100,6 +1101,11 @@ WITHOUT_ROBOT = (
 )
 
 
+@cache
+def arm() -> robacc.Robot:
+    return robacc.read_robot(ROBOT)
+
+
 def made(form: str, c: Campaign) -> dict[str, str]:
     """The files of a form."""
     files = FORMS[form]
@@ -1139,7 +1145,7 @@ def in_order(x: np.ndarray, values: np.ndarray) -> np.ndarray:
 @pytest.mark.parametrize("form", FORMS)
 def test_a_form_is_read_as_what_was_measured(form: str, campaign: Campaign, tmp_path: Path) -> None:
     path, *commanded = written(made(form, campaign), tmp_path)
-    for robot in (ROBOT, *([None] if form in WITHOUT_ROBOT else [])):
+    for robot in (arm(), *([None] if form in WITHOUT_ROBOT else [])):
         data = robacc.read_poses(path, robot=robot, commanded=commanded[-1] if commanded else None)
         position = data.position.T
         x, own_x = position[:, 0], campaign.position[:, 0]

@@ -479,7 +479,7 @@ def lines(taken: tuple[Photo, ...], noise: float, seed: int = 5) -> Iterator[str
             yield f"p{number},{joints},{x:.6f},{y:.6f},{u!r},{v!r}"
 
 
-def written_photos(folder: Path, mount: str, count: int = 30, noise: float = 0.0, lens: str = LENS) -> PoseFile:
+def written_photos(folder: Path, mount: str, count: int = 20, noise: float = 0.0, lens: str = LENS) -> PoseFile:
     camera, path = folder / "camera.yaml", folder / "points.csv"
     camera.write_text(f"{lens}mount: {mount}\n")
     path.write_text("\n".join([COLUMNS, *lines(photos(mount, count), noise)]) + "\n")
@@ -537,20 +537,20 @@ def test_noisy_pixels_give_intervals_that_hold(mount: str, tmp_path: Path) -> No
         assert found.std is not None
         assert found.std < 1e-3
         assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
-    assert any("600 of 600 points in 30 of 30 photos are 0.2 px" in warning for warning in result.warnings)
+    assert any("400 of 400 points in 20 of 20 photos are 0.2 px" in warning for warning in result.warnings)
 
 
 @pytest.mark.parametrize("mount", ["hand", "world"])
 def test_estimate_has_the_errors_of_the_pose_in_mm(mount: str, tmp_path: Path) -> None:
     """Of the nominal arm they are those of exact poses; of the arm with its true zeros nothing remains."""
-    q = np.array([joints for joints, _ in photos(mount, 30)]).T
+    q = np.array([joints for joints, _ in photos(mount, 20)]).T
     poses = np.array([base_of(mount) @ link_frames(joints + ZEROS)[-1] @ TOOL for joints in q.T])
     exact = Measurements(poses[:, :3, 3].T, np.moveaxis(poses[:, :3, :3], 0, 2), q=q)
     result, expected = (
         robacc.estimate(each, robot=robot(), align="base_frame,tool_frame")
         for each in (written_photos(tmp_path, mount), exact)
     )
-    assert result.n_poses == 30
+    assert result.n_poses == 20
     assert result.position.rms == pytest.approx(expected.position.rms, rel=1e-6)
     assert result.orientation.rms == pytest.approx(expected.orientation.rms, rel=1e-6)
     calibrated = robacc.calibrate(written_photos(tmp_path, mount), robot=robot(), fit="tool_frame,joint_offset").robot
@@ -613,7 +613,7 @@ def test_a_wrong_corner_is_left_out(tmp_path: Path) -> None:
     rows[47] = ",".join([*cells, str(float(u) + 25.0), v])
     Path(path).write_text("\n".join(rows) + "\n")
     result = robacc.estimate(path, robot=robot())
-    assert any("599 of 600 points" in warning for warning in result.warnings)
+    assert any("399 of 400 points" in warning for warning in result.warnings)
 
 
 def test_the_photos_show_the_lens_if_the_file_does_not(tmp_path: Path) -> None:

@@ -197,7 +197,7 @@ def test_a_pose_id_that_the_joints_contradict_is_no_repetition(tmp_path: Path) -
     (tmp_path / "poses.csv").write_text(format_poses(data), encoding="utf-8")
     arguments = (tmp_path / "poses.csv", "--robot", ROOT / "sample_data" / "robot.yaml")
     warning = "10 of 10 pose ids have rows with different commands, for example P0 on line 2 and line "
-    found = document("calibrate", *arguments, "--fit", "base_frame,tool_frame")
+    found = document("calibrate", *arguments, "--folds", "2")
     assert found["noise"]["source"] == "residual"
     assert len(set(found["poses"]["group"])) == data.n
     assert any(warning in text for text in found["warnings"])

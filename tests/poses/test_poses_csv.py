@@ -202,7 +202,7 @@ def test_names_that_resemble_keys_are_no_joints(read: Reader, heading: str) -> N
         assert np.isfinite(read(f"{heading},x,y,z\n{'1,' * len(heading.split(','))}2,3,4\n").position).all()
 
 
-@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=150)
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
 @given(noise=st.binary(max_size=80) | st.text(alphabet='qxyz123,.-\n\r"#;_ mdeg', max_size=120).map(str.encode))
 def test_any_bytes_are_read_or_refused(read: Reader, noise: bytes) -> None:
     for data in (noise, PLAIN.encode() + noise):

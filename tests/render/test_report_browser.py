@@ -1,5 +1,6 @@
 """Reports in Debian's Chromium, on a desk, on a phone and on paper: what is drawn, said, asked for and printed."""
 
+import html
 import io
 import tempfile
 from collections.abc import Iterator
@@ -32,9 +33,9 @@ def driver() -> Iterator[Any]:
 
 @pytest.fixture(scope="module")
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
-    """A page for each command, one with a gate, one of several results, one with hostile names."""
+    """A page for each kind of result: an estimate with a gate, a trace with hostile names, and one beside another."""
     place = tmp_path_factory.mktemp("pages")
-    documents = {command: [results.document(command)] for command in results.CALLS}
+    documents = {command: [results.document(command)] for command in ("predict", "calibrate")}
     documents["gated"] = [results.gated(place)]
     documents["compare"] = [results.compared(place)]
     documents["several"] = [results.document("trace"), results.document("iso9283")]
@@ -45,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-PAGES = (*results.CALLS, "gated", "compare", "several", "hostile")
+PAGES = ("predict", "calibrate", "gated", "compare", "several", "hostile")
 DRAWN = """
 return Array.from(document.querySelectorAll('figure')).map(function (figure) {
   var part = figure.querySelector('.still').hidden ? figure.querySelector('.scene') : figure.querySelector('svg');
@@ -88,16 +89,13 @@ def pixels_of(driver: Any, selector: str) -> np.ndarray:
     return np.asarray(Image.open(io.BytesIO(element.screenshot_as_png)).convert("RGB")).astype(int)
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-def test_charts_have_ink_in_both_schemes(scheme: str, driver: Any, folder: Path) -> None:
-    browser.look(driver, folder / "trace.html", browser.DESKTOP, scheme)
-    browser.settled(driver)
+def check_that_charts_have_ink(driver: Any, *, dark: bool) -> None:
     papers = []
     for figure, *_ in driver.execute_script(DRAWN):
         still = driver.execute_script(f"return !document.querySelector('#{figure} .still').hidden")
         pixels = pixels_of(driver, f"#{figure} {'.still' if still else '.scene'}")
-        values, counts = np.unique(pixels.reshape(-1, 3), axis=0, return_counts=True)
-        paper = values[np.argmax(counts)]
+        colours, counts = np.unique(pixels @ (1 << 16, 1 << 8, 1), return_counts=True)
+        paper = colours[np.argmax(counts)] >> np.array([16, 8, 0]) & 255
         papers.append(paper.mean())
         ink = np.abs(pixels - paper).max(axis=2) > 60
         # Ink over a fair part of the picture, and in each half of it.
@@ -105,14 +103,12 @@ def test_charts_have_ink_in_both_schemes(scheme: str, driver: Any, folder: Path)
         half = ink.shape[1] // 2
         assert ink[:, :half].any(), figure
         assert ink[:, half:].any(), figure
-    assert all(paper > 240 for paper in papers) if scheme == "light" else all(paper < 60 for paper in papers)
+    assert all(paper < 60 for paper in papers) if dark else all(paper > 240 for paper in papers)
 
 
-def test_hostile_names_run_nothing(driver: Any, folder: Path) -> None:
+def check_that_hostile_names_ran_nothing(driver: Any) -> None:
     from selenium.common.exceptions import NoAlertPresentException
 
-    browser.look(driver, folder / "hostile.html", browser.DESKTOP)
-    browser.settled(driver)
     with pytest.raises(NoAlertPresentException):
         _ = driver.switch_to.alert.text
     assert HOSTILE in driver.find_element("css selector", "h1").text
@@ -120,7 +116,7 @@ def test_hostile_names_run_nothing(driver: Any, folder: Path) -> None:
 
 
 def test_a_view_is_turned_by_the_keyboard(driver: Any, folder: Path) -> None:
-    browser.look(driver, folder / "estimate.html", browser.DESKTOP)
+    browser.look(driver, folder / "gated.html", browser.DESKTOP)
     browser.settled(driver)
     eye = "return document.querySelector('figure[data-starts=yes] .scene').layout.scene.camera.eye"
     before = driver.execute_script(eye)
@@ -136,15 +132,16 @@ def test_a_view_is_turned_by_the_keyboard(driver: Any, folder: Path) -> None:
     assert switch.get_attribute("aria-pressed") == "false"
 
 
-def test_a_pose_pointed_at_says_its_row(driver: Any, folder: Path) -> None:
-    browser.look(driver, folder / "trace.html", browser.DESKTOP)
+def test_a_bright_page_has_ink_and_a_pose_pointed_at_says_its_row(driver: Any, folder: Path) -> None:
+    browser.look(driver, folder / "hostile.html", browser.DESKTOP)
     browser.settled(driver)
+    check_that_charts_have_ink(driver, dark=False)
     texts = driver.execute_script(
         "return document.querySelector('figure[data-starts=yes] .scene').data.find(t => t.text).text"
     )
-    document = results.document("trace")
+    document = hostile(results.document("trace"))
     assert len(texts) == document["n_poses"]
-    line, pose = document["poses"]["line"][7], document["poses"]["pose"][7]
+    line, pose = document["poses"]["line"][7], html.escape(document["poses"]["pose"][7], quote=False)
     after = np.linalg.norm(document["poses"]["errors_m"]["held_out_after"][7]) * 1e3
     assert texts[7].startswith(f"line {line}, pose {pose}<br>baseline:")
     assert float(texts[7].rpartition("extended model: ")[2].split()[0]) == pytest.approx(after, rel=6e-3)
@@ -169,6 +166,9 @@ def test_a_page_on_a_desk_is_drawn_whole_and_printed_on_a4(name: str, driver: An
     browser.look(driver, page_file, browser.DESKTOP, "dark")
     browser.settled(driver)
     check_that_all_is_drawn_and_nothing_asked_for(driver, page_file, browser.DESKTOP[0])
+    if name == "hostile":
+        check_that_hostile_names_ran_nothing(driver)
+        check_that_charts_have_ink(driver, dark=True)
     pdf = PdfReader(io.BytesIO(browser.printed(driver)))
     limit = 14 if name in ("several", "hostile") else 9
     assert 2 <= len(pdf.pages) <= limit
@@ -177,7 +177,7 @@ def test_a_page_on_a_desk_is_drawn_whole_and_printed_on_a4(name: str, driver: An
     text = "\n".join(page.extract_text() for page in pdf.pages)
     for wanted in ("Charts", "How to reproduce this result", "SHA-256", "Signatures", "Released by"):
         assert wanted in text
-    for record in results.document("trace")["inputs"] if name == "trace" else ():
+    for record in results.document("trace")["inputs"] if name == "several" else ():
         assert record["sha256"] in text.replace("\n", "")
     assert "Show in 3-D" not in text
     # Nothing of a page stands beside the paper: laid out for paper, the page is no wider than it.

@@ -72,9 +72,8 @@ def points(count: int, seed: int) -> str:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", [1, 5])
-def test_zeros_play_and_droop_of_a_servo_arm_are_named(seed: int, tmp_path: Path) -> None:
-    (tmp_path / "points.csv").write_text(points(60, seed))
+def test_zeros_play_and_droop_of_a_servo_arm_are_named(tmp_path: Path) -> None:
+    (tmp_path / "points.csv").write_text(points(60, 1))
     camera = f"fx: {FOCAL}\nfy: {FOCAL}\ncx: {CENTRE[0, 0]}\ncy: {CENTRE[1, 0]}\nmount: world\n"
     (tmp_path / "camera.yaml").write_text(camera)
     path = robacc.PoseFile(tmp_path / "points.csv", camera=tmp_path / "camera.yaml")

@@ -637,9 +637,9 @@ def test_a_screw_is_named_with_its_period(order: float) -> None:
 
 def test_a_slide_that_scatters_has_no_period() -> None:
     nominal = dataclasses.replace(arm("stanford").robot, effects=())
-    exact = simulate(nominal, Plan(120, seed=2, noise_position=2e-5, orientation=False)).data
+    exact = simulate(nominal, Plan(80, seed=2, noise_position=2e-5, orientation=False)).data
     q = exact.q.copy()
-    q[2] += 6e-5 * np.random.default_rng(3).standard_normal(120)
+    q[2] += 6e-5 * np.random.default_rng(3).standard_normal(80)
     position = predict(nominal, dataclasses.replace(exact, q=q)).translation
     noise = 2e-5 * np.random.default_rng(5).standard_normal(position.shape)
     data = dataclasses.replace(exact, position=position + noise)

@@ -270,6 +270,18 @@ def test_a_quick_test_names_the_joint_that_moved(tests, database, tmp_path):
     assert "has no fit" in refused("health", moved, "--robot", NOMINAL, "--db", database)
 
 
+def test_a_quick_test_of_a_fit_to_few_poses_has_the_limits_of_its_errors(database, tmp_path):
+    """The errors of 15 poses had no variance along one direction, and the limit of a zero was 0.35 rad."""
+    poses = measured(tmp_path, "few.csv", 9, poses=15, j3=STEP)
+    robacc.calibrate(poses, robot=NOMINAL, fit="base_frame,tool_frame,joint_offset", folds=2).write_model(
+        tmp_path / "few.yaml"
+    )
+    found = document(
+        "health", measured(tmp_path, "q.csv", 50, poses=12, j3=STEP), "--robot", tmp_path / "few.yaml", "--db", database
+    )
+    assert max(limit["limit"] for limit in found["detection_limits"]) < 1e-3
+
+
 def test_a_quick_test_of_positions_sees_what_they_show(tests, database, tmp_path):
     words = ("--robot", tests[0].parent / "model.yaml", "--db", database)
     path = tmp_path / "positions.csv"

@@ -40,8 +40,7 @@ def test_photos_show_the_joint_zeros(kind: str, tmp_path: Path) -> None:
     assert any("10 of 10 photos show the board" in warning for warning in result.warnings)
     values = {parameter.name: parameter for parameter in result.parameters}
     for number in (2, 3, 4, 5):
-        found = values[f"joint_offset.j{number}"]
-        assert found.value == pytest.approx(ZEROS[number - 1], abs=max(4.0 * (found.std or 0.0), 1e-3))
+        assert values[f"joint_offset.j{number}"].value == pytest.approx(ZEROS[number - 1], abs=5e-4)
 
 
 @pytest.mark.parametrize("form", ["image,photos/{}.png", "filename,{}.PNG", "id,{number}", ""])

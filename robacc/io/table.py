@@ -163,8 +163,8 @@ _LOST = frozenset({"lost", "missing", "invalid", "occluded", "timeout", "missed"
 _STATUS = _VALID | _LOST | {"status", "state", "result", "ergebnis", "ok", "quality"}
 """Words of a column that says whether a row was measured; those of the first two give no verdict on the values."""
 _FAILED = _LOST | {"failed", "fail", "error", "nok", "ng", "bad", "no", "false"}
-"""What it says of a row that was not measured; beyond the lost where a value is missing, too: else it may be a verdict.
-"""
+"""What it says of a row that was not measured. The words that are not lost count where a value is missing, too: alone,
+they may be a verdict on the values."""
 
 
 def lost_words(column: str) -> frozenset[str]:

@@ -205,7 +205,7 @@ def test_scatter_of_few_poses_is_no_error_that_depends_on_the_pose() -> None:
 
 
 def test_an_effect_is_named_where_an_error_without_a_name_is_hardly_more_probable() -> None:
-    """A profile of j2 took the place of its gear's ratio for five of six such arms."""
+    """A profile of j2 took the place of its gear's ratio for four of six such arms."""
     robot, named = three_targets(), 0
     for seed in range(1, 3):
         data = scattered(robot, 36, seed)

@@ -656,7 +656,7 @@ def _remaining_error(document: Document) -> list[str]:
 
 
 def _parts_of(unexplained: Document) -> str:
-    """Return the parts of the remaining error, those that are lost beside the others named; empty if it is one."""
+    """Return the parts of the remaining error, of those too small to be seen the name alone; empty if there is one."""
     sizes = [
         f"{_PARTS[key]} {three_digits(size * IN_MM) if size > NEGLIGIBLE * unexplained['rms_m'] else 'not seen'}"
         for key, size in unexplained.get("parts", {}).items()

@@ -405,9 +405,9 @@ def quick_test(
     # A covariance that few poses of a fit showed may have nothing along some direction. One pose more, whose errors are
     # the same along all, gives it the least information (unit information prior; R. E. Kass and L. Wasserman, JASA 90,
     # 1995). m or rad: no instrument measures finer than a nanometre, and exact data have no noise.
-    least = np.sqrt(np.diag(record.unexplained).reshape(-1, 3).mean(axis=1) / (record.n_poses + 1))
+    of_a_pose = np.sqrt(np.diag(record.unexplained).reshape(-1, 3).mean(axis=1) / (record.n_poses + 1))
     # Sockets, planes, distances and images have the noise of the fit: the unexplained error is of the target.
-    of_position, of_rotation = np.append(np.maximum(least, 1e-9), 1e-9)[:2] if data.kind is None else record.noise
+    of_position, of_rotation = np.append(np.maximum(of_a_pose, 1e-9), 1e-9)[:2] if data.kind is None else record.noise
     stds = np.repeat((of_position, of_rotation or 1e-9), 3)[:rows]
     each = np.concatenate(alone, axis=2)[:rows, :rows].T + np.diag(np.square(stds))
     single[np.arange(n), :, np.arange(n)] = each
@@ -424,8 +424,8 @@ def quick_test(
         for columns in (np.concatenate(free, axis=2)[:rows], jacobian[:rows], error[:, None, :])
     )
     setup = setup[:, np.linalg.norm(setup, axis=0) > 0.0]  # without orientations, a target has no turn
-    few = f"{n} poses say nothing beyond where base and target are; measure more"
-    refuse((n * rows < setup.shape[1] + 2, Problem(few, data.source)))
+    few = Problem(f"{n} poses say nothing beyond where base and target are; measure more", data.source)
+    refuse((n * rows < setup.shape[1] + 2, few))
     terms = {term.name: term for term in model.bind(data).terms}
     names = [name for name in dict.fromkeys(record.coefficients) if name in terms]
     columns = {name: moved[:, i] for i, name in enumerate(names) if not name.startswith(SETUP)}

@@ -22,7 +22,7 @@ from robacc import Exported, InputError, Measurements, Robot, UsageError, export
 from robacc.exporters import remaining_error
 from robacc.geometry import Array
 from robacc.modelling.model import predict
-from robacc.programs.program import Program, ProgramTarget, read_program
+from robacc.programs.program import read_program
 from robacc.programs.targets import flange_targets, with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame, Joint, Mimic
@@ -552,20 +552,6 @@ def transform(x: float, y: float, z: float, rx: float, ry: float, rz: float) -> 
     return matrix
 
 
-def named(program: Program, name: str) -> ProgramTarget:
-    return next(target for target in program.targets if target.name == name)
-
-
-def test_targets_are_points_and_joints_whose_numbers_are_written() -> None:
-    program = read_program(SAMPLES / "cell.dtx")
-    assert program.dialect == "val3"
-    names = [target.name for target in program.targets]
-    assert names == ["jStart[0]", "jStart[1]", "pPick[0]", "pPick[1]", "pPick[2]"]
-    np.testing.assert_allclose(program.targets[0].values, np.radians([0, 10.5, 90, 0, 80, -200]))
-    assert program.moves == (0, 2, 3, 4)
-    assert named(program, "pPick[0]").configuration == "lefty epositive wpositive"
-
-
 def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
     program = read_program(SAMPLES / "cell.dtx")
     numbers, flange, _ = flange_targets(program)
@@ -583,26 +569,6 @@ def test_points_lead_through_nested_frames_and_tools_to_the_flange() -> None:
         k = places[name]
         np.testing.assert_allclose(flange.translation[:, k], 1e-3 * matrix[:3, 3], atol=1e-12)
         np.testing.assert_allclose(flange.rotation[..., k], matrix[:3, :3], atol=1e-12)
-
-
-def test_a_frame_that_a_program_sets_is_unknown() -> None:
-    base = named(read_program(SAMPLES / "cell.dtx"), "pPick[2]").base
-    assert (base.name, base.frame) == ("fMoved[0]", None)
-
-
-def test_what_is_computed_at_run_time_is_listed() -> None:
-    reasons = [note.reason for note in read_program(SAMPLES / "cell.dtx").notes]
-    assert reasons.count("the target is computed at run time") == 1
-    assert any("pComputed" in note.text for note in read_program(SAMPLES / "cell.dtx").notes)
-    assert "line 16 of main.pgx changes it at run time" in reasons
-    assert sum(reason.startswith("pHere[0] lacks some of its numbers") for reason in reasons) == 1
-    assert len(reasons) == 4
-
-
-def test_frames_without_a_root_are_unknown() -> None:
-    program = read_program(SAMPLES / "scara.dtx")
-    assert [target.name for target in program.targets] == ["pSix[0]", "pLoop[0]"]
-    assert all(target.base is not None and target.base.frame is None for target in program.targets)
 
 
 def test_angles_stay_near_those_of_the_program() -> None:

@@ -35,6 +35,7 @@ READ = {
     "weldline.mod": ("cell.sys",),
     **dict.fromkeys(("pick.ls", "home.ls", "german.ls", "incr.ls"), ()),
     **dict.fromkeys(("pick.script", "polyscope.script", "changed.script"), ()),
+    **dict.fromkeys(("val3/cell.dtx", "val3/scara.dtx"), ()),
 }
 """Sample programs, and the files that are read beside them."""
 
@@ -57,7 +58,9 @@ def listing(name: str) -> str:
         factors = 6 * (DEGREES[0],) if target.kind == "joint" else (*MM, 1.0, 1.0, 1.0, 1.0)
         lines.append(f"{target.line}: {target.name}, {target.kind} {numbers(target.values, *factors)}")
         lines.append(f"  tool {placed(target.tool)}; base {placed(target.base)}; {target.configuration}".rstrip("; "))
-    return "\n".join([*lines, *(f"{note.line}: left alone, {note.reason}" for note in program.notes)]) + "\n"
+    return (
+        "\n".join([*lines, *(f"{note.line}: {note.text!r} left alone, {note.reason}" for note in program.notes)]) + "\n"
+    )
 
 
 def test_samples_have_their_targets_frames_moves_and_notes() -> None:

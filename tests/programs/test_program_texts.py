@@ -53,14 +53,13 @@ def placed(frame: ProgramFrame | None) -> str:
 def listing(name: str) -> str:
     """Moves, targets and notes of a sample, in mm and degrees."""
     program = read_program(SAMPLES / name, [SAMPLES / other for other in READ[name]])
-    lines = [f"{name}: moves {program.moves}"]
+    lines = [f"{name}, {program.dialect}: moves {program.moves}"]
     for target in program.targets:
         factors = 6 * (DEGREES[0],) if target.kind == "joint" else (*MM, 1.0, 1.0, 1.0, 1.0)
         lines.append(f"{target.line}: {target.name}, {target.kind} {numbers(target.values, *factors)}")
         lines.append(f"  tool {placed(target.tool)}; base {placed(target.base)}; {target.configuration}".rstrip("; "))
-    return (
-        "\n".join([*lines, *(f"{note.line}: {note.text!r} left alone, {note.reason}" for note in program.notes)]) + "\n"
-    )
+    lines += [f"{note.line}: {note.text!r} left alone, {note.reason}" for note in program.notes]
+    return "".join(f"{line}\n" for line in lines)
 
 
 def test_samples_have_their_targets_frames_moves_and_notes() -> None:

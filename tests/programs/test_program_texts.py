@@ -1,13 +1,12 @@
 """Programs of KUKA, ABB, FANUC and Universal Robots."""
 
 import dataclasses
-import os
 from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sample_files import ROOT, saved
+from sample_files import agreed, saved
 from scipy.spatial.transform import Rotation
 
 from robacc import InputError, Robot, read_robot
@@ -28,7 +27,6 @@ def notes(program: Program) -> dict[int, str]:
     return {note.line: note.reason for note in program.notes}
 
 
-LISTED = ROOT / "tests" / "golden" / "programs.txt"
 READ = {
     **dict.fromkeys(("weld.dat", "expert.src", "spline.dat"), ("config.dat",)),
     **dict.fromkeys(("weld.src", "expert.dat", "glue.mod", "array.mod", "literal.mod"), ()),
@@ -63,11 +61,8 @@ def listing(name: str) -> str:
 
 
 def test_samples_have_their_targets_frames_moves_and_notes() -> None:
-    """Golden: UPDATE_GOLDEN=1 writes what is read."""
     text = "\n".join(map(listing, READ))
-    if os.environ.get("UPDATE_GOLDEN"):
-        LISTED.write_text(text, encoding="utf-8")
-    assert text == LISTED.read_text(encoding="utf-8")
+    assert text == agreed("programs.txt", text)
 
 
 @pytest.mark.parametrize(

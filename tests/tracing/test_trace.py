@@ -269,7 +269,7 @@ def test_what_is_left_is_held_against_its_neighbours() -> None:
     """A tracker that sways is not in the catalogue."""
     data = measured("puma560", n=100)
     swaying = data.position + 1e-4 * np.sin(2 * np.pi * np.arange(100) / 8)
-    found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying))
+    found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying), n_folds=2)
     assert found.verdict == "unexplained"
     assert found.unexplained.p_value < 1e-4
     assert any("correlated in time" in hint for hint in found.unexplained.hints)
@@ -287,7 +287,7 @@ def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:
     data = measured("puma560")
     for factor, warned in ((1.0, False), (5.0, True)):
         stated = dataclasses.replace(data, sigma_position=np.full(data.position.shape, factor * NOISE_OF_TRACE))
-        found = traced(arm("puma560").robot, stated)
+        found = traced(arm("puma560").robot, stated, n_folds=2)
         assert named(found) == []
         assert any("too large (wrong unit, or k = 2)" in text for text in found.warnings) is warned
 
@@ -330,7 +330,8 @@ def test_the_columns_that_would_show_a_cause_are_named() -> None:
     robot = dataclasses.replace(arm("puma560").robot, effects=(geometry("puma560"), lag))
     position = predict(robot, dataclasses.replace(visits, speed=speed)).translation
     moved = position + rng.normal(scale=NOISE_OF_TRACE, size=position.shape) + 1e-4 * np.sin(np.arange(visits.n) / 9.0)
-    found = traced(arm("puma560").robot, dataclasses.replace(visits, position=moved, speed=None, direction=None))
+    bare = dataclasses.replace(visits, position=moved, speed=None, direction=None)
+    found = traced(arm("puma560").robot, bare, n_folds=2)
     assert found.unexplained.parts["scatter"] > 5 * NOISE_OF_TRACE
     (hint,) = [hint for hint in found.unexplained.hints if "approach_lag" in hint]
     assert "no speed_q columns" in hint

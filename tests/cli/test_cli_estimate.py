@@ -80,8 +80,7 @@ def test_same_bytes_every_time_and_seed_matters() -> None:
     first, again = (run(*SAMPLE, "--format", "json").stdout for _ in range(2))
     assert (first, str(ROOT) in first) == (again, False)
     found = json.loads(first), document(*SAMPLE, "--seed", 1)
-    lower = {one["position"]["intervals"]["mean_error_m"]["lower"] for one in found}
-    assert len(lower) == 2
+    assert len({one["position"]["intervals"]["mean_error_m"]["lower"] for one in found}) == 2
 
 
 def test_table_is_as_it_was() -> None:

@@ -213,8 +213,6 @@ def registered(tmp_path: Path) -> Iterator[None]:
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
     spec = importlib.util.spec_from_file_location(NAME, saved(tmp_path / f"{NAME}.py", source))
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[NAME] = module
     try:

@@ -275,8 +275,7 @@ def good(**changes: Any) -> dict[str, Any]:
 
 
 def stored_of_read_result(tmp_path: Path, text: str | bytes) -> str:
-    path = saved(tmp_path / "result.json", text if isinstance(text, bytes) else text.encode())
-    return str(path)
+    return str(saved(tmp_path / "result.json", text if isinstance(text, bytes) else text.encode()))
 
 
 def problems(tmp_path: Path, text: str | bytes) -> str:

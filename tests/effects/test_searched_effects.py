@@ -345,8 +345,7 @@ def test_a_joint_that_warms_up_is_found_with_its_time_constant() -> None:
     data = measured(TIMED, warm(1, 3e-4, 500.0), NOISE, 5, timed=True)
     (effect,) = found(data)
     assert isinstance(effect, JointWarmup)
-    minutes = effect.time_constant / 60
-    assert f"{minutes:.3g} min" in effect.statement(ARM, {})
+    assert f"{effect.time_constant / 60:.3g} min" in effect.statement(ARM, {})
     assert effect.joints == ("j2",)
     assert 250 < effect.time_constant < 1000
     assert values_of(fitted(data, [effect]))["joint_warmup.j2"] == pytest.approx(3e-4, rel=0.25)

@@ -293,8 +293,7 @@ def test_a_quick_test_of_positions_sees_what_they_show(tests, database, tmp_path
     few = measured(tmp_path, "few.csv", 4, poses=2)
     assert "2 poses say nothing" in refused("health", few, *words, status=3)
     assert "older than the last test" in refused("health", path, *words, "--at", "2020-01-01")
-    other = robacc.health(path, robot=words[1], db=database).warnings
-    assert not other
+    assert not robacc.health(path, robot=words[1], db=database).warnings
     calibrated = robacc.calibrate(path, robot=NOMINAL, fit="base_frame,joint_offset")
     calibrated.write_model(tmp_path / "other.yaml")
     assert "not fitted to the poses of the last test" in run(
@@ -304,8 +303,7 @@ def test_a_quick_test_of_positions_sees_what_they_show(tests, database, tmp_path
 
 def test_fits_of_other_effects_are_not_compared(tests, database, tmp_path):
     copy = shutil.copy(database, tmp_path / "copy.db")
-    poses = measured(tmp_path, "w.csv", 70, j3=STEP)
-    robacc.calibrate(poses, robot=NOMINAL).save(tmp_path / "w.json")
+    robacc.calibrate(measured(tmp_path, "w.csv", 70, j3=STEP), robot=NOMINAL).save(tmp_path / "w.json")
     output("history", "add", tmp_path / "w.json", "--db", copy, "--at", _day(10))
     found = document("history", "changes", "--db", copy)
     assert found["changes"] == []

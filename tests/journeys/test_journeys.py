@@ -161,7 +161,6 @@ def test_each_kind_shows_the_joint_zeros(kinds: dict[str, int], elsewhere: float
     parameters = {parameter.name: parameter for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         found = parameters[f"joint_offset.j{number}"]
-        assert found.std is not None
         assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
     assert result.after.held_out.position.rms < 4.0 * NOISE
     # What each kind brought sums to the coefficients less what priors determine.
@@ -533,7 +532,6 @@ def test_noisy_pixels_give_intervals_that_hold(tmp_path: Path) -> None:
     parameters = {parameter.name: parameter for parameter in result.parameters}
     for number in (2, 3, 4, 5):
         found = parameters[f"joint_offset.j{number}"]
-        assert found.std is not None
         assert found.std < 1e-3
         assert abs(found.value - ZEROS[number - 1]) < 3.5 * found.std
     assert any("400 of 400 points in 20 of 20 photos are 0.2 px" in warning for warning in result.warnings)

@@ -62,8 +62,7 @@ def test_repetitions_are_those_of_sorting_whole_columns() -> None:
 def test_the_pose_column_goes_first() -> None:
     joints = np.zeros((6, 4))
     assert repeated(measured(q=joints, pose=np.array(["a", "b", "c", "d"]))) is None
-    groups = repeated(measured(q=joints, pose=np.array(["a", "b", "a", "d"])))
-    assert groups.tolist() == [0, 1, 0, 2]
+    assert repeated(measured(q=joints, pose=np.array(["a", "b", "a", "d"]))).tolist() == [0, 1, 0, 2]
 
 
 def test_nothing_to_tell_poses_by() -> None:

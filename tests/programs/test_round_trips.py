@@ -195,8 +195,7 @@ def test_the_flange_is_where_tool_and_base_say() -> None:
     tool = matrix((0.0875, 0, 0.41225), Rotation.from_euler("ZYX", (0, -45, 0), degrees=True))
     angles = (177.082932, 4.31955290, -0.298484027)
     target = matrix((1.58776917, -0.890400757, 0.439605072), Rotation.from_euler("ZYX", angles, degrees=True))
-    expected = base @ target @ np.linalg.inv(tool)
-    np.testing.assert_allclose(flange.matrices()[1], expected, atol=1e-12)
+    np.testing.assert_allclose(flange.matrices()[1], base @ target @ np.linalg.inv(tool), atol=1e-12)
 
 
 def test_the_way_back_gives_the_values() -> None:
@@ -282,8 +281,7 @@ def test_line_ends_are_those_of_the_controller() -> None:
 
 
 def test_a_prismatic_joint_is_in_mm() -> None:
-    text = krl.write([("a", (0.5, 0.25))], linear=[1])
-    assert "PTP {A1 28.64789,A2 250.00000}" in text
+    assert "PTP {A1 28.64789,A2 250.00000}" in krl.write([("a", (0.5, 0.25))], linear=[1])
 
 
 @pytest.mark.parametrize(

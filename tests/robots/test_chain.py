@@ -412,8 +412,8 @@ def test_quaternion_is_scipys_and_comes_back(vector: Array) -> None:
     rotation = Rotation.from_rotvec(vector).as_matrix()
     quaternion = quaternion_from_rotation(rotation)
     theirs = Rotation.from_matrix(rotation).as_quat(canonical=True, scalar_first=True)
-    sign = np.sign(quaternion @ theirs)  # at pi the two signs are one rotation
-    np.testing.assert_allclose(quaternion, sign * theirs, atol=1e-14)
+    # At pi the two signs are one rotation.
+    np.testing.assert_allclose(quaternion, np.sign(quaternion @ theirs) * theirs, atol=1e-14)
     assert quaternion[0] >= 0
     np.testing.assert_allclose(rotation_from_quaternion(quaternion), rotation, atol=1e-14)
 

@@ -44,7 +44,6 @@ def test_the_verdict_presumes_what_the_residual_alone_tells() -> None:
     noise_alone = assumption_of("explained", ESTIMATED, None)
     assert noise_alone.startswith("explained if the measurement noise is 0.02 mm along each axis")
     both = assumption_of("explained", ESTIMATED, SCATTER)
-    assert both is not None
     assert "the arm's own repeatability is 0.086 mm rms at the target and the measurement noise is 0.02 mm" in both
     assert assumption_of("explained", KNOWN, None) is None
     assert assumption_of("partly_explained", ESTIMATED, SCATTER) is None
@@ -63,9 +62,7 @@ def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
     for source in ("file", "repeats"):
         known = LackOfFit(Noise(2e-5, None, source), None, 1.0)
         assert assumption_of("explained", known, replace(SCATTER, source="repeated visits")) is None
-        text = assumption_of("explained", known, SCATTER)
-        assert text is not None
-        assert "measurement noise" not in text
+        assert "measurement noise" not in assumption_of("explained", known, SCATTER)
         assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
 
 
@@ -517,8 +514,7 @@ def traced_of_process(paths: int, points: int, size: float, seed: int) -> Trace:
     offsets = rng.normal(scale=4e-4, size=(6, 1))
     position = independent_arm.targets(q + offsets) + process
     data = Measurements(position=position + NOISE_OF_PROCESS * rng.standard_normal(position.shape), q=q)
-    robot = independent_arm.robot()
-    return trace(model_of(robot, independent_arm.DECLARED, data), data)
+    return trace(model_of(independent_arm.robot(), independent_arm.DECLARED, data), data)
 
 
 @pytest.mark.parametrize(
@@ -537,7 +533,6 @@ def test_a_calibration_beside_a_process_fits_what_was_asked() -> None:
     """The joints of the compliance are searched, which needs the process that the arm has in place of one."""
     robot, rng = arm("ur10").robot, np.random.default_rng(0)
     data = simulate(robot, Plan(80, orientation=False, sampling="random")).data
-    assert data.q is not None
     waves, sizes = rng.normal(scale=0.7, size=(30, 6)), 5e-4 * rng.normal(size=(6, 30))
     read = data.q + sizes @ np.cos(waves @ data.q + rng.uniform(0.0, 2.0 * np.pi, (30, 1)))
     position = predict(robot, replace(data, q=read)).translation + 2e-5 * rng.normal(size=(3, 80))

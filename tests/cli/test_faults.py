@@ -46,8 +46,9 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     poses, robot = SAMPLES / "trace" / "poses.csv", SAMPLES / "trace" / "robot.yaml"
     # Poses whose result is longer than the buffer of a pipe.
     long = f"{{ cat {poses}; for i in 1 2 3; do tail -n 150 {poses}; done; }}"
+    warm = f"sed 's/^q1/temperatur_c,q1/;s/^[-0-9]/20,&/' {poses} | cat"
     estimate = f"{command} {' '.join(ESTIMATE)}"
-    line = line.format(robacc=command, estimate=estimate, samples=SAMPLES, long=long, robot=robot)
+    line = line.format(robacc=command, estimate=estimate, samples=SAMPLES, long=long, warm=warm, robot=robot)
     return subprocess.run(("bash", "-c", line), capture_output=True, text=True, timeout=60, check=False)
 
 
@@ -164,6 +165,7 @@ def test_a_full_standard_output(command: str) -> None:
         ("{robacc} estimate - <&-", 3, "error: <stdin>: the file is empty\n"),
         ("{robacc} estimate nowhere.csv 2>&-", 3, ""),
         ("{long} | {robacc} estimate - --robot {robot} --format json | head -1; exit ${{PIPESTATUS[1]}}", 141, ""),
+        ("{warm} | {robacc} estimate - --robot {robot} | true; exit ${{PIPESTATUS[2]}}", 141, "warning: <stdin>:"),
         ("{robacc} show {samples}/robot.yaml | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} | true; exit ${{PIPESTATUS[0]}}", 141, ""),

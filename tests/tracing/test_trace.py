@@ -40,30 +40,35 @@ KNOWN = LackOfFit(Noise(2e-5, None, "file"), 0.3, 1.0)
 SCATTER = Repeatability((("j1", 3e-5),), 8.6e-5, "residual", 0.0)
 
 
-def test_the_verdict_presumes_what_the_residual_alone_tells() -> None:
-    noise_alone = assumption_of("explained", ESTIMATED, None)
-    assert noise_alone.startswith("explained if the measurement noise is 0.02 mm along each axis")
-    both = assumption_of("explained", ESTIMATED, SCATTER)
-    assert "the arm's own repeatability is 0.086 mm rms at the target and the measurement noise is 0.02 mm" in both
-    assert assumption_of("explained", KNOWN, None) is None
-    assert assumption_of("partly_explained", ESTIMATED, SCATTER) is None
+REPEATED = LackOfFit(Noise(2e-5, None, "repeats"), None, 1.0)
+VISITED = replace(SCATTER, source="repeated visits")
+NOISE_IS = "the measurement noise is {} mm along each axis (standard deviation); sigma columns or repeated poses"
+ARM_IS = "the arm's own repeatability is 0.086 mm rms at the target"
 
 
-def test_noise_that_the_scatter_of_the_joints_hides_gets_no_number() -> None:
-    """Of 50 poses of an arm, measured once each, the joints' scatter took all but 65 nm of the residual."""
-    for told in (None, replace(SCATTER, source="repeated visits")):
-        assert "the measurement noise is" in (assumption_of("explained", TINY, told) or "")
-    size = "the arm's own repeatability is 0.086 mm rms at the target"
-    assert assumption_of("explained", TINY, SCATTER) == f"explained if {size}; repeated poses would test this"
-
-
-def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
-    """Noise estimated beside scatter has no test, yet sigma columns or repeated visits tell it."""
-    for source in ("file", "repeats"):
-        known = LackOfFit(Noise(2e-5, None, source), None, 1.0)
-        assert assumption_of("explained", known, replace(SCATTER, source="repeated visits")) is None
-        assert "measurement noise" not in assumption_of("explained", known, SCATTER)
-        assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
+@pytest.mark.parametrize(
+    ("lack", "scatter", "presumed"),
+    [
+        (ESTIMATED, None, NOISE_IS.format("0.02")),
+        (ESTIMATED, SCATTER, f"{ARM_IS} and {NOISE_IS.format('0.02')}"),
+        # Noise that scatter of the joints hides gets no number: of 50 poses, the scatter took all but 65 nm.
+        (TINY, None, NOISE_IS.format("4e-05")),
+        (TINY, VISITED, NOISE_IS.format("4e-05")),
+        (TINY, SCATTER, f"{ARM_IS}; repeated poses"),
+        # Noise estimated beside scatter has no test, yet sigma columns or repeated visits tell it.
+        *((replace(told, p_value=None), SCATTER, f"{ARM_IS}; repeated poses") for told in (KNOWN, REPEATED)),
+        *((replace(told, p_value=None), VISITED, None) for told in (KNOWN, REPEATED)),
+        (KNOWN, None, None),
+    ],
+)
+def test_the_verdict_presumes_what_the_residual_alone_tells(
+    lack: LackOfFit, scatter: Repeatability | None, presumed: str | None
+) -> None:
+    expected = presumed and f"explained if {presumed} would test this"
+    assert (assumption_of("explained", lack, scatter), assumption_of("partly_explained", lack, scatter)) == (
+        expected,
+        None,
+    )
 
 
 def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float, noise_rms: float | None) -> Any:
@@ -92,6 +97,8 @@ def test_the_table_names_hidden_noise() -> None:
         "remaining error) because the file has neither sigma columns nor repeated poses"
     )
     assert "measurement noise: 0.0346 mm rms, estimated" in _residual(result_of(ESTIMATED, SCATTER, 7.7e-5, None))
+    for known in (KNOWN, REPEATED):
+        assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
     shares = [line for line in _remaining_error(result_of(TINY, SCATTER, 7.7e-5, None)) if "explainable" in line]
     assert shares == ["77 % of the explainable error is explained (held-out variance above noise and repeatability)"]
 

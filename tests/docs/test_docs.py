@@ -271,7 +271,7 @@ def test_the_example_asks_for_the_accuracy_then_for_the_cause_and_closes_the_loo
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Outputs of all commands of the example, in one session."""
-    session = Session(tmp_path_factory.mktemp("example"))
+    session = Session(tmp_path_factory.mktemp("example"), CACHE)
     return [session.run(shown.command) for shown in EXAMPLE]
 
 

@@ -64,9 +64,15 @@ BRANCHED = """<robot name="torso">
 FOLLOWS = '<parent link="base"/><child link="upper"/><mimic joint="follow" multiplier="3" offset="0.5"/>'
 NO_LIMITS = TREE.replace('lower="-1" upper="2"', 'lower="-inf" upper="inf"').replace('lower="0" upper', "upper")
 FIXED = '<joint name="left_arm" type="fixed">'
+FORK = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
+EQUAL = FORK.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
+ROOTS = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
+LOOP = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
+CIRCLE = LOOP.replace('<link name="world"/>', "")
 READ: dict[str, tuple[str, ...]] = {
     "to the leaf with most joints": (TREE,),
     "between two links": (TREE, "base", "flange"),
+    "from one of two roots": (ROOTS, "world"),
     # By way of another that follows: 3 times -2, and 3 times 0.01 and 0.5.
     "a mimic follows the joint that moves": (TREE.replace('<parent link="base"/><child link="upper"/>', FOLLOWS),),
     "infinite limits are none, a missing one is 0": (NO_LIMITS,),
@@ -189,31 +195,32 @@ def test_entities_are_refused_before_they_are_expanded() -> None:
     assert "is not allowed" in problems_of(secret)
 
 
-def test_what_a_chain_cannot_be_chosen_from() -> None:
-    equal = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
-    equal = equal.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
-    text = problems_of(equal)
-    assert "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with `tip_link`" in text
-    roots = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
-    assert "2 links could be the base: world, island; choose one with `base_link`" in problems_of(roots)
-    assert parse_urdf(roots, "t", "world").tip_link == "thumb"
-    circle = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
-    circle = circle.replace('<link name="world"/>', "")
-    assert "the joints form a loop" in problems_of(circle)
-    with pytest.raises(UsageError, match="is not behind link"):
-        parse_urdf(circle, "t", "thumb", "flange")
-    assert "has no links" in problems_of('<robot name="r"/>')
-    assert "no joint follows the link 'thumb'" in problems_of(TREE, "thumb")
-    assert "no joint between 'world' and 'base' moves; choose a longer chain" in problems_of(TREE, None, "base")
-
-
-def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
-    with pytest.raises(UsageError, match=r"`tip_link`: t.urdf has no link 'flang'; it has flange"):
-        parse_urdf(TREE, "t.urdf", None, "flang")
-    with pytest.raises(UsageError, match=r"`base_link`: t.urdf has no link '1'; it has world, base, "):
-        parse_urdf(TREE, "t.urdf", "1")
-    with pytest.raises(UsageError, match="link 'base' is not behind link 'upper'"):
-        parse_urdf(TREE, "t.urdf", "upper", "base")
+@pytest.mark.parametrize(
+    ("text", "links", "error", "message"),
+    [
+        (
+            EQUAL,
+            (),
+            InputError,
+            "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with `tip_link`",
+        ),
+        (ROOTS, (), InputError, "2 links could be the base: world, island; choose one with `base_link`"),
+        (CIRCLE, (), InputError, "the joints form a loop"),
+        (CIRCLE, ("thumb", "flange"), UsageError, "is not behind link"),
+        ('<robot name="r"/>', (), InputError, "has no links"),
+        (TREE, ("thumb",), InputError, "no joint follows the link 'thumb'"),
+        (TREE, (None, "base"), InputError, "no joint between 'world' and 'base' moves; choose a longer chain"),
+        (TREE, (None, "flang"), UsageError, "`tip_link`: tree.urdf has no link 'flang'; it has flange"),
+        (TREE, ("1",), UsageError, "`base_link`: tree.urdf has no link '1'; it has world, base, "),
+        (TREE, ("upper", "base"), UsageError, "link 'base' is not behind link 'upper'"),
+    ],
+)
+def test_what_a_chain_cannot_be_chosen_from(
+    text: str, links: tuple[str | None, ...], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error) as caught:
+        parse_urdf(text, "tree.urdf", *links)
+    assert message in str(caught.value)
 
 
 def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ import dataclasses
 import json
 import re
 import shlex
-import shutil
 from pathlib import Path
 from typing import Any
 from xml.etree import ElementTree
@@ -570,20 +569,23 @@ def test_angles_stay_near_those_of_the_program() -> None:
     assert text.count("\r\n") == text.count("\n")
 
 
-def test_files_that_cannot_be_read_get_one_message(tmp_path: Path) -> None:
-    text = (SAMPLES / "cell.dtx").read_text(encoding="utf-8")
-    cut = saved(tmp_path / "cut.dtx", text[: text.index("</Datas>")])
-    with pytest.raises(InputError, match="is truncated: it has no </Database>"):
-        read_program(cut)
-    other = saved(tmp_path / "other.dtx", "<Database><Datas/></Database>")
-    with pytest.raises(InputError, match="is not a VAL3 data file"):
-        read_program(other)
-    with pytest.raises(InputError, match=r"give the \.dtx file beside it"):
-        read_program(SAMPLES / "main.pgx")
-    shutil.copy(SAMPLES / "cell.dtx", tmp_path / "inch.dtx")
-    (tmp_path / "app.pjx").write_text('<Project><Parameters millimeterUnit="false" /></Project>', encoding="utf-8")
-    with pytest.raises(InputError, match="belongs to a project in inches"):
-        read_program(tmp_path / "inch.dtx")
+CELL = (SAMPLES / "cell.dtx").read_text(encoding="utf-8")
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "message"),
+    [
+        ("cut.dtx", CELL[: CELL.index("</Datas>")], "is truncated: it has no </Database>"),
+        ("other.dtx", "<Database><Datas/></Database>", "is not a VAL3 data file"),
+        ("main.pgx", (SAMPLES / "main.pgx").read_text(encoding="utf-8"), r"give the \.dtx file beside it"),
+        ("inch.dtx", CELL, "belongs to a project in inches"),
+    ],
+)
+def test_files_that_cannot_be_read_get_one_message(name: str, text: str, message: str, tmp_path: Path) -> None:
+    if name == "inch.dtx":
+        saved(tmp_path / "app.pjx", '<Project><Parameters millimeterUnit="false" /></Project>')
+    with pytest.raises(InputError, match=message):
+        read_program(saved(tmp_path / name, text))
 
 
 TABLES = {

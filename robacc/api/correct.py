@@ -33,7 +33,7 @@ from robacc.correction import (
     correction,
 )
 from robacc.documents.envelope import csv_text
-from robacc.errors import LISTED, InputError, MissingColumnError, Problem, by_key, refuse
+from robacc.errors import LISTED, InputError, MissingColumnError, Problem, by_key, listing, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
@@ -143,12 +143,9 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
     groups = by_key((_SIZES.sub("", each[2]), each) for each in unchanged)
     texts = {}
     for group in groups.values():
-        places = ", ".join(
-            name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group[:LISTED]
-        )
-        more = f" and {len(group) - LISTED} more" if len(group) > LISTED else ""
+        places = [name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group]
         first = "at the first, " * (len({reason for *_, reason in group}) > 1)
-        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({places}{more})"
+        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({listing(places, LISTED)})"
         texts[f"{targets}: {first}{group[0][2]}"] = group[0][0]
     return texts
 

@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, listing, refuse
 from robacc.geometry import Array, Poses
 from robacc.io.files import ProblemLog
 from robacc.robots.description import (
@@ -239,7 +239,7 @@ def _choose_chain(
     )
     several, loop = f"{len(roots)} links could be the base", "the joints form a loop: there is no link to start from"
     refuse(
-        (roots[1:], Problem(f"{several}: {_listing(roots)}", tree.log.file, fix="choose one with `base_link`")),
+        (roots[1:], Problem(f"{several}: {listing(roots, 12)}", tree.log.file, fix="choose one with `base_link`")),
         (not roots, Problem(loop if moved else "the file has no links", tree.log.file)),
     )
     base = roots[0]
@@ -274,7 +274,7 @@ def _choose_chain(
         (
             n_best > 1,
             Problem(
-                f"{n_best} chains are equally long; the tree ends at {_listing(names)}",
+                f"{n_best} chains are equally long; the tree ends at {listing(names, 12)}",
                 tree.log.file,
                 fix="choose one with `tip_link`",
             ),
@@ -294,17 +294,12 @@ def _flange(tree: _Tree, link: _Link) -> _Link:
 def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:
     known = [str(link) for link in tree.links]
     names = difflib.get_close_matches(name, known, 3, 0.5) or known
-    refuse((name not in known, f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}"))
+    refuse((name not in known, f"{parameter}: {tree.log.file} has no link {name!r}; it has {listing(names, 12)}"))
     return name
-
-
-def _listing(names: Sequence[_Link]) -> str:
-    return ", ".join(map(str, names[:12])) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
 # Joints, and their sizes: a URDF is in m and rad.
 
-_TYPES = ("revolute", "prismatic", "fixed")
 _LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in rad"
 
 
@@ -362,7 +357,11 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
         far = max(map(abs, joint.com or ZERO))
         travel = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
         problems = [
-            (joint.type not in _TYPES, unknown, "choose a chain without it with `base_link` and `tip_link`"),
+            (
+                joint.type not in ("revolute", "prismatic", "fixed"),
+                unknown,
+                "choose a chain without it with `base_link` and `tip_link`",
+            ),
             (no_axis, "the joint's axis is zero and has no direction", None),
             (infinite, one_infinite, None),
             (lower > upper and not infinite, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),

@@ -77,10 +77,6 @@ _SHARES = np.geomspace(1e-3, 1.2, 24)
 size of the rounding cannot show it; exact data make the covariances singular."""
 
 
-_EXACT = 1e-5
-"""m; no arm and no instrument is as exact, but the positions of a controller with many digits are."""
-
-
 class Rounding(NamedTuple):
     """Steps of the recorded joint variables, which the residual shows."""
 
@@ -139,7 +135,8 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
     rounded = ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
-    is_small = rms_length(errors) <= max(rounded, _EXACT)
+    # No arm and no instrument is as exact as 1e-5 m, but the positions of a controller with many digits are.
+    is_small = rms_length(errors) <= max(rounded, 1e-5)
     computed = "the positions look computed from the joints, not measured: give those of an instrument"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
@@ -308,11 +305,7 @@ def unlogged_loads(fit: "Fit", data: Measurements) -> RowLoads | None:
     return RowLoads(tuple(rows[labels == label] for label in order), tuple(shares.tolist()))
 
 
-_Grouping = tuple[NDArray[np.int64], Array, float]
-"""Group of each row ``(N,)``, level of each group, and the sum of squares that remains."""
-
-
-def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
+def _grouped(residual: Array, common: Array, moved: Array) -> tuple[NDArray[np.int64], Array, float] | None:
     """Return the fewest groups of rows whose products with ``moved`` ``(3, J, N)`` explain the residual ``(3, N)``.
 
     ``common`` ``(3, P, N)`` are columns with one coefficient for all rows.

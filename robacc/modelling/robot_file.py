@@ -27,7 +27,6 @@ from robacc.robots.yaml_robot import (
 )
 
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
-_TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML), a URDF, or a table with columns theta, d, a, alpha"
 _DATA = Path(__file__).parents[1] / "data"
 
@@ -148,7 +147,7 @@ def read_robot(
             f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain",
         ),
     )
-    if suffix in _TABLES:
+    if suffix in {".csv", ".tsv", ".txt", ".xlsx", ".ods"}:
         table: Robot | None = plug_in("robacc.importers", "dh-table")(text, name)
         return given(table, Problem("is a table, not a robot description", name, fix=_EXPECTED))
     robot = parse_robot(text, name)

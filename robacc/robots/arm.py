@@ -483,9 +483,6 @@ def outline(arm: Arm, q: Array) -> tuple[Array, Array]:
 # brings the target nearer and rises elsewhere (K. Levenberg 1944), so that singular poses stay in place. Joints stop at
 # their limits.
 
-_REACHED = 1e-11
-"""Residual, in units of the arm's length, at which a pose counts as reached; some hundred roundings."""
-
 
 def joint_ranges(
     arm: Arm, endless: float = np.inf, purpose: str = "to search within", fix: str | None = None
@@ -586,7 +583,8 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
     error = np.sqrt(np.sum(np.square(space.weights[:, None] * solution.error), axis=0)).reshape(n, s)
     unlimited = np.isinf(space.low) & np.isinf(space.high)
     q = np.where(unlimited[:, None], np.arctan2(np.sin(solution.q), np.cos(solution.q)), solution.q)
-    return JointSolution(q.reshape(joints, n, s), error, error <= _REACHED * length)
+    # A pose counts as reached to some hundred roundings of the arm's length.
+    return JointSolution(q.reshape(joints, n, s), error, error <= 1e-11 * length)
 
 
 def reach(arm: Arm, q: Array) -> float:
@@ -748,11 +746,8 @@ def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Ar
 
 # Reach and moved mass of an arm.
 
-SAMPLES = 8192
-"""Joint configurations searched for the reach, before the best is refined."""
 _TRIALS = 65
 """Positions tried along each joint's range in a step of the refinement."""
-_ROUNDS = 4
 
 
 def summarise(robot: Robot) -> dict[str, Any]:
@@ -779,9 +774,10 @@ def find_reach(robot: Robot, target: Frame) -> dict[str, float | None]:
     if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
         return {"sampled_m": None, "bound_m": None}
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
-    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
+    # The best of these configurations is refined.
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, 8192)
     best = q[:, [int(np.argmax(_distance(chain, q)))]]
-    for _ in range(_ROUNDS):
+    for _ in range(4):
         for i in range(low.size):
             trial = np.repeat(best, _TRIALS + 1, axis=1)
             # The best so far stays among the trials, so a step never reduces the reach.

@@ -206,8 +206,6 @@ def _are_numbers(text: str, count: int, *, infinite: bool) -> bool:
 
 # Choose one serial chain in the tree of links.
 
-_NUMBERED = re.compile(r"(?i)[qja]_?([1-9]\d?)")
-"""Column of a joint without a name: q1, J1, A1."""
 _UNIT = re.compile(r"(_(m|mm|um|rad|deg|mrad)|\s*[\[(].*[\])])$")
 """Unit at the end of a column's name."""
 _FLANGES = ("tool0", "flange")
@@ -255,7 +253,8 @@ def _choose_chain(
             start = base if base_link or path[0] is first else _link_of(tree.elements[first.name], "parent")
             return start, _flange(tree, tree.joints[name].link)
     leaves = {link: paths[link] for link in tree.links if link in paths and link != base and not tree.below[link]}
-    count = len({match[1] for name in columns if (match := _NUMBERED.fullmatch(name))})
+    # Columns of joints without a name: q1, J1, A1.
+    count = len({match[1] for name in columns if (match := re.fullmatch(r"(?i)[qja]_?([1-9]\d?)", name))})
     moving = {leaf: _moving(path) for leaf, path in leaves.items()}
     longest = 0 if named else max(map(len, moving.values()), default=0)
     links = {path[count - 1].link for path in moving.values() if len(path) == longest > count > 0}

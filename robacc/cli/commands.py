@@ -31,6 +31,7 @@ from robacc.cli.output import (
     write_extra,
 )
 from robacc.errors import Note, Problem, UsageError, refuse
+from robacc.plug_ins import plug_in
 from robacc.render.text import draw, say_warnings, warnings_below
 
 # Measured poses.
@@ -316,7 +317,6 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
-    from robacc.plug_ins import plug_in
 
     inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
     text, losses = plug_in("robacc.exporters", "urdf")(absorb_constants(inputs.robot(call.keywords["model"])))
@@ -836,8 +836,6 @@ def init(
 
 def _write_board(squares: str, folder: str, force: bool) -> None:
     """Write a board to print, its file and one of the camera, and print the next steps."""
-    from robacc.plug_ins import plug_in
-
     files = {name: os.path.normpath(os.path.join(folder, name)) for name in ("board.pdf", "board.yaml", "camera.yaml")}
     _check_free([*files.values()], None, force)
     made = plug_in("robacc.boards", "photos")(squares)

@@ -197,7 +197,11 @@ def memory_of_play(fit: "Fit", data: Measurements, joints: Sequence[str]) -> dic
         return {}
     # In order of time; in order of the file without times.
     order = np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
-    before = previous_visit(data.q[:, order])
+    # For each row the last earlier one with other joints; -1 for the first and its repeats.
+    q = data.q[:, order]
+    changed = np.zeros(q.shape[1], dtype=bool)
+    changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
+    before = np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
     follows = before >= 0
     if np.count_nonzero(follows) < _FEWEST_ROWS:
         return {}
@@ -220,16 +224,6 @@ def memory_of_play(fit: "Fit", data: Measurements, joints: Sequence[str]) -> dic
         size = max(float(np.linalg.norm(products)), 1e-300)
         result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size)
     return result
-
-
-def previous_visit(q: Array) -> NDArray[np.int64]:
-    """Return for each column of ``(J, N)`` the number ``(N,)`` of the last earlier column that differs from it.
-
-    It is -1 for the first column and its repeats.
-    """
-    changed = np.zeros(q.shape[1], dtype=bool)
-    changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
-    return np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
 
 
 def _polynomials(values: Array) -> Array:

@@ -445,7 +445,7 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> Mapping[str, 
     """
     if data.kind is not None:
         return None
-    data = data.subset(even_rows(data.n, 300))  # 44,850 distances
+    data = data.subset(even_rows(data.n, 300))  # whose pairs are 44,850 distances
     commanded = data.position - predicted._replace(frame="base").errors(data).position
     ends = np.stack(np.triu_indices(data.n, 1))
     measured, wanted = (vector_lengths(np.subtract(*p[:, ends].swapaxes(0, 1))) for p in (data.position, commanded))

@@ -415,9 +415,7 @@ PLAN = part(
                 "noise.orientation",
             ),
             repeatability_joints=Key(array(number), "Repeatability of each joint, rad or m.", "noise.joints"),
-            repeatability_m=Key(
-                size, "Repeatability of the target along each axis, m rms over the task.", "noise.at_target"
-            ),
+            repeatability_m=Key(size, "Repeatability of the target along each axis, m rms over the task."),
             unexplained_m=Key(
                 size, "Error of the model that stays the same at a pose, along each axis, m.", "noise.unexplained"
             ),

@@ -182,6 +182,8 @@ class CampaignPlan:
     validation: Measurements | None
     """Validation poses in the order of their visits."""
     noise: ExpectedNoise
+    repeatability: float
+    """At the target along each axis, m rms over the task."""
     coefficients: Sequence[Mapping[str, Any]]
     correlations: tuple[Correlation, ...]
     accuracy: Mapping[str, Any] | None
@@ -291,8 +293,7 @@ def expected_noise(
             "`noise` is zero; give the standard deviation of the instrument along each axis",
         )
     )
-    at_target = repeatability_at_target(model, task, joints)
-    return ExpectedNoise(position, orientation, joints, at_target, unexplained, ", ".join(sources))
+    return ExpectedNoise(position, orientation, joints, unexplained, ", ".join(sources))
 
 
 def known_information(
@@ -328,12 +329,13 @@ def expectation_of(
     """Return the predicted errors at ``task`` of fits of the free effects of ``model`` to some of the ``poses``."""
     rows = candidate_rows(model, poses, noise)
     planned = coefficients(model, rows)
+    scatter = repeatability_at_target(model, task, noise.joints)
     return Expectation(
         rows[:, :, planned.columns],
         region_rows(model, task)[:, :, planned.columns],
         planned,
         known_information(model, planned, noise, already, record),
-        math.sqrt(3.0) * math.hypot(noise.at_target, noise.unexplained),
+        math.sqrt(3.0) * math.hypot(scatter, noise.unexplained),
     )
 
 
@@ -468,6 +470,7 @@ def plan_campaign(
     task_poses = conditions.at(q, conditions.in_turn(q.shape[1]) if payload is None else payload, 6)
     record = model_fit(robot)
     errors = expected_noise(model, task_poses, record, noise, noise_orientation, repeatability, unexplained)
+    scatter = repeatability_at_target(model, task_poses, errors.joints)
     # Poses measured already, or else those of the model's fit.
     n_known = 0 if measured is None else measured.n
     if measured is None and record is not None and purpose == "calibrate":
@@ -558,6 +561,7 @@ def plan_campaign(
         visits,
         _validation(model, conditions, replace(constraints, inside=region or constraints.inside), validation, seed),
         errors,
+        scatter,
         coefficients=expected_coefficients(planned, covariance),
         correlations=() if covariance is None else correlations(planned.names, covariance),
         accuracy=accuracy,

@@ -44,8 +44,6 @@ class ExpectedNoise:
     """Instrument, about each axis, rad; None where orientation is not measured."""
     joints: Array
     """``(J,)`` repeatability of each joint, rad or m."""
-    at_target: float
-    """Repeatability at the target along each axis, m rms over the task."""
     unexplained: float
     """Error of the model that stays the same at one pose and differs from pose to pose, along each axis, m."""
     source: str
@@ -58,7 +56,6 @@ class ExpectedNoise:
             position=self.position * share,
             orientation=None if self.orientation is None else self.orientation * share,
             joints=self.joints / np.sqrt(visits),
-            at_target=self.at_target / np.sqrt(visits),
         )
 
 

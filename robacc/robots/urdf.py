@@ -299,6 +299,7 @@ def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:
 
 # Joints, and their sizes: a URDF is in m and rad.
 
+_TYPES = ("revolute", "prismatic", "fixed")
 _LENGTH_FIX, _ANGLE_FIX = "a URDF's lengths are in m", "a URDF's angles are in rad"
 
 
@@ -356,11 +357,7 @@ def _check_joints(tree: _Tree, joints: Sequence[Joint]) -> None:
         far = max(map(abs, joint.com or ZERO))
         travel = max(map(abs, joint.limits)) if joint.limits and joint.type == "prismatic" else 0.0
         problems = [
-            (
-                joint.type not in ("revolute", "prismatic", "fixed"),
-                unknown,
-                "choose a chain without it with `base_link` and `tip_link`",
-            ),
+            (joint.type not in _TYPES, unknown, "choose a chain without it with `base_link` and `tip_link`"),
             (no_axis, "the joint's axis is zero and has no direction", None),
             (infinite, one_infinite, None),
             (lower > upper and not infinite, f"the lower limit {lower:g} is above the upper limit {upper:g}", None),

@@ -1,4 +1,4 @@
-"""Charts of effects, budgets, comparisons, gates, ISO 9283, plans, tests over time; and all of a result, in order."""
+"""Charts of results, but for those of their poses; and all charts of a result in reading order."""
 
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any

@@ -127,9 +127,10 @@ class Priors:
     ) -> tuple[bool, float]:
         """Maximise the marginal likelihood of the groups' deviations; return whether they changed, and the noise.
 
-        The noise is its variance over the present one, estimated with them unless it is known. Information is the
-        expected one: with the priors' precision P, the posterior covariance C and B = 1 - P^(1/2) C P^(1/2), that of
-        two groups is twice the squared norm of their block of B. ``components`` counts the residuals of the inliers.
+        The noise is its variance over the present one, estimated with them unless it is known. With Q = I - J C J' over
+        the noise, C the posterior covariance, and w the part of the residual that a group or the noise accounts for,
+        the information of two is twice w'Q w: the average of the observed and the expected one, with which scoring
+        needs a few steps (Gilmour, Thompson and Cullis 1995). ``components`` counts the residuals of the inliers.
         """
         member, precision = self._member[:, columns], self.precision[columns]
         grouped = member.any(axis=0)
@@ -140,17 +141,19 @@ class Priors:
             prior = noise * (other + np.exp(-2.0 * log_stds[:-1]) @ scales)
             inverse = posterior(normal.gram, prior)
             theta = inverse @ normal.rhs
-            step, pulls = theta - normal.theta, prior * np.square(theta)
+            step, pull = theta - normal.theta, prior * theta
             squares = normal.cost - step @ (2.0 * normal.gradient - normal.gram @ step)
-            cost = (components - np.count_nonzero(~grouped)) * 2.0 * log_stds[-1] + (squares + pulls.sum()) / noise
+            cost = (components - np.count_nonzero(~grouped)) * 2.0 * log_stds[-1] + (squares + theta @ pull) / noise
             found = 0.5 * float(np.log(prior[grouped]).sum() + np.linalg.slogdet(inverse)[1] - cost)
-            block = np.square(np.eye(prior.size) - np.sqrt(prior)[:, None] * inverse * np.sqrt(prior))
-            determined, shared = 1.0 - prior * np.diag(inverse), block.sum(axis=1)
-            freedom = components - determined.sum()
-            with_noise = (member @ (determined - shared))[:, None]
-            of_noise = freedom - determined.sum() + shared.sum()
-            information = 2.0 * np.block([[member @ block @ member.T, with_noise], [with_noise.T, of_noise]])
-            return found, np.append(member @ (pulls / noise - determined), squares / noise - freedom), information
+            determined = 1.0 - prior * np.diag(inverse)
+            gradient = np.append(
+                member @ (theta * pull / noise - determined), squares / noise - components + determined.sum()
+            )
+            # Products of the parts, those of the groups and the noise, with the columns and with each other.
+            of_groups = member * theta
+            along = np.vstack((of_groups @ normal.gram, pull))
+            products = np.vstack((of_groups @ along.T, np.append(of_groups @ pull, squares)))
+            return found, gradient, 2.0 * (products - along @ inverse @ along.T) / noise
 
         spread = 0.0 if noise_known else -math.log(HALF_DIGITS)
         low, high = np.log(NEGLIGIBLE * SETTLED * self._largest), np.log(self._largest)

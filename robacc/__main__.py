@@ -9,8 +9,6 @@ from typing import NoReturn
 _REPEAT_TIME = 1.0
 """Time in s after an interrupt in which another is ignored, so that the clean-up is not disturbed."""
 _last_interrupt = -_REPEAT_TIME
-_IMPORT_WAIT = 0.01
-"""Time in s after which an interrupt that arrived within an import is raised again."""
 
 
 def main() -> None:
@@ -49,7 +47,7 @@ def _raise_interrupt(number: int, frame: FrameType | None) -> None:
     """Raise an interrupt; within an import wait until it ends, since extension modules clear exceptions."""
     while frame is not None and hasattr(signal, "setitimer"):
         if "importlib._bootstrap" in frame.f_code.co_filename:
-            signal.setitimer(signal.ITIMER_REAL, _IMPORT_WAIT)
+            signal.setitimer(signal.ITIMER_REAL, 0.01)  # s, after which it is raised again
             return
         frame = frame.f_back
     raise KeyboardInterrupt

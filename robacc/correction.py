@@ -162,8 +162,6 @@ def check_same_joints(model: Robot, nominal: Robot) -> None:
     refuse((types[0] != types[1], Problem(message, nominal.name, fix=fix)))
 
 
-_REACHED = 1e-7
-"""m and rad: error at which the nominal robot reaches a Cartesian target."""
 _BLOCK = 256
 """Cartesian targets without joints whose configurations are searched at a time."""
 
@@ -207,7 +205,7 @@ def wanted_poses(data: Measurements, setting: CorrectionSetting) -> WantedPoses:
     start = _searched_joints(setting.nominal, wanted, oriented) if data.q is None else data.q
     evaluate = pose_evaluator(setting, Model(setting.nominal), wanted, oriented, (None, None), np.arange(data.n))
     solution = solve(evaluate, start, setting.joint_space(start, oriented))
-    reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < _REACHED
+    reached = np.max(np.abs(solution.error), axis=0, initial=0.0) < 1e-7  # m and rad
     reached |= (oriented and start.shape[0] < 6) & solution.converged
     wanted = wanted if oriented else Poses(setting.nominal_poses(solution.q).rotation, wanted.translation)
     return WantedPoses("poses" if data.q is None else "poses and joints", wanted, oriented, solution.q, reached)

@@ -85,6 +85,11 @@ def by_key(pairs: Iterable[tuple[Key, Value]]) -> dict[Key, list[Value]]:
     return groups
 
 
+def listing(names: Sequence[object], most: int = 6) -> str:
+    """Return the names separated by commas, the others beyond ``most`` counted."""
+    return ", ".join(map(str, names[:most])) + (f" and {len(names) - most} more" if len(names) > most else "")
+
+
 def given(value: Value | None, reason: str | Problem, error: type[Exception] = UsageError) -> Value:
     """Return a value; None raises the error of :func:`refuse` with this reason."""
     if value is None:

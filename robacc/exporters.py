@@ -27,8 +27,6 @@ from robacc.robots.description import Frame, Robot
 from robacc.simulation.simulate import Plan, simulate
 
 GROUP = "robacc.exporters"
-FIT_POSES = 400
-CHECK_POSES = 1000
 _SEEDS = (11, 12)
 """Seeds of the poses for the fit and of those for the remaining error."""
 
@@ -94,7 +92,7 @@ def restricted(robot: Robot, nominal: Robot | None = None) -> tuple[Robot, Robot
             excluded.append(entry)
     complete = dataclasses.replace(whole, effects=tuple(kept))
     if nominal is not None or kept:
-        data = simulate(_single_target(complete), Plan(FIT_POSES, seed=_SEEDS[0])).data
+        data = simulate(_single_target(complete), Plan(400, seed=_SEEDS[0])).data
         model = Model.of(_single_target(start))
         free: list[Effect] = [JointOffset(model.arm.names)]
         free += [LinkGeometry(model.arm.names)] if nominal is None else []
@@ -106,7 +104,7 @@ def restricted(robot: Robot, nominal: Robot | None = None) -> tuple[Robot, Robot
 
 def remaining_error(complete: Robot, controller: Robot) -> RemainingError:
     """Return the difference of the poses of two arms within the joint limits of the first."""
-    data = simulate(_single_target(complete), Plan(CHECK_POSES, seed=_SEEDS[1])).data
+    data = simulate(_single_target(complete), Plan(1000, seed=_SEEDS[1])).data
     attained = predict(_single_target(controller), dataclasses.replace(data, target=None))
     assert data.rotation is not None
     turned = log_between(attained.rotation, data.rotation)

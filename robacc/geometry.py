@@ -19,9 +19,6 @@ from numpy.typing import NDArray as NDArray
 
 Array = NDArray[np.float64]
 
-_SMALL_ANGLE = 1e-4
-"""Angle (rad) below which series such as that of sin(x)/x are exact to 1e-16 and closed forms lose digits."""
-
 
 def cross(a: Array, b: Array) -> Array:
     """Return the cross product of vectors ``(3, ...)`` and ``(3, ...)``."""
@@ -152,7 +149,7 @@ def nearest_rotation(matrix: Array) -> Array:
 def _size(vector: Array) -> tuple[Array, NDArray[np.bool_], Array]:
     """Return the length of vectors, where it is so small that closed forms lose digits, and the length or 1 there."""
     length = np.sqrt(np.sum(np.square(vector), axis=0))
-    small = length < _SMALL_ANGLE
+    small = length < 1e-4  # rad; below it series such as that of sin(x)/x are exact to 1e-16
     return length, small, np.where(small, 1.0, length)
 
 

@@ -669,8 +669,6 @@ _SCHEMAS = (
 )
 """Statements that bring a database of each version to the next; its version is SQLite's ``user_version``."""
 _OTHER = "is not a database of robacc history"
-_PATIENCE = 30.0
-"""s to wait for another program that writes."""
 _WITHOUT = ("poses", "poses_apart", "candidates", "worst_poses", "detection_limits", "next_poses")
 """Lists that the stored document lacks: they are long, and the result file has them."""
 _STD = f"(t.high - t.low) / {2.0 * normal_quantile(0.975)!r}"
@@ -701,7 +699,8 @@ def opened(path: str, *, writes: bool = False) -> Iterator[sqlite3.Connection]:
         is_fixed = not os.access(os.path.dirname(path) or ".", os.W_OK)
         reads = "ro&immutable=1" if is_fixed else "rw" if os.access(path, os.W_OK) else "ro"
         uri = f"file:{quote(path)}?mode={'rwc' if writes else reads}"
-        with closing(sqlite3.connect(uri, _PATIENCE, uri=True, isolation_level=None)) as db:
+        # 30 s is the time to wait for another program that writes.
+        with closing(sqlite3.connect(uri, 30.0, uri=True, isolation_level=None)) as db:
             db.execute(f"PRAGMA query_only = {int(not writes)}")
             if writes:
                 db.execute("PRAGMA journal_mode = WAL")

@@ -15,8 +15,6 @@ from typing import Any, NamedTuple, NoReturn, ParamSpec, TypeVar
 
 from robacc.errors import InputError, Problem, UsageError, install_advice
 
-_GRACE_PERIOD = 5.0
-"""s that a process has to clean up after it was asked to end."""
 _ATTEMPTS = 3
 """Times that a task is tried whose process is ended from outside: the third time, the task is to blame."""
 _TIMEOUT = 10.0
@@ -168,7 +166,7 @@ def _in_processes(
         for process in processes:
             process.terminate()
         for process in processes:
-            process.join(_GRACE_PERIOD)
+            process.join(5.0)  # s, to clean up
             process.kill()
 
 

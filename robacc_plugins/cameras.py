@@ -16,7 +16,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import yaml
 
-from robacc.errors import Note, refuse
+from robacc.errors import Note, listing, refuse
 from robacc.geometry import Array, NDArray, Poses, compose, exp_so3, nearest_rotation, skew
 from robacc.io.files import read_text
 from robacc.io.yaml_nodes import YamlSection, join, top_section
@@ -24,7 +24,6 @@ from robacc.measurements import IMAGES, Measurements, numbered, numbered_visits
 from robacc.plug_ins import plug_in
 from robacc.poses.cameras import BOARDS, projection
 from robacc.poses.csv_file import KindTable
-from robacc.poses.layout import listing
 from robacc.poses.reading import heading_of
 
 _PIXELS = ("u_px", "v_px")

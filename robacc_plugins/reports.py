@@ -16,13 +16,12 @@ from typing import BinaryIO
 
 import numpy as np
 
-from robacc.errors import Problem, refuse
+from robacc.errors import Problem, listing, refuse
 from robacc.geometry import NDArray
 from robacc.io.column_table import ColumnTable
 from robacc.io.dialect import NUMBER
 from robacc.io.files import bytes_of, clip, decode
 from robacc.io.table import Table, TableBody, TableOptions, TextTable
-from robacc.poses.layout import listing
 from robacc.poses.reading import AXES, DEVIATIONS, UNITS, heading_of, is_point_name, labelled, meaning_of, source_of
 from robacc.poses.reshaped_tables import MEASURED, ReshapedTable, Rows, points_in_rows
 

@@ -77,13 +77,6 @@ def test_an_error_in_the_first_part_is_the_one_that_is_raised() -> None:
         list(Workers(2).in_order(doubled_or_dead, [0, 3, 2], print))
 
 
-def test_a_cluster_that_does_not_answer_is_named(monkeypatch: pytest.MonkeyPatch) -> None:
-    pytest.importorskip("distributed")
-    monkeypatch.setattr("robacc.workers._TIMEOUT", 0.5)
-    with pytest.raises(UsageError, match=r"no scheduler of Dask answers at tcp://127\.0\.0\.1:9"):
-        list(Workers(cluster="tcp://127.0.0.1:9").each(doubled_or_dead, [5]))
-
-
 SCRIPT = """
 import numpy
 from threadpoolctl import threadpool_info

@@ -5,10 +5,9 @@ contradict it (Hotelling's and Mardia's tests at 1 %), intervals are chi-square 
 commanded poses were repeated, intervals come from resampling poses. Each interval names its method.
 """
 
-import dataclasses
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, Literal, NamedTuple
 
@@ -588,7 +587,7 @@ class _ErrorSample(PoseSampling):
             method = (
                 "the sample's percentile and the shape of the fitted Gaussian, valid only if the errors are Gaussian"
             )
-            return dataclasses.replace(model.interval(confidence, method), curve=curve._replace(model=model))
+            return replace(model.interval(confidence, method), curve=curve._replace(model=model))
         # The k-th of n is at k / (n + 1) in levels and at k - 1 in positions.
         step = (lengths.size - 1) / (self.n - 1)
         lower, upper, bound = (

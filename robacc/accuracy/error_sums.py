@@ -23,8 +23,6 @@ _HASHES = 1 << 19
 _SHIFT = np.uint64(52 - 12)
 """Bits of a length that do not count in its bin: its exponent and 12 bits of its mantissa do, so a bin is a 4096th
 of its length wide at most."""
-_LEVELS = 1 << 16
-"""Quantiles that stand for the lengths, at equal steps of the probability."""
 
 
 def features(errors: Array, lengths: Array) -> Array:
@@ -117,7 +115,8 @@ class ErrorSums:
         numbers, counts = self.bins
         edges = np.stack((numbers, numbers + 1)).astype(np.uint64) << _SHIFT
         below = np.concatenate(([0], np.cumsum(counts)))
-        probability = np.linspace(0.0, self.n, _LEVELS)
+        # Quantiles that stand for the lengths, at equal steps of the probability.
+        probability = np.linspace(0.0, self.n, 1 << 16)
         place = np.clip(np.searchsorted(below, probability, side="right") - 1, 0, counts.size - 1)
         low, high = edges.view(np.float64)[:, place]
         share = (probability - below[place]) / counts[place]

@@ -147,8 +147,6 @@ def position_errors(data: Measurements, commanded: Array, turns: Array | None) -
 
 # Registration of the commanded poses before errors are judged, and the sign that it is missing.
 
-_MOSTLY = 0.6
-"""Share of the errors' squares from which a step explains them."""
 _FEWEST_ROWS, _FEWEST_AT_END = 20, 3
 """Rows that a step is looked for in, and rows before and after it, at least."""
 
@@ -222,7 +220,8 @@ def moved_warning(data: Measurements, error: Array) -> tuple[str, ...]:
     centred = error - error.mean(axis=1, keepdims=True)
     explained = np.square(np.cumsum(centred, axis=1)[:, before - 1]).sum(axis=0) * n / (before * (n - before))
     first = int(before[np.argmax(explained)])
-    if explained.max() <= _MOSTLY * np.sum(np.square(centred)):
+    # Share of the errors' squares from which a step explains them.
+    if explained.max() <= 0.6 * np.sum(np.square(centred)):
         return ()
     step = np.linalg.norm(centred[:, first:].mean(axis=1) - centred[:, :first].mean(axis=1))
     return (
@@ -265,11 +264,6 @@ class TargetErrors(NamedTuple):
 # What an arm is told as offsets from a point that it has found, and a ball bar or a scale bar measures, are distances.
 # The largest error of many is the length measuring error of an instrument's acceptance (ISO 10360-2, VDI/VDE 2634-1),
 # which is stated as a constant plus a share of the length: hence the share, and the errors of short and long distances.
-
-_MOST_ENDS = 300
-"""Poses, evenly spread over the rows, whose pairs are taken: 44,850 distances."""
-_BANDS = 4
-"""Bands of distance, each of as many pairs."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -451,7 +445,7 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> Mapping[str, 
     """
     if data.kind is not None:
         return None
-    data = data.subset(even_rows(data.n, _MOST_ENDS))
+    data = data.subset(even_rows(data.n, 300))  # whose pairs are 44,850 distances
     commanded = data.position - predicted._replace(frame="base").errors(data).position
     ends = np.stack(np.triu_indices(data.n, 1))
     measured, wanted = (vector_lengths(np.subtract(*p[:, ends].swapaxes(0, 1))) for p in (data.position, commanded))
@@ -477,7 +471,7 @@ def distance_errors(data: Measurements, predicted: PredictedBy) -> Mapping[str, 
                 "rms_m": float(rms_length(error[None, part])),
                 "max_m": float(sizes[part].max()),
             }
-            for part in np.array_split(order, _BANDS)
+            for part in np.array_split(order, 4)  # bands of distance, each of as many pairs
             if part.size
         ],
     }

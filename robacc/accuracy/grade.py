@@ -15,7 +15,6 @@ from robacc.statistics.intervals import Interval, largest_known
 Quantity = Literal["position", "orientation"]
 
 VERSION = "1"
-_KEYS = ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise")
 _WIDER = "list the best grade first"
 
 
@@ -79,7 +78,7 @@ def load_scale(text: str, file: str) -> Scale:
     Raises:
         InputError: With every problem, its line and key.
     """
-    top = top_section(text, file, _KEYS)
+    top = top_section(text, file, ("robacc", "name", "statistic", "confidence", "units", "steps", "otherwise"))
     top.text("robacc", (VERSION,), needed=True)
     confidence = top.number("confidence", lambda level: 0.5 <= level < 1.0, "at least 0.5 and less than 1")
     if (node := top.get("units")) is None:

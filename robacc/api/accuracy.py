@@ -66,9 +66,6 @@ from robacc.render.views.accuracy import estimate_view, proposal_comments, propo
 from robacc.robots.description import Robot
 from robacc.workers import Workers
 
-_MOST_ROWS = 5000
-"""Rows that show a step and a rounding well enough."""
-
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Estimate(Result, EstimateResult, command="estimate"):
@@ -221,7 +218,7 @@ def estimate(
 
 def _doubts(body: EstimateResult, robot: Robot | None, data: Measurements) -> tuple[str, ...]:
     """Return warnings of a mistake in the data, a step between two rows, another arm, and joints with few digits."""
-    rows = even_rows(data.n, _MOST_ROWS)
+    rows = even_rows(data.n, 5000)  # rows that show a step and a rounding well enough
     some, fitted = data.subset(rows), body.alignment
     commanded = fitted.commanded.translation[:, rows] if fitted else commanded_poses(some, robot)[0]
     error = some.position - commanded

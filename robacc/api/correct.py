@@ -33,7 +33,7 @@ from robacc.correction import (
     correction,
 )
 from robacc.documents.envelope import csv_text
-from robacc.errors import LISTED, InputError, MissingColumnError, Problem, by_key, refuse
+from robacc.errors import LISTED, InputError, MissingColumnError, Problem, by_key, listing, refuse
 from robacc.geometry import Array, NDArray, Poses, quaternion_from_rotation
 from robacc.measurements import Measurements
 from robacc.modelling.validity import standing_campaign
@@ -54,9 +54,6 @@ from robacc.programs.targets import (
 from robacc.quantities import size
 from robacc.robots.arm import Arm, inverse_kinematics, joint_ranges, part_of
 from robacc.robots.description import Frame, Robot
-
-_SIZES = re.compile(r"[\d.e+-]+(?= ?(?:mm|°))")
-"""Sizes in a reason, which differ from target to target."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
@@ -140,15 +137,13 @@ def _by_reason(unchanged: Iterable[tuple[int, str, str]]) -> dict[str, int]:
     Args:
         unchanged: Line, name and reason of each target; a target without a name has its line or row.
     """
-    groups = by_key((_SIZES.sub("", each[2]), each) for each in unchanged)
+    # Without the sizes in a reason, which differ from target to target.
+    groups = by_key((re.sub(r"[\d.e+-]+(?= ?(?:mm|°))", "", each[2]), each) for each in unchanged)
     texts = {}
     for group in groups.values():
-        places = ", ".join(
-            name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group[:LISTED]
-        )
-        more = f" and {len(group) - LISTED} more" if len(group) > LISTED else ""
+        places = [name if name.startswith(("line ", "row ")) else f"line {line} {name}" for line, name, _ in group]
         first = "at the first, " * (len({reason for *_, reason in group}) > 1)
-        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({places}{more})"
+        targets = f"{len(group)} target{'s' * (len(group) > 1)} ({listing(places, LISTED)})"
         texts[f"{targets}: {first}{group[0][2]}"] = group[0][0]
     return texts
 
@@ -363,9 +358,6 @@ def _limits(
 
 # Call that corrects the targets of a robot program: ``robacc correct PROGRAM``.
 
-_STARTS = 48
-"""Starts of the inverse kinematics: enough for every configuration of an arm with eight, as a rule."""
-
 
 @dataclass(frozen=True, slots=True)
 class CorrectedProgram:
@@ -505,7 +497,8 @@ def _configured(
     if all(window is None for window in windows):
         return np.arange(len(chosen)), before, []
     limits, revolute = joint_ranges(arm), np.array([joint.type == "revolute" for joint in variables])
-    solutions = inverse_kinematics(arm, flange, starts=_STARTS)
+    # Enough starts for every configuration of an arm with eight, as a rule.
+    solutions = inverse_kinematics(arm, flange, starts=48)
     result = np.zeros((len(variables), len(chosen)))
     refused, solved = [], []
     previous = np.zeros(len(variables))

@@ -179,10 +179,6 @@ def simulate(
     return Simulated(**fields_of(body), robot=arm, plan=plan, warnings=warnings, made=made)
 
 
-_EXACT = 1e-9
-"""Remaining error (m, rad) below which nothing is left out."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, repr=False)
 class Exported(Result, command="export"):
     """Model in the format of a controller, with the error that remains there."""
@@ -275,7 +271,8 @@ def export(
         raise UsageError(f"name the format of the file with `format`: {names}") from error
     controller = made.controller or start
     remaining = remaining_error(complete, controller)
-    is_exact = before is not None and max(remaining.position_max, remaining.orientation_max) < _EXACT
+    # Remaining error (m, rad) below which nothing is left out.
+    is_exact = before is not None and max(remaining.position_max, remaining.orientation_max) < 1e-9
     losses = (loss for loss in made.losses if not loss.startswith("effect "))
     not_carried = () if is_exact else (*(f"effect {name}" for name in (*refitted, *excluded)), *losses)
     default = Note(f"format {form}, which the controller of a {made.arm} reads; `format` names another")

@@ -235,14 +235,13 @@ def compare(
         except InputError as error:
             problems += error.problems
     refuse((problems, problems))
-    grades = inputs.scale()
     names = {_path(source): item.name for source, item in reversed([*zip(results, compared_results, strict=True)])}
     comparison = compare_results(
         compared_results,
         baseline=baseline if baseline is None else names.get(baseline, baseline),
         by=by,
         required_grade=grade,
-        scale=grades,
+        scale=inputs.scale(),
         confidence=confidence,
         seed=seed,
     )

@@ -23,9 +23,6 @@ from robacc.errors import refuse
 from robacc.render import text as console
 from robacc.render.text import as_options
 
-_OF_MEASUREMENTS = ("coverage", "commanded", "camera", "board", "bag", "contact_sheet")
-"""Parameters of ``read_poses`` that say something of measured poses only."""
-
 
 class Declared(NamedTuple):
     """A declared argument or option."""
@@ -52,8 +49,7 @@ def load(name: str, form: str | None = None) -> Any:
         values: dict[str, dict[str, Any]] = {"": {}, "call": {}, "outlets": {}}
         for name, value in given.items():
             read, is_poses = options[name].meaning.read, "poses" in options[name].meaning.holds
-            told = _of_holdout(reading) if name == "holdout" else reading
-            own = _read_as(value, told) if is_poses and any(reading.values()) else value
+            own = _read_as(name, value, reading) if is_poses and any(reading.values()) else value
             values[options[name].owner][name] = own if read is None or own is None else read(name, own)
         arguments, named = values[""], values["call"]
         if values["outlets"]:
@@ -84,13 +80,9 @@ def declared_options(show: Callable[..., None]) -> dict[str, Declared]:
     held = {item.meaning.holds for item in options.values()} & {"measured poses", "planned poses"}
     if held:
         # Parameters of ``read_poses`` that say how a file is read, and not for which robot.
-        left_out = {
-            "path",
-            "robot",
-            "ordered",
-            "ignore_limits",
-            *(() if "measured poses" in held else _OF_MEASUREMENTS),
-        }
+        left_out = {"path", "robot", "ordered", "ignore_limits"}
+        if "measured poses" not in held:
+            left_out |= {"coverage", "commanded", "camera", "board", "bag", "contact_sheet"}
         reading = _declared(_declaration("read_poses"), "reading")
         options |= {name: item for name, item in reading if name not in left_out and name not in options}
         options["quiet"] = Declared(bool, Help("Leave out the notes on how files were read."), False, False, False, "")
@@ -145,16 +137,14 @@ def _leaves(kind: Any) -> tuple[Any, ...]:
     return get_args(kind) if get_origin(kind) in (Union, UnionType) else (kind,)
 
 
-def _of_holdout(reading: Mapping[str, Any]) -> dict[str, Any]:
-    """Return how validation poses are read: their contact sheet is sheet-holdout.png beside sheet.png."""
-    stem, ending = os.path.splitext(reading["contact_sheet"] or "")
-    return {**reading, "contact_sheet": reading["contact_sheet"] and f"{stem}-holdout{ending}"}
-
-
-def _read_as(value: Any, reading: Mapping[str, Any]) -> Any:
-    """Return paths of files of poses as paths that carry how the files are read."""
+def _read_as(name: str, value: Any, reading: Mapping[str, Any]) -> Any:
+    """Return paths of files of poses, the value of an option, as paths that carry how the files are read."""
     from robacc.poses.reading import PoseFile
 
+    if name == "holdout" and reading["contact_sheet"]:
+        # The contact sheet of validation poses is sheet-holdout.png beside sheet.png.
+        stem, ending = os.path.splitext(reading["contact_sheet"])
+        reading = {**reading, "contact_sheet": f"{stem}-holdout{ending}"}
     if isinstance(value, list):
         return [PoseFile(path, **reading) for path in value]
     return PoseFile(value, **reading) if isinstance(value, str) else value

@@ -6,7 +6,7 @@ A function has the name of its call in :mod:`robacc.api`, and its docstring is t
 
 import os
 import sys
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from pathlib import PurePath
 from typing import Annotated, Literal
@@ -31,6 +31,7 @@ from robacc.cli.output import (
     write_extra,
 )
 from robacc.errors import Note, Problem, UsageError, refuse
+from robacc.plug_ins import plug_in
 from robacc.render.text import draw, say_warnings, warnings_below
 
 # Measured poses.
@@ -316,7 +317,6 @@ def _write_urdf(call: Call, urdf: str, is_json: bool) -> None:
     from robacc.fitting.parameters import absorb_constants
     from robacc.io.files import sha256_of
     from robacc.io.json_text import json_pieces
-    from robacc.plug_ins import plug_in
 
     inputs = Inputs({name: call.keywords[name] for name in ("base_link", "tip_link")})
     text, losses = plug_in("robacc.exporters", "urdf")(absorb_constants(inputs.robot(call.keywords["model"])))
@@ -798,7 +798,7 @@ def init(
 
     Example: robacc init --joints 6 --folder my-arm
     """
-    from robacc.io.files import make_folder, read_text
+    from robacc.io.files import read_text
     from robacc.modelling.robot_file import read_robot, robot_path
     from robacc.robots.yaml_robot import parse_robot
     from robacc.simulation.simulate import poses_template, robot_template, urdf_template
@@ -821,9 +821,7 @@ def init(
         text = urdf_template(model, PurePath(source).name, *names) if path == source else read_text(path)
     arm = parse_robot(text, files[0])
     table, rows = poses_template(arm, *names)
-    make_folder(folder)
-    write(files[0], text)
-    write(files[1], table)
+    _write_files(folder, {files[0]: text, files[1]: table})
     count = len(arm.variables)
     print(
         f"wrote {files[0]} ({count} joint{'s' * (count > 1)}) and {files[1]} ({rows} simulated rows)",
@@ -838,15 +836,10 @@ def init(
 
 def _write_board(squares: str, folder: str, force: bool) -> None:
     """Write a board to print, its file and one of the camera, and print the next steps."""
-    from robacc.io.files import make_folder
-    from robacc.plug_ins import plug_in
-
     files = {name: os.path.normpath(os.path.join(folder, name)) for name in ("board.pdf", "board.yaml", "camera.yaml")}
     _check_free([*files.values()], None, force)
     made = plug_in("robacc.boards", "photos")(squares)
-    make_folder(folder)
-    for name, content in made.items():
-        write(files[name], content)
+    _write_files(folder, {files[name]: content for name, content in made.items()})
     print(
         f"wrote {', '.join(files.values())}",
         "next:",
@@ -861,15 +854,22 @@ def _write_board(squares: str, folder: str, force: bool) -> None:
 
 def _write_columns(export: str, path: str, folder: str, force: bool) -> None:
     """Write the column map of an export and print the next steps."""
-    from robacc.io.files import make_folder
     from robacc.poses.csv_file import propose_columns
 
     text, steps = propose_columns(export, path)
     exists = f"{path} exists already; overwrite with --force, or name another file with --columns"
     refuse((os.path.exists(path) and not force, exists))
-    make_folder(folder)
-    write(path, text)
+    _write_files(folder, {path: text})
     print(*steps, sep="\n")
+
+
+def _write_files(folder: str, files: Mapping[str, str | bytes]) -> None:
+    """Write files by their paths into a folder, which is made."""
+    from robacc.io.files import make_folder
+
+    make_folder(folder)
+    for path, content in files.items():
+        write(path, content)
 
 
 def _check_free(files: list[str], urdf: str | None, force: bool) -> None:

@@ -437,8 +437,6 @@ def _numbers_of(first: NDArray[Any], second: NDArray[Any]) -> tuple[NDArray[np.i
 # The p-value agrees with the interval: it is below 1 - confidence exactly if the interval excludes zero.
 
 DRAWS = 2000
-_ROUNDING = 1e-13
-"""A standard error below this fraction of the statistic is rounding."""
 
 
 class Difference(NamedTuple):
@@ -525,7 +523,8 @@ def difference(
         ]
         error = float(np.std(percentiles[1] - percentiles[0]))
         method = f"Student's t with the bootstrap's standard error ({percentiles[0].size} draws)"
-    if error <= _ROUNDING * max(abs(float(part[0])) for part in values):
+    # A standard error below this fraction of the statistic is rounding.
+    if error <= 1e-13 * max(abs(float(part[0])) for part in values):
         exact = Interval.exact(value, confidence, "the same at every pose")
         return Difference(value, exact, float(value == 0.0), paired, n)
     terms = (float(np.sum(variance)) ** 2 / (size - 1.0) for variance, size in zip(variances, sizes, strict=False))

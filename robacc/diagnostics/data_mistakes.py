@@ -136,7 +136,7 @@ class Change(NamedTuple):
     """Joints whose sign is reversed, if it undoes nothing else."""
 
 
-def listing(names: Sequence[str]) -> str:
+def _enumerated(names: Sequence[str]) -> str:
     """Return names as text: ``j1, j4 and j6``."""
     return names[0] if len(names) == 1 else f"{', '.join(names[:-1])} and {names[-1]}"
 
@@ -163,7 +163,7 @@ def sign_sets(robot: Robot) -> list[Change]:
     for chosen in itertools.islice(sets, MOST_SETS):
         subject, joint, column = f"the sign of joint {chosen[0]} seems", "the joint", "its column"
         if len(chosen) > 1:
-            subject, joint, column = f"the signs of joints {listing(chosen)} seem", "the joints", "each column"
+            subject, joint, column = f"the signs of joints {_enumerated(chosen)} seem", "the joints", "each column"
         fix = f"set sign: -1 for {joint} in the robot file, or reverse the sign of {column}"
         matrix = np.diag([-1.0 if name in chosen else 1.0 for name in names])
         changes.append(_of_joints(f"{subject} to be reversed", fix, matrix, complexity=len(chosen), signs=chosen))
@@ -215,7 +215,7 @@ def _ordered(names: Sequence[str], order: Sequence[int], complexity: int = 1) ->
     text = (
         f"the columns of joints {moved[0]} and {moved[1]} seem to be exchanged"
         if len(moved) == 2
-        else f"the joint columns seem to be in another order: they hold {listing(held)}"
+        else f"the joint columns seem to be in another order: they hold {_enumerated(held)}"
     )
     return _of_joints(text, "correct the names of the columns", np.eye(len(names))[list(order)], complexity=complexity)
 

@@ -77,10 +77,6 @@ _SHARES = np.geomspace(1e-3, 1.2, 24)
 size of the rounding cannot show it; exact data make the covariances singular."""
 
 
-_EXACT = 1e-5
-"""m; no arm and no instrument is as exact, but the positions of a controller with many digits are."""
-
-
 class Rounding(NamedTuple):
     """Steps of the recorded joint variables, which the residual shows."""
 
@@ -139,7 +135,8 @@ def rounding_in_errors(robot: Robot, data: Measurements, errors: Array) -> tuple
     steps = [joint_step(row, "prismatic") or (0.0, "") for row in data.position]
     parts = [] if rounding is None else [rounding.position]
     rounded = ALIKE * math.hypot(*parts, *(step / math.sqrt(12.0) for step, _ in steps))
-    is_small = rms_length(errors) <= max(rounded, _EXACT)
+    # No arm and no instrument is as exact as 1e-5 m, but the positions of a controller with many digits are.
+    is_small = rms_length(errors) <= max(rounded, 1e-5)
     computed = "the positions look computed from the joints, not measured: give those of an instrument"
     if rounding is not None:
         text = f"{rounding.size}{', as much as the errors' * is_small}; record more digits"
@@ -200,7 +197,11 @@ def memory_of_play(fit: "Fit", data: Measurements, joints: Sequence[str]) -> dic
         return {}
     # In order of time; in order of the file without times.
     order = np.arange(data.n) if data.time is None or data.ordered else np.argsort(data.time, kind="stable")
-    before = previous_visit(data.q[:, order])
+    # For each row the last earlier one with other joints; -1 for the first and its repeats.
+    q = data.q[:, order]
+    changed = np.zeros(q.shape[1], dtype=bool)
+    changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
+    before = np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
     follows = before >= 0
     if np.count_nonzero(follows) < _FEWEST_ROWS:
         return {}
@@ -223,16 +224,6 @@ def memory_of_play(fit: "Fit", data: Measurements, joints: Sequence[str]) -> dic
         size = max(float(np.linalg.norm(products)), 1e-300)
         result[joint] = 2.0 * normal_cdf(-abs(float(products.sum())) / size)
     return result
-
-
-def previous_visit(q: Array) -> NDArray[np.int64]:
-    """Return for each column of ``(J, N)`` the number ``(N,)`` of the last earlier column that differs from it.
-
-    It is -1 for the first column and its repeats.
-    """
-    changed = np.zeros(q.shape[1], dtype=bool)
-    changed[1:] = np.any(q[:, 1:] != q[:, :-1], axis=0)
-    return np.asarray(np.maximum.accumulate(np.where(changed, np.arange(q.shape[1]), 0)) - 1, dtype=np.int64)
 
 
 def _polynomials(values: Array) -> Array:
@@ -308,11 +299,7 @@ def unlogged_loads(fit: "Fit", data: Measurements) -> RowLoads | None:
     return RowLoads(tuple(rows[labels == label] for label in order), tuple(shares.tolist()))
 
 
-_Grouping = tuple[NDArray[np.int64], Array, float]
-"""Group of each row ``(N,)``, level of each group, and the sum of squares that remains."""
-
-
-def _grouped(residual: Array, common: Array, moved: Array) -> _Grouping | None:
+def _grouped(residual: Array, common: Array, moved: Array) -> tuple[NDArray[np.int64], Array, float] | None:
     """Return the fewest groups of rows whose products with ``moved`` ``(3, J, N)`` explain the residual ``(3, N)``.
 
     ``common`` ``(3, P, N)`` are columns with one coefficient for all rows.

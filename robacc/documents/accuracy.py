@@ -315,7 +315,7 @@ def _each(figures: str, name: str) -> Callable[[Any], Any]:
 
 def _symbol(symbol: str) -> Callable[[Any], Any]:
     """Return a source: the characteristic with a symbol."""
-    return lambda result: next(entry for entry in result.characteristics if entry.symbol == symbol)
+    return lambda result: result.characteristic(symbol)
 
 
 CHARACTERISTIC = part(

@@ -340,8 +340,6 @@ def _checked(document: Any, name: str) -> str:
 
 # A result as columns with one entry for each row of the poses, for tables and arrays in a notebook.
 
-_LABELS = ("line", "pose", "cycle", "target", "time_s", "temperature_c", "payload_kg", "used")
-
 
 def pose_columns(document: Document) -> dict[str, NDArray[Any]]:
     """Return the columns of the poses: ids, circumstances, joints, positions in m, errors in m and rad.
@@ -351,7 +349,8 @@ def pose_columns(document: Document) -> dict[str, NDArray[Any]]:
     poses = document.get("poses")
     if not isinstance(poses, Mapping) or poses.get("line") is None:
         return {}
-    columns = {name: np.asarray(poses[name]) for name in _LABELS if poses.get(name) is not None}
+    names = ("line", "pose", "cycle", "target", "time_s", "temperature_c", "payload_kg", "used")
+    columns = {name: np.asarray(poses[name]) for name in names if poses.get(name) is not None}
     columns |= {f"q{i + 1}": values for i, values in enumerate(np.asarray(poses.get("q") or [], dtype=float).T)}
     places, errors = {"cmd_{}_m": poses.get("commanded_m"), "{}_m": poses.get("attained_m")}, {}
     for unit, quantity, name in (("m", "position", "error"), ("rad", "orientation", "turn")):

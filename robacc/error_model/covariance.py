@@ -915,7 +915,7 @@ def without_idle_terms(noise: CovarianceParameters, linear: Linearised) -> Covar
         best = noise
         least = whitened(*on_subset(noise, linear)).log_likelihood - _price(noise, linear)
         for name in noise.terms:
-            other = estimated(noise.without(name), linear, least=least)
+            other = estimated(noise.without(name), linear, least=least, gains=NEGLIGIBLE * ACCEPTED)
             if whitened(*on_subset(other, linear)).log_likelihood > least:
                 best = max(best, with_gross_errors(other, linear, 1), key=lambda noise: log_evidence(noise, linear))
         if best is noise:

@@ -295,25 +295,24 @@ class HoldOut:
     def residuals(self, fit: Fit, lacking: Sequence[Collection[int]] = ((),)) -> list[Array | None]:
         """Return ``(M, N)`` residuals of the held-out poses by ``fit``, and by models that lack some of its effects.
 
-        None where nothing can be held out, or the arm without the effects cannot be evaluated.
+        None where nothing can be held out, or the arm without the effects has no equilibrium at the validation poses.
 
         Args:
             fit: Fit to ``data``.
             lacking: Numbers of the absent effects of each model, among the free ones; the rest is fitted again.
         """
-        poses: list[Poses | None] = [None for _ in lacking]
         if self.validation is not None:
-            poses = [_poses(fit, self.validation, fit.without(absent)) for absent in lacking]
-        elif self.folds:
-            poses = held_out_poses(fit, self.data, self.groups, lacking, components=fit.residual.shape[0])
-        data = self.data if self.validation is None else self.validation
-        return [None if predicted is None else residuals(data, predicted) for predicted in poses]
+            return [_residuals(fit, self.validation, fit.without(absent)) for absent in lacking]
+        if not self.folds:
+            return [None for _ in lacking]
+        poses = held_out_poses(fit, self.data, self.groups, lacking, components=fit.residual.shape[0])
+        return [residuals(self.data, predicted) for predicted in poses]
 
 
-def _poses(fit: Fit, data: Measurements, theta: Array) -> Poses | None:
-    """Return the poses that a fit predicts with other coefficients; None if the arm has no equilibrium with them."""
+def _residuals(fit: Fit, data: Measurements, theta: Array) -> Array | None:
+    """Return the residuals of a fit with other coefficients; None if the arm has no equilibrium with them."""
     try:
-        return fit.predict(data, theta)
+        return residuals(data, fit.predict(data, theta))
     except RobaccError:
         return None
 
@@ -325,7 +324,7 @@ def held_out_poses(
     lacking: Sequence[Collection[int]] = ((),),
     undetermined: Callable[[NDArray[np.int64]], None] = lambda rows: None,
     components: int = 6,
-) -> list[Poses | None]:
+) -> list[Poses]:
     """Predict each row ``(N)`` with the coefficients of the fit to the rows of the other groups, to first order.
 
     A combination of coefficients that the other groups do not determine keeps its nominal value. A model without
@@ -340,14 +339,14 @@ def held_out_poses(
         components: 6 for poses, 3 for positions alone.
 
     Returns:
-        The poses by each model; None where the arm without its absent effects has no equilibrium.
+        The poses by each model.
     """
     from scipy.linalg import solve_triangular
 
     columns = fit.identifiability.columns
     size, rows_of = columns.size, fit.residual.shape[0]
     own = fit.poses if components == 6 else Poses(np.empty((3, 3, 0)), data.position - fit.residual[:3])
-    poses = [own if not absent else _poses(fit, data, fit.without(absent)) for absent in lacking]
+    poses = [Poses(own.rotation.copy(), own.translation.copy()) for _ in lacking]
     if not size:
         return poses
     most = 4 * BLOCK_NUMBERS // (rows_of * size)
@@ -369,13 +368,12 @@ def held_out_poses(
     scale = 1.0 / np.sqrt(np.diag(normal))
     lower = np.linalg.cholesky(scale[:, None] * normal * scale)
     models = []
-    for absent, start in zip(lacking, poses, strict=True):
-        kept = np.array([fit.owners[i] not in absent for i in columns], dtype=bool)
-        if start is None or not kept.any():
-            continue
-        whole: Array = np.asarray(lower.T @ np.where(kept, fit.without(absent)[columns] / scale, 0.0), dtype=np.float64)
-        directions = np.linalg.qr(solve_triangular(lower, np.diag(scale)[:, ~kept], lower=True))[0]
-        models.append((start, directions, whole, residuals(data, start) if absent else fit.residual))
+    for absent, predicted in zip(lacking, poses, strict=True):
+        is_absent = np.array([fit.owners[i] in absent for i in columns], dtype=bool)
+        directions = np.linalg.qr(solve_triangular(lower, np.diag(scale)[:, is_absent], lower=True))[0]
+        left = fit.without(absent)
+        whole, lost = (lower.T @ (theta[columns] / scale) for theta in (left, left - fit.theta))
+        models.append((predicted, directions, whole, lost))
     for rows in blocks:
         # Of (n, C, K) and (n, M, K), in coefficients whose normal matrix is I.
         jacobian = (latest if len(blocks) == 1 else fit.jacobian(rows, components)).swapaxes(0, 1)
@@ -387,10 +385,12 @@ def held_out_poses(
         inside_groups = [
             piece for alike in blocks_of(groups[rows]) for piece in np.array_split(alike, min(pieces, len(alike)))
         ]
-        for predicted, directions, whole, error in models:
-            left = (of_block.apply(error[:, rows]) * fit.inliers[rows]).T
+        white = (of_block.apply(fit.residual[:, rows]) * fit.inliers[rows]).T
+        for predicted, directions, whole, lost in models:
             for inside in inside_groups:
-                change, alone = _changes(scaled[inside], observed[inside], left[inside], directions, whole)
+                error = white[inside] - observed[inside] @ lost
+                change, alone = _changes(scaled[inside], observed[inside], error, directions, whole)
+                change += np.reshape(scaled[inside] @ lost, change.shape)
                 for group in alone:
                     undetermined(rows[inside[group]])
                 moved, at = change.reshape(-1, components).T, rows[inside.ravel()]

@@ -565,8 +565,7 @@ class TablePart(TableRows):
         Raises:
             InputError: The file cannot be read, or is no table.
         """
-        is_small = "://" not in path and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE)
-        if is_small:
+        if "://" not in path and not (os.path.isfile(path) and os.path.getsize(path) >= LARGE):
             return ()
         with opened(path) as stream:
             if (size := stream.seek(0, os.SEEK_END)) < LARGE:

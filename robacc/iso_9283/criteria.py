@@ -42,8 +42,6 @@ if TYPE_CHECKING:
 
 # Visits of each commanded pose, and the records of an evaluation.
 
-_POLE = np.cos(np.deg2rad(80.0))
-"""cos(b) below which a deviation of a or c is at least six times the rotation that causes it."""
 
 Symbol = Literal["AP", "RP", "vAP", "AD", "RD", "dAP", "dRP", "shift", "E"]
 
@@ -180,7 +178,8 @@ def visits_of(
         if (rotation := of_pose.rotation) is not None:
             wanted = rotation[..., :1] if orientation is None else orientation
             angles = rpy_from_rotation(wanted)
-            reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < _POLE)
+            # From b = 80° a deviation of a or c is at least six times the rotation that causes it.
+            reference, at_pole = angles[:, 0], bool(np.min(np.cos(angles[1])) < np.cos(np.deg2rad(80.0)))
             turn = (
                 log_so3(compose(rotation, transpose(np.broadcast_to(wanted, rotation.shape))))
                 if at_pole

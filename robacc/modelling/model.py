@@ -277,10 +277,6 @@ class BoundModel:
         """Return by how much the instrument's scale differs from 1, or the radius of each row's sphere, m."""
         return sum(coefficients[e.number] * e.part.factor for e in self._beyond_chain if e.part.motion == motion)
 
-    def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
-        """Return every scalar of the chain, deflections included."""
-        return self._deflected(self._undeflected(coefficients), coefficients)
-
     def _undeflected(self, coefficients: NDArray[Any]) -> list[Scalar]:
         """Return every scalar of the chain without deflections."""
         scalars, values = list(self.nominal), coefficients.tolist()
@@ -302,12 +298,13 @@ class BoundModel:
         """Return the parts whose force is evaluated at the deflected pose, or at the undeflected one."""
         return [entry for entry in self._elastic if entry.part.deflected == deflected]
 
-    def _deflected(self, scalars: list[Scalar], coefficients: NDArray[Any]) -> list[Scalar]:
-        """Return every scalar of the chain with deflections, from ``scalars`` of the undeflected arm.
+    def _scalars(self, coefficients: NDArray[Any]) -> list[Scalar]:
+        """Return every scalar of the chain, deflections included.
 
         Raises:
             EquilibriumError: There is no equilibrium, because the arm is too soft for its weight.
         """
+        scalars = self._undeflected(coefficients)
         if first := _springs(self._of_form(deflected=False), coefficients):
             scalars = _moved(scalars, self._deflections_at(scalars, first))
         if not (elastic := _springs(self._of_form(deflected=True), coefficients)):

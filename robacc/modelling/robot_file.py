@@ -27,7 +27,6 @@ from robacc.robots.yaml_robot import (
 )
 
 _MESHES = frozenset({".stl", ".dae", ".obj", ".ply", ".step", ".stp", ".iges", ".igs", ".glb", ".gltf", ".3mf"})
-_TABLES = frozenset({".csv", ".tsv", ".txt", ".xlsx", ".ods"})
 _EXPECTED = "give a robot file (YAML), a URDF, or a table with columns theta, d, a, alpha"
 _DATA = Path(__file__).parents[1] / "data"
 
@@ -148,26 +147,22 @@ def read_robot(
             f"`base_link` and `tip_link` choose a chain of a URDF; {name} is a robot file, which has only one chain",
         ),
     )
-    if suffix in _TABLES:
+    if suffix in {".csv", ".tsv", ".txt", ".xlsx", ".ods"}:
         table: Robot | None = plug_in("robacc.importers", "dh-table")(text, name)
         return given(table, Problem("is a table, not a robot description", name, fix=_EXPECTED))
     robot = parse_robot(text, name)
-    _check_effects(robot, text, name)
-    return robot
-
-
-def _check_effects(robot: Robot, text: str, file: str) -> None:
-    """Raise InputError for invalid effects, those of the campaign first, with their lines."""
+    # Invalid effects, those of the campaign first, with their lines.
     for where, part in (("campaign.", robot.campaign), ("", robot)):
         try:
             known_effects(replace(robot, effects=part.effects if part else ()))
         except InputError as error:
-            lines = {} if where else effect_lines(text, file)
+            lines = {} if where else effect_lines(text, name)
             placed = [
-                replace(problem, file=file, column=f"{where}{problem.column}", line=lines.get(problem.column or ""))
+                replace(problem, file=name, column=f"{where}{problem.column}", line=lines.get(problem.column or ""))
                 for problem in error.problems
             ]
             raise InputError(placed, total=error.total) from None
+    return robot
 
 
 # Write a fitted robot as a robot file, in the units and the layout of the file that the robot was read from.
@@ -190,21 +185,8 @@ def model_text(robot: Robot, comments: Sequence[str] = ()) -> str:
     units = Units(*parse_robot(text, robot.name).effect_units)
     in_units = with_effect_units(robot, units.length, units.angle)
     document = robot_document(in_units, units, rounded=True)
-    updated = edited(text, _complete(document, robot), robot.name, rewritten=("effects", "campaign", "fit"))
-    with suppress(InputError):
-        documents = [robot_document(with_effect_units(item)) for item in (parse_robot(updated, robot.name), robot)]
-        if _is_close(*documents):
-            remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
-            return comment_lines((*comments, *remark)) + updated
-    # The file states something in a form that no longer holds, such as a parameter that the fit removed.
-    return robot_to_yaml(in_units, comments, rounded=True, units=units)
-
-
-def _complete(document: dict[str, Any], robot: Robot) -> dict[str, Any]:
-    """Return a document with zeros and empty lists that a file may state otherwise.
-
-    It has no defaults of other kinds, and nothing that a fit does not change and that files write in several forms.
-    """
+    # Zeros and empty lists that the file may state otherwise; nothing that a fit does not change and that files write
+    # in several forms.
     joints = []
     for number, entry in enumerate(document["joints"], 1):
         joint = entry if robot.convention == "urdf" else {**entry, "beta": entry.get("beta", 0.0)}
@@ -212,7 +194,19 @@ def _complete(document: dict[str, Any], robot: Robot) -> dict[str, Any]:
     complete = {**document, "joints": joints}
     complete |= {key: [] for key in ("effects", "fitted_to") if key not in document}
     stated = {"identity", *({"gravity"} if robot.gravity == STANDARD_GRAVITY else ())}
-    return {key: value for key, value in complete.items() if key not in stated}
+    updated = edited(
+        text,
+        {key: value for key, value in complete.items() if key not in stated},
+        robot.name,
+        rewritten=("effects", "campaign", "fit"),
+    )
+    with suppress(InputError):
+        documents = [robot_document(with_effect_units(item)) for item in (parse_robot(updated, robot.name), robot)]
+        if _is_close(*documents):
+            remark = (_OLD_COMMENTS,) if "#" in text and _OLD_COMMENTS not in text else ()
+            return comment_lines((*comments, *remark)) + updated
+    # The file states something in a form that no longer holds, such as a parameter that the fit removed.
+    return robot_to_yaml(in_units, comments, rounded=True, units=units)
 
 
 def _is_close(first: Any, second: Any) -> bool:

@@ -227,7 +227,7 @@ class Expectation:
         # The prior is wider than the usual deviations, so the error is less than the posterior covariance says.
         return np.asarray(gain @ (normal + np.diag(np.square(precision) * usual)) @ gain)
 
-    def point(self, rows: Array, n: int, random_rms: float | None = None) -> dict[str, Any] | None:
+    def point(self, rows: Array, random_rms: float | None = None) -> dict[str, Any] | None:
         """Return the predicted errors over the region after a fit to poses ``(n, M, P)``, with the keys of the result.
 
         They are the root of the mean variance from the coefficients' uncertainty, that at the worst task pose, and the
@@ -239,7 +239,7 @@ class Expectation:
         variance = region_variance(self.region, covariance)
         mean = float(np.mean(variance))
         return {
-            "n_poses": n,
+            "n_poses": rows.shape[0],
             "rms_m": mean**0.5,
             "worst_m": float(variance.max()) ** 0.5,
             "total_rms_m": (mean + self.floor**2) ** 0.5,
@@ -248,11 +248,11 @@ class Expectation:
 
     def point_of(self, chosen: NDArray[np.int64], seed: int) -> dict[str, Any] | None:
         """Return the predicted errors after a fit to the candidates ``chosen``, beside those of random poses."""
-        return self.point(self.rows[chosen], chosen.size, self.random_rms(chosen.size, seed))
+        return self.point(self.rows[chosen], self.random_rms(chosen.size, seed))
 
     def random_rms(self, n: int, seed: int) -> float | None:
         """Return the mean RMS of ``n`` random feasible poses over several draws; None if a draw does not suffice."""
-        points = [self.point(self.rows[at], n) for at in random_designs(self.rows.shape[0], n, n, seed)]
+        points = [self.point(self.rows[at]) for at in random_designs(self.rows.shape[0], n, n, seed)]
         values = [point["rms_m"] for point in points if point is not None]
         return float(np.mean(values)) if len(values) == len(points) else None
 
@@ -287,7 +287,7 @@ def worth_of(expectation: Expectation, efforts: tuple[Array, Array, Array]) -> M
 
     They are predicted RMS errors over the region for equal effort, m, and the verdict in words.
     """
-    points = [expectation.point(rows, rows.shape[0]) for rows in efforts]
+    points = [expectation.point(rows) for rows in efforts]
     names = ("new poses are", "a second visit of every pose is", "a second reading at every pose is")
     known = [(point["total_rms_m"], name) for name, point in zip(names, points, strict=True) if point is not None]
     new, repeated, readings = (None if point is None else point["rms_m"] for point in points)
@@ -311,8 +311,8 @@ def sufficiency_of(
         target: Predicted error that is good enough, m; None to ask what the next poses gain.
         of_model: The known poses are those that the model was fitted to.
     """
-    now = expectation.point(expectation.rows[:0], 0)
-    later = expectation.point(expectation.rows[chosen], chosen.size)
+    now = expectation.point(expectation.rows[:0])
+    later = expectation.point(expectation.rows[chosen])
     if now is None or later is None:
         enough, why = False, "the poses so far do not identify all coefficients"
     elif target is not None:

@@ -8,7 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 
-from robacc.errors import InputError, Note, Problem, by_key
+from robacc.errors import InputError, Note, Problem, by_key, listing
 from robacc.geometry import Array, NDArray, vector_lengths
 from robacc.io.files import ProblemLog, clip
 from robacc.measurements import (
@@ -19,7 +19,7 @@ from robacc.measurements import (
     numbered,
     numbered_visits,
 )
-from robacc.poses.layout import QUANTITY, Values, compact, listing
+from robacc.poses.layout import QUANTITY, Values, compact
 from robacc.poses.reading import (
     AGREES,
     AXES,

@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from robacc.errors import Note
+from robacc.errors import Note, listing
 from robacc.geometry import Array, NDArray, quaternion_from_rotation, vector_lengths
 from robacc.io.column_table import open_table
 from robacc.io.dialect import NUMBER, cell, from_spreadsheet, number_of
@@ -36,7 +36,7 @@ from robacc.poses.checks import (
     with_repetitions,
     with_units,
 )
-from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, listing, read_layout
+from robacc.poses.layout import Layout, Names, Values, documented_columns, find_columns, read_layout
 from robacc.poses.reading import (
     AS_NAMED,
     AXES,

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from robacc.errors import MAX_PROBLEMS, Note, by_key
+from robacc.errors import MAX_PROBLEMS, Note, by_key, listing
 from robacc.geometry import Array, NDArray
 from robacc.io.files import ProblemLog, clip
 from robacc.io.table import Table
@@ -344,11 +344,6 @@ def _check_sets(layout: Layout, table: Table, robot: KnownRobot, attained: bool,
         if (match := JOINT_COLUMN.fullmatch(key)) and int(match[2]) > count:
             last = f"the robot has {count} joints" if joint_names else f"the last joint column is q{count}"
             log.add(f"the column belongs to joint {match[2]}, but {last}", line, column.name)
-
-
-def listing(names: Sequence[str]) -> str:
-    """Return the names separated by commas, cut after six."""
-    return ", ".join(names[:6]) + (f" and {len(names) - 6} more" if len(names) > 6 else "")
 
 
 # Positions beside each other: those of the controller and of an instrument, of a body and of its markers.

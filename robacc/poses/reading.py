@@ -539,9 +539,6 @@ def time_column(name: str, index: int = 0, label: str = "") -> Column | None:
 AGREES = np.radians(3.0)
 """rad; typical disagreement of a convention that fits: no arm turns its flange by more than it was commanded to."""
 
-_DIFFERS = np.radians(0.5)
-"""rad; least disagreement of a convention that is ruled out: arms turn their flanges amiss by this at most."""
-
 
 def _about(axes: Sequence[int], angles: Array) -> Array:
     """Return the rotations ``(3, 3, N)`` about these moving axes by ``angles`` ``(3, N)``, rad."""
@@ -571,8 +568,9 @@ moving y, C about the moving x. ``zyz``: about the moving axes z, y, z, as Kawas
 def is_ruled_out(name: str, trial: Mapping[str, float]) -> bool:
     """Return whether the convention with the smallest disagreement fits and another one does not."""
     best = min(trial.values())
-    # Ratio of the typical disagreements at which the second convention is ruled out.
-    return bool(best < AGREES and trial[name] > max(5.0 * best, _DIFFERS))
+    # Ratio of the typical disagreements at which the second convention is ruled out, and the least disagreement that
+    # does: arms turn their flanges amiss by 0.5° at most.
+    return bool(best < AGREES and trial[name] > max(5.0 * best, np.radians(0.5)))
 
 
 def try_conventions(angles: Array, known: Array, conventions: Sequence[str]) -> dict[str, float] | None:

@@ -13,6 +13,7 @@ from itertools import chain
 from types import MappingProxyType
 from typing import Any
 
+from robacc.errors import listing
 from robacc.render.plots.canvas import DARK, LIGHT, as_part, need
 from robacc.render.plots.results import charts_of
 from robacc.render.text import (
@@ -295,8 +296,7 @@ def result_of(document: Document, place: int) -> dict[str, Any]:
     number, (_, view) = f"r{place}", _VIEWS.get(document["command"], _VIEWS["check"])
     warnings = [*dict.fromkeys(document.get("warnings", ()))]
     if lines := [str(outlier["line"]) for outlier in document.get("outliers", ())]:
-        others = f" and {len(lines) - 20} more" * (len(lines) > 20)
-        warnings.append(f"excluded as outliers: line(s) {', '.join(lines[:20])}{others}")
+        warnings.append(f"excluded as outliers: line(s) {listing(lines, 20)}")
     leading = [
         *([gate_section(document["gate"])] if document.get("gate") else []),
         Section(

@@ -151,8 +151,10 @@ class Chain:
         wanted = range(len(self.motions)) if wanted is None else wanted
         dtype = np.result_type(np.float64, *(scalar.dtype for scalar in scalars if not isinstance(scalar, float)))
         jacobian = np.empty((6, len(wanted), n), dtype=dtype)
-        stored = {count: _empty_poses(n, dtype) for count in frames}
-        tip = _empty_poses(n, dtype)
+        stored = {
+            count: Poses(np.empty((3, 3, n), dtype=dtype), np.empty((3, n), dtype=dtype))
+            for count in (*frames, len(self.motions))
+        }
         slots = by_key((k, slot) for slot, k in enumerate(wanted))
         rotations = [slot for slot, k in enumerate(wanted) if self.motions[k].kind == "rotation"]
         for block in self.blocks(n):
@@ -169,11 +171,9 @@ class Chain:
                 value = scalar if isinstance(scalar, float) else scalar[block]
                 if not isinstance(value, float) or value != 0.0:
                     origin = _advance(columns, origin, motion, value)
-            if len(self.motions) in stored:
-                _store(stored[len(self.motions)], columns, origin, block)
-            _store(tip, columns, origin, block)
+            _store(stored[len(self.motions)], columns, origin, block)
             _transform_to_tool(jacobian[:, :, block], rotations, origin)
-        return Sweep(tip, jacobian, tuple(stored[count] for count in frames))
+        return Sweep(stored[len(self.motions)], jacobian, tuple(stored[count] for count in frames))
 
     def jacobian(self, q: NDArray[Any], wanted: Sequence[int] | None = None) -> Array:
         """Return the nominal Jacobian ``(6, W, N)``, rows dp, dphi, to ``wanted`` scalars (default all K)."""
@@ -182,10 +182,6 @@ class Chain:
     def blocks(self, n: int) -> Iterator[slice]:
         """Return slices of at most :data:`BLOCK` poses that cover ``n``."""
         return (slice(start, min(start + BLOCK, n)) for start in range(0, n, BLOCK))
-
-
-def _empty_poses(n: int, dtype: np.dtype[Any]) -> Poses:
-    return Poses(np.empty((3, 3, n), dtype=dtype), np.empty((3, n), dtype=dtype))
 
 
 def _transform_to_tool(jacobian: NDArray[Any], rotations: Sequence[int], tip: NDArray[Any]) -> None:
@@ -487,9 +483,6 @@ def outline(arm: Arm, q: Array) -> tuple[Array, Array]:
 # brings the target nearer and rises elsewhere (K. Levenberg 1944), so that singular poses stay in place. Joints stop at
 # their limits.
 
-_REACHED = 1e-11
-"""Residual, in units of the arm's length, at which a pose counts as reached; some hundred roundings."""
-
 
 def joint_ranges(
     arm: Arm, endless: float = np.inf, purpose: str = "to search within", fix: str | None = None
@@ -570,7 +563,8 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
     Raises:
         InputError: A prismatic joint has no limits.
     """
-    length = _length(arm)
+    # The arm's size weighs radians against lengths independently of the unit of length.
+    length = max(reach(arm, spread_configurations(arm, 64)), 1e-9)
     q0 = (
         _nearest(arm, desired, starts, oriented, length)
         if isinstance(starts, int)
@@ -578,7 +572,6 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
     )
     joints, n, s = q0.shape
     repeated = Poses(np.repeat(desired.rotation, s, axis=2), np.repeat(desired.translation, s, axis=1))
-    low, high = joint_ranges(arm)
     space = JointSpace.of(arm, length, length, oriented)
 
     def evaluate(q: Array, index: NDArray[np.int64]) -> tuple[Array, Array]:
@@ -588,14 +581,10 @@ def inverse_kinematics(arm: Arm, desired: Poses, *, starts: int | Array = 16, or
 
     solution = solve(evaluate, q0.reshape(joints, n * s), space, stay=False)
     error = np.sqrt(np.sum(np.square(space.weights[:, None] * solution.error), axis=0)).reshape(n, s)
-    unlimited = np.isinf(low) & np.isinf(high)
+    unlimited = np.isinf(space.low) & np.isinf(space.high)
     q = np.where(unlimited[:, None], np.arctan2(np.sin(solution.q), np.cos(solution.q)), solution.q)
-    return JointSolution(q.reshape(joints, n, s), error, error <= _REACHED * length)
-
-
-def _length(arm: Arm) -> float:
-    """Return the arm's size, m, which weighs radians against lengths independently of the unit of length."""
-    return max(reach(arm, spread_configurations(arm, 64)), 1e-9)
+    # A pose counts as reached to some hundred roundings of the arm's length.
+    return JointSolution(q.reshape(joints, n, s), error, error <= 1e-11 * length)
 
 
 def reach(arm: Arm, q: Array) -> float:
@@ -757,11 +746,8 @@ def _damped_step(matrix: Array, error: Array, back: Array, damping: Array) -> Ar
 
 # Reach and moved mass of an arm.
 
-SAMPLES = 8192
-"""Joint configurations searched for the reach, before the best is refined."""
 _TRIALS = 65
 """Positions tried along each joint's range in a step of the refinement."""
-_ROUNDS = 4
 
 
 def summarise(robot: Robot) -> dict[str, Any]:
@@ -788,9 +774,10 @@ def find_reach(robot: Robot, target: Frame) -> dict[str, float | None]:
     if any(joint.type == "prismatic" and joint.limits is None for joint in robot.variables):
         return {"sampled_m": None, "bound_m": None}
     low, high = np.array([joint.limits or (-np.pi, np.pi) for joint in robot.variables]).T
-    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, SAMPLES)
+    # The best of these configurations is refined.
+    q = low[:, None] + (high - low)[:, None] * low_discrepancy(low.size, 8192)
     best = q[:, [int(np.argmax(_distance(chain, q)))]]
-    for _ in range(_ROUNDS):
+    for _ in range(4):
         for i in range(low.size):
             trial = np.repeat(best, _TRIALS + 1, axis=1)
             # The best so far stays among the trials, so a step never reduces the reach.

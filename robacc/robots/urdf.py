@@ -11,7 +11,7 @@ from xml.parsers import expat
 
 import numpy as np
 
-from robacc.errors import InputError, Problem, refuse
+from robacc.errors import InputError, Problem, listing, refuse
 from robacc.geometry import Array, Poses
 from robacc.io.files import ProblemLog
 from robacc.robots.description import (
@@ -206,8 +206,6 @@ def _are_numbers(text: str, count: int, *, infinite: bool) -> bool:
 
 # Choose one serial chain in the tree of links.
 
-_NUMBERED = re.compile(r"(?i)[qja]_?([1-9]\d?)")
-"""Column of a joint without a name: q1, J1, A1."""
 _UNIT = re.compile(r"(_(m|mm|um|rad|deg|mrad)|\s*[\[(].*[\])])$")
 """Unit at the end of a column's name."""
 _FLANGES = ("tool0", "flange")
@@ -239,7 +237,7 @@ def _choose_chain(
     )
     several, loop = f"{len(roots)} links could be the base", "the joints form a loop: there is no link to start from"
     refuse(
-        (roots[1:], Problem(f"{several}: {_listing(roots)}", tree.log.file, fix="choose one with `base_link`")),
+        (roots[1:], Problem(f"{several}: {listing(roots, 12)}", tree.log.file, fix="choose one with `base_link`")),
         (not roots, Problem(loop if moved else "the file has no links", tree.log.file)),
     )
     base = roots[0]
@@ -255,7 +253,8 @@ def _choose_chain(
             start = base if base_link or path[0] is first else _link_of(tree.elements[first.name], "parent")
             return start, _flange(tree, tree.joints[name].link)
     leaves = {link: paths[link] for link in tree.links if link in paths and link != base and not tree.below[link]}
-    count = len({match[1] for name in columns if (match := _NUMBERED.fullmatch(name))})
+    # Columns of joints without a name: q1, J1, A1.
+    count = len({match[1] for name in columns if (match := re.fullmatch(r"(?i)[qja]_?([1-9]\d?)", name))})
     moving = {leaf: _moving(path) for leaf, path in leaves.items()}
     longest = 0 if named else max(map(len, moving.values()), default=0)
     links = {path[count - 1].link for path in moving.values() if len(path) == longest > count > 0}
@@ -274,7 +273,7 @@ def _choose_chain(
         (
             n_best > 1,
             Problem(
-                f"{n_best} chains are equally long; the tree ends at {_listing(names)}",
+                f"{n_best} chains are equally long; the tree ends at {listing(names, 12)}",
                 tree.log.file,
                 fix="choose one with `tip_link`",
             ),
@@ -294,12 +293,8 @@ def _flange(tree: _Tree, link: _Link) -> _Link:
 def _known_link(tree: _Tree, name: str, parameter: str) -> _Link:
     known = [str(link) for link in tree.links]
     names = difflib.get_close_matches(name, known, 3, 0.5) or known
-    refuse((name not in known, f"{parameter}: {tree.log.file} has no link {name!r}; it has {_listing(names)}"))
+    refuse((name not in known, f"{parameter}: {tree.log.file} has no link {name!r}; it has {listing(names, 12)}"))
     return name
-
-
-def _listing(names: Sequence[_Link]) -> str:
-    return ", ".join(map(str, names[:12])) + (f" and {len(names) - 12} more" if len(names) > 12 else "")
 
 
 # Joints, and their sizes: a URDF is in m and rad.

@@ -125,7 +125,6 @@ def read_size(source: Source, node: yaml.Node, path: str, *, is_length: bool) ->
 _length: Kind = partial(read_size, is_length=True)
 _angle: Kind = partial(read_size, is_length=False)
 _lengths = partial(Source.numbers, count=3, kind=_length)
-_angles = partial(Source.numbers, count=3, kind=_angle)
 
 
 def _checked(source: Source, node: yaml.Node, path: str, *, kind: Kind, checks: Iterable[Check]) -> Any:
@@ -228,7 +227,7 @@ BASE_LINK = "base"
 """Parent of a branch that the base carries."""
 IDENTITY_FIELDS: dict[str, Kind] = dict.fromkeys(IDENTITY, Source.text)
 _UNITS = {"length": _choice(*_LENGTHS), "angle": _choice(*_ANGLES)}
-_FRAME: dict[str, Kind] = {"xyz": _lengths, "rpy": _angles}
+_FRAME: dict[str, Kind] = {"xyz": _lengths, "rpy": partial(Source.numbers, count=3, kind=_angle)}
 _PLAIN_FRAME = partial(read_section, kinds=_FRAME, into=Frame)
 FRAMES = partial(
     _named, kind=_PLAIN_FRAME, message="expected frames by name, each with xyz and rpy, found {found}", empty=True
@@ -320,14 +319,18 @@ _DRIVE: dict[str, Kind] = {
     ),
     "passive": _choice("true", "false"),
 }
-_MIMIC: dict[str, Kind] = {"joint": Source.text, "multiplier": Source.number, "offset": Source.number}
 _OF_ANY_JOINT: dict[str, Kind] = {
     "name": Source.text,
     "link": Source.text,
     "mass": _number((lambda value: value >= 0, "a mass cannot be negative, found {found}", None)),
     "com": _lengths,
     **_DRIVE,
-    "mimic": partial(read_section, kinds=_MIMIC, required=["joint"], into=_mimic),
+    "mimic": partial(
+        read_section,
+        kinds={"joint": Source.text, "multiplier": Source.number, "offset": Source.number},
+        required=["joint"],
+        into=_mimic,
+    ),
 }
 _FIXED_KEYS = ("name", "type", "origin", "link", "mass", "com", "tolerance")
 _DH_KEYS = ("name", "type", *DH_PARAMETERS, "limits", *_DRIVE, "mass", "com", "tolerance")

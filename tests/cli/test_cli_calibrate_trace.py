@@ -4,7 +4,6 @@ import dataclasses
 import hashlib
 import json
 import math
-import os
 import re
 import shutil
 from functools import cache
@@ -16,7 +15,7 @@ import numpy as np
 import pytest
 from arms import arm
 from commands import document, in_order, missing, one_line, output, refused, run
-from sample_files import ROOT, SAMPLES, TRACED_ROBOT, TRUTH, saved
+from sample_files import SAMPLES, TRACED_ROBOT, TRUTH, agreed, saved
 
 import robacc
 from robacc import Measurements, read_robot
@@ -425,12 +424,10 @@ def screens(folder: Path) -> dict[str, str]:
 
 @pytest.mark.parametrize("name", SCREENS)
 def test_a_first_screen_is_as_agreed(name: str, screens: dict[str, str]) -> None:
-    path, screen = ROOT / "tests" / "golden" / f"first_screen_{name}.txt", screens[name]
-    if os.environ.get("UPDATE_GOLDEN"):
-        path.write_text(screen, encoding="utf-8")
-    agreed = path.read_text(encoding="utf-8")
-    assert NUMBER.sub("#", screen) == NUMBER.sub("#", agreed)
-    numbers, others = ([float(text) for text in NUMBER.findall(each)] for each in (agreed, screen))
+    screen = screens[name]
+    wanted = agreed(f"first_screen_{name}.txt", screen)
+    assert NUMBER.sub("#", screen) == NUMBER.sub("#", wanted)
+    numbers, others = ([float(text) for text in NUMBER.findall(each)] for each in (wanted, screen))
     assert others == pytest.approx(numbers, rel=0.02)
 
 

@@ -126,19 +126,6 @@ def test_a_defect_and_an_interrupt_have_their_status(error: str, status: int, st
     assert status == 1 or done.stderr == start
 
 
-def test_a_reader_that_leaves_is_no_error_and_loses_no_warning(tmp_path: Path) -> None:
-    path = saved(tmp_path / "warm.csv", WARM)
-    for poses, told in ((ESTIMATED[0], ""), (str(path), "temperatur_c")):
-        reading, writing = os.pipe()
-        words = [sys.executable, "-m", "robacc", "estimate", poses, *ESTIMATED[1:]]
-        process = subprocess.Popen(words, stdout=writing, stderr=subprocess.PIPE, cwd=ROOT, text=True)
-        os.close(writing)
-        os.close(reading)
-        _, errors = process.communicate()
-        assert process.returncode == 141
-        assert told in errors if told else errors == ""
-
-
 WARM = "q1_deg,q2_deg,q3_deg,q4_deg,q5_deg,q6_deg,x,y,z,temperatur_c\n0,0,0,0,60,0,0.6355,0,0.6972,21.5\n"
 
 

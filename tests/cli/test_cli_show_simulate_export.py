@@ -23,6 +23,7 @@ from sample_files import (
     TRACED_ROBOT,
     TRUTH,
     UR10,
+    agreed,
     saved,
 )
 
@@ -46,20 +47,47 @@ def drawn(robot: Robot, width: int = 100) -> str:
     return "\n".join(line for line, _ in lines_of(robot_view(robot, SHOW.write(robot, **summarise(robot))), width))
 
 
-def row(text: str, heading: str, name: str) -> list[str]:
-    """The cells of the row ``name`` of the table under ``heading``."""
-    lines = text[text.index(heading) :].splitlines()
-    return next(line.split() for line in lines[1:] if line.split()[:1] == [name])
+AT_REST = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw", "offset"), 0.0)
+ALL_OF_URDF = Robot(
+    "u",
+    "urdf",
+    (
+        Joint("stand", "fixed", AT_REST | {"z": 0.5}),
+        Joint(
+            "turn", "revolute", AT_REST | {"roll": np.pi / 2, "offset": 0.1}, (0.0, 1.0, 0.0), sign=-1, gear_ratio=80.0
+        ),
+        Joint("copy", "revolute", AT_REST, mimic=Mimic("turn", -2.0), mass=1.25, com=(0.1, 0.0, 0.0)),
+    ),
+    base_link="foot",
+    tip_link="hand",
+    effects=tuple({"effect": e, "joints": ["turn"], "values": {"turn": 1e-4}} for e in ("backlash", "gear_ratio")),
+)
+ORIGIN = '<origin xyz="-0.61265292 -0.11586873 0.1639417" rpy="1.5707963 0.0049321 -0.0845777"/>'
+WIDE = "".join(f'<link name="l{i}"/>' for i in range(4)) + "".join(
+    f'<joint name="shoulder_lift_joint_{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>{ORIGIN}'
+    '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
+    for i in range(3)
+)
+MANY = "\neffects:\n" + "".join(
+    f"  - {{effect: transmission_error, joints: [j{i}], orders: [{', '.join(map(str, range(1, 25)))}], "
+    f"values: {{{', '.join(f'j{i}.cos{n}: 1.0e-5' for n in range(1, 25))}}}}}\n"
+    for i in (1, 2)
+)
 
 
-def test_table_is_in_millimetres_and_degrees() -> None:
-    text = show("configs/robots/irb1600.yaml")
-    assert text.startswith("ABB IRB 1600-x/1.45\nstandard DH: Rz(theta) Tz(d) Tx(a) Rx(alpha); 6 joints\n")
-    rows = [row(text, *place) for place in (("Geometry", "j1"), ("Geometry", "j2"), ("Drives", "j3"))]
-    geometry = [["j1", "q", "486.5", "150", "-90"], ["j2", "q", "-", "90", "0", "700", "0"]]
-    assert rows == [*geometry, ["j3", "revolute", "-245", "65", "°", "+1", "-"]]
-    told = ("payload  at (0, 0, 100) mm in the last link's frame", "masses   unknown", "effects  none")
-    assert missing(text, *told, "\x1b") == ["\x1b"]
+def test_arms_are_shown_in_millimetres_and_degrees(tmp_path: Path) -> None:
+    """Names and numbers are whole in narrow terminals and wide tables; many coefficients are counted."""
+    wide = show(saved(tmp_path / "arm.urdf", f'<robot name="arm">{WIDE}</robot>'))
+    assert max(map(len, wide.splitlines())) <= 80
+    shown = [show("configs/robots/irb1600.yaml"), drawn(ALL_OF_URDF), drawn(read_robot(UR10), width=60), show(TRUTH)]
+    shown += [wide, show(saved(tmp_path / "arm.yaml", ROBOT.read_text() + MANY)).partition("effects")[2]]
+    assert "\n\n".join(shown) == agreed("show.txt", "\n\n".join(shown))
+
+
+def test_effects_have_their_values_in_si() -> None:
+    found = shown("sample_data/trace/truth.yaml")["robot"]["coefficients"]
+    # The file has degrees.
+    assert {"name": "backlash.j3", "value": pytest.approx(np.deg2rad(-0.009)), "unit": "rad"} in found
 
 
 def test_reach_of_arms_that_can_be_worked_out() -> None:
@@ -95,38 +123,6 @@ def test_a_slide_without_limits_has_no_reach() -> None:
     assert "reach    unknown: a prismatic joint has no limits" in drawn(robot)
 
 
-def test_urdf_joints_are_shown_with_origin_axis_and_master() -> None:
-    zero = dict.fromkeys(("x", "y", "z", "roll", "pitch", "yaw", "offset"), 0.0)
-    joints = (
-        Joint("stand", "fixed", zero | {"z": 0.5}),
-        Joint(
-            "turn",
-            "revolute",
-            zero | {"roll": np.pi / 2, "offset": 0.1},
-            axis=(0.0, 1.0, 0.0),
-            sign=-1,
-            gear_ratio=80.0,
-        ),
-        Joint("copy", "revolute", zero, mimic=Mimic("turn", -2.0), mass=1.25, com=(0.1, 0.0, 0.0)),
-    )
-    effects = tuple({"effect": e, "joints": ["turn"], "values": {"turn": 1e-4}} for e in ("backlash", "gear_ratio"))
-    text = drawn(Robot("u", "urdf", joints, base_link="foot", tip_link="hand", effects=effects))
-    assert "URDF: T(x, y, z) Rz(yaw) Ry(pitch) Rx(roll), then the axis; 1 joint, foot to hand" in text
-    for heading, cells in (
-        ("Geometry", ["stand", "0", "0", "500", "0", "0", "0", "0", "fixed"]),
-        ("Geometry", ["turn", "0", "0", "0", "90", "0", "0", "5.7296", "y"]),
-        ("Drives", ["turn", "revolute", "-", "-", "°", "-1", "80"]),
-        ("Drives", ["copy", "revolute", "-", "-", "°", "+1", "-", "-2", "x", "turn"]),
-        ("Links", ["copy", "1.25", "100", "0", "0"]),
-    ):
-        assert row(text, heading, cells[0]) == cells
-    assert "effects  backlash, gear_ratio" in text
-
-
-def test_names_are_not_cut_in_a_narrow_terminal() -> None:
-    assert "shoulder_lift_joint" in drawn(read_robot(CONFIGS / "ur10.yaml"), width=60)
-
-
 BAD_EFFECTS = """  - {effect: wobble, joints: [shoulder]}
   - {effect: backlash, joints: [j7], values: {j7: 1}}
   - {effect: backlash, joints: [j1], values: }
@@ -160,44 +156,6 @@ def test_effects_that_no_command_could_apply_are_refused_with_their_lines(tmp_pa
         number = start + int(one[len("effects[")])
         assert line.startswith(f"{number}, {one}")
     assert "tip: give one entry with the sum of the values" in result.stderr
-
-
-def test_effects_are_shown_with_their_values() -> None:
-    truth = "sample_data/trace/truth.yaml"
-    assert "         joint_compliance.j2 = 8.72665e-07 rad/(N m)\n" in show(truth)
-    found = shown(truth)["robot"]["coefficients"]
-    # The file has degrees.
-    assert {"name": "backlash.j3", "value": pytest.approx(np.deg2rad(-0.009)), "unit": "rad"} in found
-
-
-def test_numbers_of_a_wide_table_stay_whole(tmp_path: Path) -> None:
-    origin = '<origin xyz="-0.61265292 -0.11586873 0.1639417" rpy="1.5707963 0.0049321 -0.0845777"/>'
-    links = "".join(f'<link name="l{i}"/>' for i in range(4))
-    joints = "".join(
-        f'<joint name="shoulder_lift_joint_{i}" type="revolute"><parent link="l{i}"/><child link="l{i + 1}"/>{origin}'
-        '<axis xyz="0 0 1"/><limit lower="-3" upper="3" effort="1" velocity="1"/></joint>'
-        for i in range(3)
-    )
-    path = saved(tmp_path / "arm.urdf", f'<robot name="arm">{links}{joints}</robot>')
-    lines = show(path).splitlines()
-    assert max(map(len, lines)) <= 80
-    words = [line.split() for line in lines]
-    cells = [["-612.6529", "-115.8687", "163.9417"], ["90", "0.2826", "-4.8459", "z"]]
-    assert missing(words, *(["shoulder_lift_joint_1", *numbers] for numbers in cells)) == []
-
-
-def test_many_coefficients_are_counted(tmp_path: Path) -> None:
-    entries = "".join(
-        f"  - {{effect: transmission_error, joints: [j{i}], orders: [{', '.join(map(str, range(1, 25)))}], "
-        f"values: {{{', '.join(f'j{i}.cos{n}: 1.0e-5' for n in range(1, 25))}}}}}\n"
-        for i in (1, 2)
-    )
-    text = ROBOT.read_text()
-    output = show(saved(tmp_path / "arm.yaml", f"{text}\neffects:\n{entries}"))
-    assert "effects  transmission_error (2 entries)" in output
-    shown = sum(line.lstrip().startswith("transmission_error.") for line in output.splitlines())
-    (more,) = [line for line in output.splitlines() if "more coefficients" in line]
-    assert more.split() == ["…", "and", str(48 - shown), "more", "coefficients,", "in", "the", "robot", "file"]
 
 
 # ``robacc simulate``, ``robacc show effects``, ``export`` and ``init --from`` from the command line.

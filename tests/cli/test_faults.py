@@ -9,7 +9,7 @@ import signal
 import subprocess
 import sys
 import time
-from collections.abc import Iterable
+from collections.abc import Callable, Iterable
 from pathlib import Path
 from typing import Any
 
@@ -46,8 +46,9 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     poses, robot = SAMPLES / "trace" / "poses.csv", SAMPLES / "trace" / "robot.yaml"
     # Poses whose result is longer than the buffer of a pipe.
     long = f"{{ cat {poses}; for i in 1 2 3; do tail -n 150 {poses}; done; }}"
+    warm = f"sed 's/^q1/temperatur_c,q1/;s/^[-0-9]/20,&/' {poses} | cat"
     estimate = f"{command} {' '.join(ESTIMATE)}"
-    line = line.format(robacc=command, estimate=estimate, samples=SAMPLES, long=long, robot=robot)
+    line = line.format(robacc=command, estimate=estimate, samples=SAMPLES, long=long, warm=warm, robot=robot)
     return subprocess.run(("bash", "-c", line), capture_output=True, text=True, timeout=60, check=False)
 
 
@@ -164,6 +165,7 @@ def test_a_full_standard_output(command: str) -> None:
         ("{robacc} estimate - <&-", 3, "error: <stdin>: the file is empty\n"),
         ("{robacc} estimate nowhere.csv 2>&-", 3, ""),
         ("{long} | {robacc} estimate - --robot {robot} --format json | head -1; exit ${{PIPESTATUS[1]}}", 141, ""),
+        ("{warm} | {robacc} estimate - --robot {robot} | true; exit ${{PIPESTATUS[2]}}", 141, "warning: <stdin>:"),
         ("{robacc} show {samples}/robot.yaml | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} | true; exit ${{PIPESTATUS[0]}}", 141, ""),
@@ -385,12 +387,14 @@ CASES: dict[str, tuple[str, int, str]] = {
     "base far off, pitch of 90 degrees": (robot(6, base=FAR), 30, "0.02mm"),
 }
 
-COMMANDS: dict[str, tuple[str, ...]] = {
-    "estimate": ("{poses}", "--robot", "{robot}"),
-    "predict": ("{robot}", "--samples", "8"),
-    "calibrate": ("{poses}", "--robot", "{robot}", "--fit", "base_frame,joint_offset,joint_compliance", "--folds", "2"),
-    "trace": ("{poses}", "--robot", "{robot}", "--declared", "base_frame,tool_frame", "--folds", "2"),
-    "iso9283": ("{poses}", "--robot", "{robot}"),
+FIT = "base_frame,joint_offset,joint_compliance"
+
+CALLS: dict[str, Callable[[str, str], robacc.Result]] = {
+    "estimate": lambda poses, robot: robacc.estimate(poses, robot=robot),
+    "predict": lambda poses, robot: robacc.predict(robot, samples=8),
+    "calibrate": lambda poses, robot: robacc.calibrate(poses, robot=robot, fit=FIT, folds=2),
+    "trace": lambda poses, robot: robacc.trace(poses, robot=robot, declared="base_frame,tool_frame", folds=2),
+    "iso9283": lambda poses, robot: robacc.iso9283(poses, robot=robot),
 }
 
 
@@ -422,18 +426,14 @@ def reasoned(value: Any, path: str = "") -> None:
 
 
 def answers(files: dict[str, str], command: str) -> tuple[int, dict[str, Any]]:
-    """A command's exit status and document, its table looked over too."""
-    arguments = [argument.format(**files) for argument in COMMANDS[command]]
-    done = run_in_project(command, *arguments, "--format", "json")
-    if done.exit_code != 0:
-        assert done.exit_code == 3
-        assert done.stderr.startswith("error: ")
-        return done.exit_code, {}
-    document: dict[str, Any] = json.loads(done.stdout, parse_constant=no_constant)
+    """The exit status and the document of a call as the command has them, its table looked over too."""
+    try:
+        result = CALLS[command](files["poses"], files["robot"])
+    except InputError as error:
+        return error.exit_status, {}
+    document: dict[str, Any] = json.loads(result.to_json(), parse_constant=no_constant)
     reasoned(document)
-    table = run_in_project(command, *arguments)
-    assert table.exit_code == 0
-    assert not {"nan", "inf", "-inf"} & set(table.stdout.lower().replace("(", " ").replace(",", " ").split())
+    assert not {"nan", "inf", "-inf"} & set(str(result).lower().replace("(", " ").replace(",", " ").split())
     return 0, document
 
 
@@ -473,7 +473,7 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
     path = Path(files["poses"])
     head, *rows = [line for line in path.read_text().splitlines() if not line.startswith("#")]
     path.write_text("\n".join([head, *(rows * 15)]) + "\n")
-    done = run_in_project("estimate", *(one.format(**files) for one in COMMANDS["estimate"]))
+    done = run_in_project("estimate", files["poses"], "--robot", files["robot"])
     assert f"{14 * alike} rows repeat an earlier row in every column" in done.stderr
     assert "not registered" not in done.stderr
     status, found = answers(files, "estimate")
@@ -488,7 +488,7 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
 def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
     """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
     files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 20, "0.02mm")
-    assert commands.document("calibrate", *(one.format(**files) for one in COMMANDS["calibrate"]))["n_poses"] == 20
+    assert CALLS["calibrate"](files["poses"], files["robot"]).document()["n_poses"] == 20
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, math.pi - 1e-6, math.pi - 1e-12, math.pi])

@@ -259,8 +259,7 @@ def test_targets_must_be_the_same() -> None:
 def stored(folder: Path, **changes: Any) -> str:
     """Path of a result with these keys."""
     keys = {"schema": "robacc.estimate/1", "robacc": "1", "command": "estimate", "n_poses": 2}
-    path = saved(folder / "r.json", json.dumps(keys | {"options": {}, "inputs": []} | changes))
-    return str(path)
+    return str(saved(folder / "r.json", json.dumps(keys | {"options": {}, "inputs": []} | changes)))
 
 
 @pytest.mark.parametrize(

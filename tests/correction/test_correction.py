@@ -579,7 +579,6 @@ def test_targets_of_equal_names_and_targets_that_were_not_fitted_are_compared() 
         robacc.read_robot(ROBOT), targets={"A": Frame(xyz=(0.05, 0.0, 0.1)), "B": Frame(xyz=(-0.05, 0.02, 0.1))}
     )
     data = robacc.simulate(robot, poses=40, seed=3, noise="0.03mm", position_only=True, sigma=True).data
-    assert data.target is not None
     model = robacc.calibrate(data, robot=robot, fit="base_frame,tool_frame,joint_offset", folds=2).robot
     alone = data.subset(np.flatnonzero(data.target == "A")[:10])
     result = robacc.compare_paired(alone, alone, model=model, nominal=robot)

@@ -125,8 +125,7 @@ def test_good_data_hold_no_mistake(name: str) -> None:
     base = Frame(tuple(rng.uniform(-4, 4, 3)), tuple(rng.uniform(-1.5, 1.5, 3)))
     for seed, orientation in ((0, True), (1, False)):
         plan = Plan(25, seed=seed, noise_position=1e-3, noise_orientation=1e-3, outliers=3, orientation=orientation)
-        data = simulate(dataclasses.replace(robot, base=base), plan).data
-        assert check_data(robot, data) == ()
+        assert check_data(robot, simulate(dataclasses.replace(robot, base=base), plan).data) == ()
 
 
 def test_few_poses_or_no_joints_are_not_judged() -> None:

@@ -150,7 +150,6 @@ def test_positions_that_a_controller_computed_are_told_from_measured_ones(tmp_pa
 def test_positions_of_many_digits_are_computed_ones_too(tmp_path: Path, digits: int) -> None:
     """A controller shows joints to 0.001 degrees, and a program writes all digits of its positions."""
     data = simulate(arm("puma560").robot, Plan(40, seed=4, noise_position=0.0, orientation=False)).data
-    assert data.q is not None
     q = np.radians(np.round(np.degrees(data.q), digits))
     path = saved(tmp_path / "poses.csv", format_poses(dataclasses.replace(data, q=q)))
     warnings = robacc.estimate(path, robot=arm("puma560").robot, align="none").warnings
@@ -248,9 +247,8 @@ def test_a_cause_of_no_joint_is_told_along_the_way_it_moves_the_target() -> None
     _, _, data = fitted_of_partial_residuals("thermal_expansion")
     assert (warm.joint, warm.unit, warm.driver, warm.driver_unit) == (None, "m", "temperature_c", "°C")
     assert np.array_equal(np.sign(warm.effect), np.sign(data.temperature - 20.0))
-    drift = curve("frame_drift")
     # The base moves along x by 0.3 mm in half the time: at every pose the same line through its middle.
-    assert drift.effect == pytest.approx(3e-4 * (data.time - 1800) / 1800, abs=1e-5)
+    assert curve("frame_drift").effect == pytest.approx(3e-4 * (data.time - 1800) / 1800, abs=1e-5)
     scale = curve("instrument_scale")
     assert scale.driver == "distance"
     assert scale.effect == pytest.approx(-3e-4 * scale.x, rel=0.05)
@@ -263,8 +261,7 @@ def test_every_effect_of_a_joint_has_a_driver() -> None:
             data = circumstances(robot_arm.robot, 40)
             default = cls.default(robot_arm, data, cls.possible_joints(robot_arm)[:1])
             effect = next(iter(cls.candidates(robot_arm, data)), default)
-            driver = effect.driver(robot_arm, data, effect.joints[0])
-            assert driver.values.shape == (40,)
+            assert effect.driver(robot_arm, data, effect.joints[0]).values.shape == (40,)
 
 
 def test_an_effect_without_a_single_driver_is_held_against_itself() -> None:
@@ -322,8 +319,7 @@ def test_rows_in_turn_are_not_judged_by_one_of_them(tmp_path: Path) -> None:
     robot = read_robot(str(ROBOT))
     with pytest.raises(InputError, match="times as far as the robot moved"):
         read_robot_poses(rewritten(tmp_path, "m", 1e3, repeat=100), robot)
-    data = read_robot_poses(rewritten(tmp_path, "mm", 1e3, repeat=100), robot)
-    assert data.n == 6000
+    assert read_robot_poses(rewritten(tmp_path, "mm", 1e3, repeat=100), robot).n == 6000
 
 
 def test_several_targets_want_a_robot_that_tells_them_apart(tmp_path: Path) -> None:

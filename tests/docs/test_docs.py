@@ -213,8 +213,6 @@ def registered(tmp_path: Path) -> Iterator[None]:
     known = dict(REGISTRY)
     (source,) = (block.text for block in blocks(PAGE.read_text(encoding="utf-8")) if block.file == f"{NAME}.py")
     spec = importlib.util.spec_from_file_location(NAME, saved(tmp_path / f"{NAME}.py", source))
-    assert spec is not None
-    assert spec.loader is not None
     module = importlib.util.module_from_spec(spec)
     sys.modules[NAME] = module
     try:
@@ -273,7 +271,7 @@ def test_the_example_asks_for_the_accuracy_then_for_the_cause_and_closes_the_loo
 @pytest.fixture(scope="module")
 def outputs(tmp_path_factory: pytest.TempPathFactory) -> list[str]:
     """Outputs of all commands of the example, in one session."""
-    session = Session(tmp_path_factory.mktemp("example"))
+    session = Session(tmp_path_factory.mktemp("example"), CACHE)
     return [session.run(shown.command) for shown in EXAMPLE]
 
 

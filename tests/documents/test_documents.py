@@ -275,8 +275,7 @@ def good(**changes: Any) -> dict[str, Any]:
 
 
 def stored_of_read_result(tmp_path: Path, text: str | bytes) -> str:
-    path = saved(tmp_path / "result.json", text if isinstance(text, bytes) else text.encode())
-    return str(path)
+    return str(saved(tmp_path / "result.json", text if isinstance(text, bytes) else text.encode()))
 
 
 def problems(tmp_path: Path, text: str | bytes) -> str:
@@ -395,20 +394,20 @@ def test_later_sources_replace_keys_and_the_order_is_that_of_the_page(tmp_path: 
     assert read_identity([]) == {}
 
 
-def test_mistakes(tmp_path: Path) -> None:
-    path = saved(tmp_path / "identity.yaml", "serial: 12345\nplace: [a]\n")
-    with pytest.raises(InputError) as caught:
-        read_identity([str(path)])
-    assert [(problem.line, problem.column) for problem in caught.value.problems] == [(1, "serial"), (2, "place")]
-    path.write_text("place:\n", encoding="utf-8")
-    with pytest.raises(InputError, match="names nothing of what was tested"):
-        read_identity([str(path)])
-    with pytest.raises(UsageError, match="unknown key 'operater'; did you mean 'operator'"):
-        read_identity(["operater=x"])
-    with pytest.raises(UsageError, match="expected one line of text for place"):
-        read_identity(["place="])
-    with pytest.raises(InputError, match="the file does not exist"):
-        read_identity([str(tmp_path / "nowhere.yaml")])
+@pytest.mark.parametrize(
+    ("given", "error", "message"),
+    [
+        ("serial: 12345\nplace: [a]\n", InputError, r"identity\.yaml:1, serial: .*identity\.yaml:2, place: "),
+        ("place:\n", InputError, "names nothing of what was tested"),
+        ("operater=x", UsageError, "unknown key 'operater'; did you mean 'operator'"),
+        ("place=", UsageError, "expected one line of text for place"),
+        ("nowhere.yaml", InputError, "the file does not exist"),
+    ],
+)
+def test_mistakes(given: str, error: type[Exception], message: str, tmp_path: Path) -> None:
+    source = str(saved(tmp_path / "identity.yaml", given)) if "\n" in given else given
+    with pytest.raises(error, match=f"(?s){message}"):
+        read_identity([source])
 
 
 def test_a_robot_file_states_the_identity_of_its_arm(tmp_path: Path) -> None:

@@ -164,8 +164,7 @@ def assert_jacobian(model: Model, data: Measurements) -> None:
     theta = small(bound.terms)
     poses, jacobian = bound.linearise(theta)
     assert jacobian.shape == (6, len(bound.terms), data.n)
-    at = bound.poses(theta)
-    np.testing.assert_allclose(poses.translation, at.translation, rtol=0, atol=1e-14)
+    np.testing.assert_allclose(poses.translation, bound.poses(theta).translation, rtol=0, atol=1e-14)
     # Every column in two random directions at once, each brought to size 1 so that none hides behind another: two
     # sweeps of the chain instead of one a column.
     rng = np.random.default_rng(8)
@@ -179,8 +178,7 @@ def assert_jacobian(model: Model, data: Measurements) -> None:
         spin = np.einsum("ikn,jkn->ijn", turned.rotation.imag / 1e-30, turned.rotation.real)
         dphi = np.stack((spin[2, 1] - spin[1, 2], spin[0, 2] - spin[2, 0], spin[1, 0] - spin[0, 1])) / 2
         expected = np.concatenate((dp, dphi))
-        found = np.einsum("ipn,p->in", jacobian, way)
-        np.testing.assert_allclose(found, expected, rtol=0, atol=1e-10)
+        np.testing.assert_allclose(np.einsum("ipn,p->in", jacobian, way), expected, rtol=0, atol=1e-10)
 
 
 @pytest.mark.parametrize("name", EFFECTS)

@@ -272,8 +272,7 @@ def measured_of_held_out(poses: int = 40, cycles: int = 1, *, orientation: bool 
 
 
 def fitted(data: Measurements, asked: str = FIT, **options: object) -> Fit:
-    one = arm("puma560")
-    return fit(model_of(one.robot, asked, data), data, Options(**options))  # type: ignore[arg-type]
+    return fit(model_of(arm("puma560").robot, asked, data), data, Options(**options))  # type: ignore[arg-type]
 
 
 def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:

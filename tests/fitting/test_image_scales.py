@@ -30,6 +30,8 @@ def test_a_wrong_board_and_a_wrong_lens_are_named(
 ) -> None:
     lines = (SAMPLE / "points.csv").read_text().splitlines()
     rows = [*csv.DictReader(line for line in lines if line[0] != "#")]
+    photos = [*dict.fromkeys(row["pose"] for row in rows)][::2]
+    rows = [row for row in rows if row["pose"] in photos]
     with open(tmp_path / "points.csv", "w", newline="") as stream:
         table = csv.DictWriter(stream, rows[0])
         table.writeheader()
@@ -54,5 +56,4 @@ def test_two_links_that_are_longer_are_no_smaller_board(tmp_path: Path) -> None:
     text = text.replace("a: -612,", "a: -608.7,").replace("a: -572.3,", "a: -569.7,")
     arm = saved(tmp_path / "arm.yaml", text)
     poses = PoseFile(SAMPLE / "points.csv", camera=SAMPLE / "camera.yaml")
-    result = robacc.calibrate(poses, robot=arm)
-    assert not any("the images fit" in text for text in result.warnings)
+    assert not any("the images fit" in text for text in robacc.calibrate(poses, robot=arm).warnings)

@@ -385,8 +385,7 @@ def displaced(size: float, rows: np.ndarray) -> tuple[Measurements, Fit]:
     position = predict(robot, data).translation + rng.normal(scale=1e-5, size=(3, 120))
     position[2, rows] += size
     data = dataclasses.replace(data, position=position)
-    model = model_of(robot, "base_frame,joint_offset", data)
-    return data, fit(model, data)
+    return data, fit(model_of(robot, "base_frame,joint_offset", data), data)
 
 
 def outlier_warnings(fitted: Fit, data: Measurements) -> list[str]:

@@ -229,8 +229,7 @@ def test_the_order_of_rows_and_the_unit_do_not_matter() -> None:
     q = np.repeat(random_poses(15), 3, axis=1) + rng.normal(scale=0.02, size=(6, 45))
     order = rng.permutation(45)
     first, second = places(poses(q)), places(poses(q[:, order] * np.array([1, 1, 1, 1, 1, 1000.0])[:, None]))
-    same = first[:, None] == first
-    assert np.array_equal(second[:, None] == second, same[np.ix_(order, order)])
+    assert np.array_equal(second[:, None] == second, (first[:, None] == first)[np.ix_(order, order)])
 
 
 @pytest.mark.parametrize("draws", [4, pytest.param(12, marks=pytest.mark.slow)])

@@ -565,8 +565,8 @@ def test_the_document_says_everything_and_is_the_same_each_time() -> None:
     curve = np.array(entry_document["operating_curve"])
     assert np.all(np.diff(curve[:, 0]) > 0)
     assert np.all(np.diff(curve[:, 1]) <= 0)
-    at_limit = curve[np.argmin(np.abs(curve[:, 0] - 1.5e-3)), 1]
-    assert at_limit == pytest.approx(0.05, abs=1e-6)  # the false accepts that rule bound allows at the limit
+    # The false accepts that rule bound allows at the limit.
+    assert curve[np.argmin(np.abs(curve[:, 0] - 1.5e-3)), 1] == pytest.approx(0.05, abs=1e-6)
 
 
 SD = np.array([1.0, 0.6, 0.3])[:, None]

@@ -24,8 +24,6 @@ Columns = dict[str, list[list[str]]]
 def numbers() -> Columns:
     robot = robacc.read_robot(ROBOT)
     data = robacc.read_poses(SAMPLES / "poses.csv", robot=robot).subset(slice(0, COUNT))
-    assert data.q is not None
-    assert data.rotation is not None
     commanded = (data.position - robacc.estimate(data, robot=robot, frame="base").errors.position) * 1e3
     rpy = np.degrees(rpy_from_rotation(data.rotation))
     written = {
@@ -412,7 +410,6 @@ def data(robot: robacc.Robot) -> robacc.Measurements:
 @pytest.fixture(scope="module")
 def measured(data: robacc.Measurements) -> Poses:
     """The poses in the instrument's frame."""
-    assert data.rotation is not None
     return CENTRE @ Poses(data.rotation, data.position)
 
 
@@ -440,7 +437,6 @@ def rostopic(measured: Poses) -> str:
 def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(
     data: robacc.Measurements, robot: robacc.Robot, tmp_path: Path
 ) -> None:
-    assert data.q is not None
     head = ",".join([f"q{i}" for i in range(1, 7)]) + ",x,y,z,roll_deg,pitch_deg,yaw_deg\n"
     columns = np.vstack([data.q, data.position, moving_xyz(data.rotation)]).T
     path = saved(tmp_path / "poses.csv", joined(head, columns, ","))

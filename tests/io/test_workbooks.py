@@ -80,7 +80,6 @@ def written(folder: Path, sheets: Mapping[str, Sequence[Sequence[Cell]]]) -> Pat
 
 def test_a_sheet_with_a_title_is_read_like_text(tmp_path: Path) -> None:
     data = read_poses(written(tmp_path, {"Messung": [["Cell 3, tracker 17"], [], HEAD, *ROWS]}))
-    assert data.q is not None
     np.testing.assert_allclose(np.degrees(data.q), [[10, -20]])
     np.testing.assert_array_equal(data.position * 1e3, [[1000.5, 900], [20.25, 30], [-3, 4]])
     assert data.pose.tolist() == ["a", "b"]

@@ -433,7 +433,6 @@ def test_distance_with_scatter_alike_in_all_directions_is_noncentral_chi_square(
     variance, value, dof = 0.04, 1.0, 10_000_000.0
     estimate = distance(np.array([0.6, 0.0, 0.8]), variance * np.eye(3), dof).interval_at(0.95)
     for limit, tail in ((estimate.lower, 0.975), (estimate.upper, 0.025), (estimate.upper_bound, 0.05)):
-        assert limit is not None
         reached = stats.ncx2.cdf(value**2 / variance, 3, limit**2 / variance)
         assert reached == pytest.approx(tail, abs=1e-4)
 

@@ -120,7 +120,6 @@ def test_a_slides_travel_grows_with_the_links_unless_its_scale_does_not(name: st
     grown = predict(dataclasses.replace(bare, effects=(entry,)), data).translation
     np.testing.assert_allclose(grown, 1.001 * nominal, rtol=0, atol=1e-12)
     fixed = predict(dataclasses.replace(bare, effects=({**entry, "slides": False},)), data).translation
-    assert data.q is not None
     slide = [joint.type for joint in bare.variables].index("prismatic")
     step = 1e-6
     moved = dataclasses.replace(data, q=data.q + step * np.eye(len(data.q))[:, [slide]])
@@ -361,7 +360,6 @@ def test_every_effect_keeps_its_range_and_stops_or_extrapolates_as_it_says(name:
     limited = predict(robot, wide).translation
     outside = outside_validity(robot, wide)
     if known.validity:
-        assert outside is not None
         assert outside.n_poses > 30, "a quarter of the range leaves most poses outside"
         assert outside.warnings()[0].startswith(f"{outside.n_poses} of 60 poses are outside")
     else:
@@ -390,7 +388,6 @@ def test_a_held_effect_has_the_value_of_the_end_of_its_range() -> None:
     np.testing.assert_allclose(moved[:, 1], [1e-4, 2e-4, -3e-4], atol=1e-15)
     np.testing.assert_allclose(moved[:, 2], [-1e-4, 2e-4, 3e-4], atol=1e-15)
     outside = outside_validity(robot, data)
-    assert outside is not None
     assert outside.n_poses == 2
     assert outside.ranges[0]["driver"] == "time_s"
     assert outside.ranges[0]["largest_excess"] == pytest.approx(7200.0)

@@ -234,7 +234,6 @@ def test_a_trace_tests_the_effect_of_the_payload() -> None:
 
 def test_validation_poses_have_payloads() -> None:
     plan = planned(fit=FIT, poses=10, validation=5)
-    assert plan.validation is not None
     assert plan.validation.payload.tolist() == [0.0, 0.0, 0.0, 5.0, 5.0]
     assert "payload_kg" in plan.validation_csv()
 

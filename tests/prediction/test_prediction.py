@@ -48,8 +48,7 @@ FOUR = {"theta": 1e-4, "d": 1e-4, "a": 1e-4, "alpha": 1e-4}
 
 
 def row(name: str, kind: str = "revolute", limits: tuple[float, float] | None = (-2.0, 2.0), **values: float) -> Joint:
-    parameters = dict.fromkeys(DH_PARAMETERS, 0.0) | values
-    return Joint(name, kind, parameters, limits=limits, tolerance=FOUR)  # type: ignore[arg-type]
+    return Joint(name, kind, dict.fromkeys(DH_PARAMETERS, 0.0) | values, limits=limits, tolerance=FOUR)  # type: ignore[arg-type]
 
 
 def planar(a1: float = 0.5, a2: float = 0.3) -> Robot:

@@ -1,17 +1,18 @@
 """Programs of KUKA, ABB, FANUC and Universal Robots."""
 
 import dataclasses
+from collections.abc import Iterable
 from pathlib import Path
 
 import numpy as np
 import pytest
-from sample_files import saved
+from sample_files import agreed, saved
 from scipy.spatial.transform import Rotation
 
 from robacc import InputError, Robot, read_robot
 from robacc.api.correct import correct_program
 from robacc.geometry import Array
-from robacc.programs.program import Program, ProgramTarget, read_program
+from robacc.programs.program import Program, ProgramFrame, read_program
 from robacc.programs.targets import with_targets
 from robacc.robots.arm import Arm
 from robacc.robots.description import Frame
@@ -19,91 +20,63 @@ from robacc_plugins.krl import allowed_by_status, joint_window
 from robacc_plugins.rapid import allowed_by_cfx
 
 SAMPLES = Path(__file__).parent / "samples"
+MM, DEGREES = 3 * (1e3,), 3 * (180.0 / np.pi,)
 
 
 def notes(program: Program) -> dict[int, str]:
     return {note.line: note.reason for note in program.notes}
 
 
-def line_of(name: str, start: str) -> int:
-    lines = (SAMPLES / name).read_text(encoding="cp1252").splitlines()
-    return next(k for k, line in enumerate(lines, start=1) if line.strip().startswith(start))
+READ = {
+    **dict.fromkeys(("weld.dat", "expert.src", "spline.dat"), ("config.dat",)),
+    **dict.fromkeys(("weld.src", "expert.dat", "glue.mod", "array.mod", "literal.mod"), ()),
+    "weldline.mod": ("cell.sys",),
+    **dict.fromkeys(("pick.ls", "home.ls", "german.ls", "incr.ls"), ()),
+    **dict.fromkeys(("pick.script", "polyscope.script", "changed.script"), ()),
+    **dict.fromkeys(("val3/cell.dtx", "val3/scara.dtx"), ()),
+}
+"""Sample programs, and the files that are read beside them."""
 
 
-def test_inline_forms_give_tool_and_base_by_number() -> None:
-    program = read_program(SAMPLES / "weld.dat", [SAMPLES / "config.dat"])
-    assert [t.name for t in program.targets] == ["XP1", "XP2", "XP3", "XP4"]
-    assert program.moves == (0, 1, 2, 3)
-    assert all(t.tool is not None and t.tool.name == "3" for t in program.targets)
-    first = program.targets[0]
-    np.testing.assert_allclose(first.tool.frame.xyz, (0.0875, 0, 0.41225))
-    np.testing.assert_allclose(first.tool.frame.rpy, np.radians([0, -45, 0]), atol=1e-15)
-    np.testing.assert_allclose(first.base.frame.rpy, np.radians([0, 0, 90]), atol=1e-15)
-    assert first.configuration == "S 18,T 2"
+def numbers(values: Iterable[float], *factors: float) -> str:
+    return " ".join(f"{round(value * factor, 4) + 0.0:g}" for value, factor in zip(values, factors, strict=True))
 
 
-def test_abc_is_rz_ry_rx() -> None:
-    target = read_program(SAMPLES / "weld.dat").targets[1]
-    np.testing.assert_allclose(target.values[:3], (1.58776917, -0.890400757, 0.439605072))
-    x, y, z, w = Rotation.from_euler("ZYX", (177.082932, 4.31955290, -0.298484027), degrees=True).as_quat()
-    np.testing.assert_allclose(target.values[3:], np.array((w, x, y, z)) * np.sign(w), atol=1e-15)
+def placed(frame: ProgramFrame | None) -> str:
+    if frame is None or frame.frame is None:
+        return f"{frame.name} of unknown place" if frame else "unknown"
+    return f"{frame.name!r} {numbers((*frame.frame.xyz, *frame.frame.rpy), *MM, *DEGREES)}"
 
 
-def test_a_src_names_the_file_that_declares_its_targets() -> None:
-    program = read_program(SAMPLES / "weld.src")
-    assert program.targets == ()
-    reasons = notes(program)
-    assert "4 targets are declared in weld.dat" in " ".join(reasons.values())
-    assert reasons[line_of("weld.src", "PTP  XHOME")] == "the target's numbers are in none of the files read"
+def listing(name: str) -> str:
+    """Moves, targets and notes of a sample, in mm and degrees."""
+    program = read_program(SAMPLES / name, [SAMPLES / other for other in READ[name]])
+    lines = [f"{name}, {program.dialect}: moves {program.moves}"]
+    for target in program.targets:
+        factors = 6 * (DEGREES[0],) if target.kind == "joint" else (*MM, 1.0, 1.0, 1.0, 1.0)
+        lines.append(f"{target.line}: {target.name}, {target.kind} {numbers(target.values, *factors)}")
+        lines.append(f"  tool {placed(target.tool)}; base {placed(target.base)}; {target.configuration}".rstrip("; "))
+    lines += [f"{note.line}: {note.text!r} left alone, {note.reason}" for note in program.notes]
+    return "".join(f"{line}\n" for line in lines)
 
 
-def test_literals_of_motions_and_of_single_assignments_are_targets() -> None:
-    program = read_program(SAMPLES / "expert.src", [SAMPLES / "config.dat"])
-    by_line = {target.line: target for target in program.targets}
-    joint = by_line[line_of("expert.src", "PTP {A1 10.0")]
-    np.testing.assert_allclose(joint.values, np.radians([10, -95.5, 100.25, 0, 85.25, -10]))
-    np.testing.assert_allclose(joint.tool.frame.xyz, (0.0125, 0, 0.21075))
-    assert {line_of("expert.src", start) for start in ("ptp {E6AXIS", "target =")} <= {*by_line}
-
-
-def test_a_tool_set_in_a_branch_is_unknown_after_it() -> None:
-    program = read_program(SAMPLES / "expert.src", [SAMPLES / "config.dat"])
-    by_line = {target.line: target for target in program.targets}
-    inside, after = (by_line[line_of("expert.src", f"LIN {{X {x}.0")] for x in (840, 850))
-    assert inside.tool.name == "2"
-    assert after.tool is None
-    assert after.base.name == "4"
+def test_samples_have_their_targets_frames_moves_and_notes() -> None:
+    text = "\n".join(map(listing, READ))
+    assert text == agreed("programs.txt", text)
 
 
 @pytest.mark.parametrize(
-    ("start", "reason"),
+    ("name", "number", "turn"),
     [
-        ("LIN target : lift", "the target is computed at run time"),
-        ("LIN {X 830.0}", "the instruction leaves numbers of the target out or computes them"),
-        ("LIN_REL", "a relative motion has no target of its own"),
-        ("PTP_REL", "a relative motion has no target of its own"),
+        ("weld.dat", 1, Rotation.from_euler("ZYX", (177.082932, 4.31955290, -0.298484027), degrees=True)),
+        ("glue.mod", 0, Rotation.from_quat((0.727571, 0.686033, -2.82384e-06, 1.13796e-06))),
+        ("pick.ls", 1, Rotation.from_euler("xyz", (-0.098, 19.856, -179.9), degrees=True)),
+        ("pick.script", 1, Rotation.from_rotvec((-0.032924896149, 3.141372266899, -0.000292544836))),
     ],
 )
-def test_what_is_computed_at_run_time_is_listed(start: str, reason: str) -> None:
-    assert notes(read_program(SAMPLES / "expert.src"))[line_of("expert.src", start)] == reason
-
-
-def test_targets_that_the_program_changes_are_left_alone() -> None:
-    program = read_program(SAMPLES / "expert.dat")
-    assert [target.name for target in program.targets] == ["unused", "PARK"]
-    reasons = [(note.text.partition(":")[0], note.reason) for note in program.notes]
-    line = line_of("expert.src", "pallet.X")
-    assert ("pallet", f"the program assigns it at run time in line {line} of expert.src") in reasons
-    assert ("fixture", "is a FRAME that no motion of the files read goes to") in reasons
-
-
-def test_spline_motions_name_their_frames_themselves() -> None:
-    program = read_program(SAMPLES / "spline.dat", [SAMPLES / "config.dat"])
-    by_name = {target.name: target for target in program.targets}
-    first = by_name["XP1"]
-    assert (first.tool.name, first.base.name) == ("1", "0")
-    np.testing.assert_allclose(first.tool.frame.xyz, (0, 0, 0.15))
-    assert by_name["XS[3]"].base.frame is None, "a base on a moving unit is not known from the text"
+def test_orientations_are_those_of_each_dialect(name: str, number: int, turn: Rotation) -> None:
+    w, x, y, z = read_program(SAMPLES / name).targets[number].values[3:]
+    np.testing.assert_allclose(Rotation.from_quat((x, y, z, w)).as_matrix(), turn.as_matrix(), atol=1e-12)
 
 
 def test_a_huge_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -206,75 +179,6 @@ def test_the_status_selects_the_elbow(tmp_path: Path) -> None:
     assert np.abs(used[1] - q).max() > 0.5
 
 
-def by_name(program: Program) -> dict[str, ProgramTarget]:
-    return {target.name: target for target in program.targets}
-
-
-def reasons(program: Program) -> list[str]:
-    return [note.reason for note in program.notes]
-
-
-def test_targets_have_tool_and_work_object() -> None:
-    targets = by_name(read_program(SAMPLES / "glue.mod"))
-    assert list(targets) == ["p10", "p20", "p30", "jHome"]
-    np.testing.assert_allclose(targets["jHome"].values, np.radians([0, -20.5, 30, 0, 80.25, -10]))
-    p20 = targets["p20"]
-    np.testing.assert_allclose(p20.values, (0.506291651, -0.150257853, 0.679799999, 0.5, 0, 0.866025404, 0), atol=1e-9)
-    np.testing.assert_allclose(p20.tool.frame.xyz, (0.031792631019, 0, 0.229638935148))
-    # The object frame lies in the user frame, which is turned by 90 degrees about z.
-    np.testing.assert_allclose(p20.base.frame.xyz, (0.98, -0.03, 0.83), atol=1e-9)
-    np.testing.assert_allclose(p20.base.frame.rpy, (0, 0, np.pi / 2), atol=1e-8)
-    moving = targets["p30"]
-    assert moving.base.frame is None
-    assert moving.configuration == "[0,-2,-1,4]"
-
-
-def test_quaternions_begin_with_the_scalar() -> None:
-    w, x, y, z = by_name(read_program(SAMPLES / "glue.mod"))["p10"].values[3:]
-    rotation = Rotation.from_quat((x, y, z, w)).as_matrix()
-    expected = Rotation.from_quat((0.727571, 0.686033, -2.82384e-06, 1.13796e-06)).as_matrix()
-    np.testing.assert_allclose(rotation, expected, atol=1e-12)
-
-
-def test_offs_and_reltool_are_listed() -> None:
-    program = read_program(SAMPLES / "glue.mod")
-    assert [note.text for note in program.notes] == ["MoveL Offs(p20,0,0,100),v100,fine,tGlue\\WObj:=wDoor;"]
-    assert reasons(program) == ["the target is computed at run time"]
-
-
-def test_elements_of_an_array_are_targets() -> None:
-    program = read_program(SAMPLES / "array.mod")
-    assert [target.name for target in program.targets] == ["cube{1}", "cube{2}", "cube{3}"]
-    assert program.moves == (0, 1, 2, 1)
-    assert reasons(program) == ["the target is computed at run time"]
-
-
-def test_names_are_local_to_their_routine() -> None:
-    program = read_program(SAMPLES / "literal.mod")
-    assert [target.name for target in program.targets].count("pLocal") == 1
-    np.testing.assert_allclose(by_name(program)["pLocal"].values[:3], (0.007, 0.008, 0.009))
-    assert "the program assigns it at run time in line 12" in reasons(program)
-
-
-def test_literals_of_instructions_are_targets() -> None:
-    program = read_program(SAMPLES / "literal.mod")
-    kinds = [target.kind for target in program.targets if target.name != "pLocal"]
-    assert kinds == ["joint", *["cartesian"] * 4]
-    assert program.moves == (0, 1, 2, 3, 4, 5)
-    assert "the target is computed at run time" in reasons(program)
-
-
-def test_search_points_and_displacements_are_listed() -> None:
-    program = read_program(SAMPLES / "weldline.mod", [SAMPLES / "cell.sys"])
-    targets = by_name(program)
-    assert list(targets) == ["pW10", "pW20", "pSearch"]
-    assert "the program assigns it at run time in line 11" in reasons(program)
-    assert "pBad lacks some of the numbers of a robtarget" in reasons(program)
-    assert any(reason.startswith("PDispOn moves targets") for reason in reasons(program))
-    np.testing.assert_allclose(targets["pW20"].tool.frame.xyz, (0, 0, 0.4005))
-    assert targets["pW10"].tool is None, "two tools go to it"
-
-
 def test_ten_thousand_targets_take_linear_time(tmp_path: Path) -> None:
     unused = "[9E9,9E9,9E9,9E9,9E9,9E9]"
     lines = [f"CONST robtarget p{i}:=[[{i},0,1],[1,0,0,0],[0,0,0,0],{unused}];" for i in range(10_000)]
@@ -285,101 +189,11 @@ def test_ten_thousand_targets_take_linear_time(tmp_path: Path) -> None:
     np.testing.assert_allclose([target.values[0] for target in program.targets], np.arange(10_000) * 1e-3)
 
 
-def test_positions_have_frames_configuration_and_motion() -> None:
-    program = read_program(SAMPLES / "pick.ls")
-    assert [target.name for target in program.targets] == ["P[1]", "P[2:Prise]", "P[3]", "P[4]"]
-    assert program.moves == (0, 1, 1, 2, 3)
-    assert program.targets[3].configuration == "F U T, 0, -1, 1"
-    tool, base = program.targets[0].tool, program.targets[0].base
-    assert (tool.name, tool.frame, base.name, base.frame) == ("3", None, "1", None)
-    assert program.targets[2].base.frame is not None
-
-
-def test_wpr_turns_about_fixed_axes() -> None:
-    target = read_program(SAMPLES / "pick.ls").targets[1]
-    np.testing.assert_allclose(target.values[:3], (0.534015, 0.478032, 0.637))
-    x, y, z, w = Rotation.from_euler("xyz", (-0.098, 19.856, -179.9), degrees=True).as_quat()
-    np.testing.assert_allclose(np.abs(np.dot((w, x, y, z), target.values[3:])), 1, atol=1e-15)
-
-
-def test_offsets_and_registers_are_listed() -> None:
-    reasons = {note.line: note.reason for note in read_program(SAMPLES / "pick.ls").notes}
-    lines = (SAMPLES / "pick.ls").read_text(encoding="cp1252").splitlines()
-    at = {line.split(":")[0].strip(): k for k, line in enumerate(lines, start=1) if line[:4].strip().isdecimal()}
-    assert reasons[at["6"]] == "Offset moves the target at run time"
-    assert reasons[at["9"]] == reasons[at["10"]] == "the target is in a register, which is known at run time only"
-    assert len(reasons) == 3
-
-
-def test_joints_and_other_groups() -> None:
-    program = read_program(SAMPLES / "home.ls")
-    np.testing.assert_allclose(program.targets[0].values, np.radians([0, -12.5, 45, 0, -0.5, 200]))
-    assert len(program.targets) == 2
-
-
-def test_untaught_and_incremental_positions_are_left_alone() -> None:
-    german = read_program(SAMPLES / "german.ls")
-    assert [target.name for target in german.targets] == ["P[2]"]
-    assert [note.reason for note in german.notes] == [
-        "P[1] is not a target of this program",
-        "P[1] is not taught, or lacks some of its numbers",
-    ]
-    program = read_program(SAMPLES / "incr.ls")
-    assert [target.name for target in program.targets] == ["P[1]"]
-    assert "the motion in line 5 is incremental" in [note.reason for note in program.notes]
-
-
 def test_columns_stay_aligned() -> None:
     program = read_program(SAMPLES / "pick.ls")
     values = [(-0.0005, *target.values[1:]) for target in program.targets]
     lines = with_targets(program, values).decode("cp1252").splitlines()
     assert "\tX =     -.500  mm,\tY =   397.980  mm,\tZ =  1033.305  mm," in lines
-
-
-def test_variables_literals_and_inverse_kinematics_are_targets() -> None:
-    program = read_program(SAMPLES / "pick.script")
-    assert [(target.name, target.kind) for target in program.targets] == [
-        ("home", "joint"),
-        ("above_p", "cartesian"),
-        ("line 10", "cartesian"),
-        ("line 12", "cartesian"),
-        ("line 13", "cartesian"),
-    ]
-    above = program.targets[1]
-    np.testing.assert_allclose(above.values[:3], (-0.050273197644, -0.341535366440, 0.102459786423))
-    vector = (-0.032924896149, 3.141372266899, -0.000292544836)
-    x, y, z, w = Rotation.from_rotvec(vector).as_quat()
-    np.testing.assert_allclose(np.abs(np.dot((w, x, y, z), above.values[3:])), 1, atol=1e-15)
-    np.testing.assert_allclose(above.tool.frame.xyz, (0, 0, 0.0777))
-
-
-def test_what_is_computed_is_listed() -> None:
-    notes = {note.line: note.reason for note in read_program(SAMPLES / "pick.script").notes}
-    assert notes == {
-        7: "is a pose that no motion goes to directly",
-        11: "the target is computed at run time",
-        14: "the target is computed at run time",
-    }
-
-
-def test_the_tcp_is_known_only_where_the_text_decides_it() -> None:
-    program = read_program(SAMPLES / "polyscope.script")
-    tools = {round(target.values[0], 3): target.tool for target in program.targets}
-    assert tools[0.1] is None, "a routine may be called with any TCP"
-    assert tools[0.4] is None, "the call at the loop's end changes the TCP"
-    assert tools[0.374] is None
-    assert tools[0.5] is None
-
-
-def test_variables_that_change_are_left_alone() -> None:
-    program = read_program(SAMPLES / "changed.script")
-    assert [target.line for target in program.targets] == [17]
-    assert program.targets[0].tool is None, "a TCP that is set in a branch is unknown after it"
-    assert {note.line: note.reason for note in program.notes} == {
-        6: "the program assigns target at run time in line 5",
-        10: "the program assigns start at run time in line 9",
-        13: "the program assigns other at run time in line 12",
-    }
 
 
 def test_a_routine_that_sets_the_tcp_through_another_leaves_it_unknown(tmp_path: Path) -> None:

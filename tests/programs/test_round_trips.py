@@ -176,9 +176,6 @@ def test_bad_programs_get_one_message(suffix: str, text: bytes, message: str, tm
     assert len(caught.value.problems) == 1
 
 
-SAMPLES_OF_FLANGE = Path(__file__).parent / "samples"
-
-
 def matrix(xyz: tuple[float, ...], rotation: Rotation) -> np.ndarray:
     result = np.eye(4)
     result[:3, :3] = rotation.as_matrix()
@@ -187,7 +184,7 @@ def matrix(xyz: tuple[float, ...], rotation: Rotation) -> np.ndarray:
 
 
 def test_the_flange_is_where_tool_and_base_say() -> None:
-    program = read_program(SAMPLES_OF_FLANGE / "weld.dat", [SAMPLES_OF_FLANGE / "config.dat"])
+    program = read_program(FOLDER / "weld.dat", [FOLDER / "config.dat"])
     numbers, flange, _ = flange_targets(program)
     assert numbers == (0, 1, 2, 3)
     # The numbers of $config.dat and of XP2, by hand.
@@ -195,13 +192,12 @@ def test_the_flange_is_where_tool_and_base_say() -> None:
     tool = matrix((0.0875, 0, 0.41225), Rotation.from_euler("ZYX", (0, -45, 0), degrees=True))
     angles = (177.082932, 4.31955290, -0.298484027)
     target = matrix((1.58776917, -0.890400757, 0.439605072), Rotation.from_euler("ZYX", angles, degrees=True))
-    expected = base @ target @ np.linalg.inv(tool)
-    np.testing.assert_allclose(flange.matrices()[1], expected, atol=1e-12)
+    np.testing.assert_allclose(flange.matrices()[1], base @ target @ np.linalg.inv(tool), atol=1e-12)
 
 
 def test_the_way_back_gives_the_values() -> None:
     for name, frames in (("weld.dat", ["config.dat"]), ("glue.mod", []), ("pick.script", [])):
-        program = read_program(SAMPLES_OF_FLANGE / name, [SAMPLES_OF_FLANGE / frame for frame in frames])
+        program = read_program(FOLDER / name, [FOLDER / frame for frame in frames])
         numbers, flange, _ = flange_targets(program)
         assert numbers
         for i, values in zip(numbers, values_at(program, numbers, flange), strict=True):
@@ -212,23 +208,22 @@ def test_the_way_back_gives_the_values() -> None:
 
 
 def test_unknown_frames_are_named() -> None:
-    numbers, flange, unknown = flange_targets(read_program(SAMPLES_OF_FLANGE / "pick.ls"))
+    numbers, flange, unknown = flange_targets(read_program(FOLDER / "pick.ls"))
     assert numbers == ()
     assert flange.translation.shape == (3, 0)
     assert unknown[0] == (0, "the tool 3 is in none of the files read")
-    assert flange_targets(read_program(SAMPLES_OF_FLANGE / "changed.script"))[2] == (
+    assert flange_targets(read_program(FOLDER / "changed.script"))[2] == (
         (0, "the program names no tool, or several, for this target"),
     )
 
 
 def test_joint_targets_are_columns() -> None:
-    numbers, q = joint_targets(read_program(SAMPLES_OF_FLANGE / "lines.script"))
+    numbers, q = joint_targets(read_program(FOLDER / "lines.script"))
     assert numbers == (0, 1, 2)
     np.testing.assert_allclose(q[0], (0, 0.1, 0.2))
     assert q.shape == (6, 3)
 
 
-SAMPLES_OF_FRAMES_FILE = Path(__file__).parent / "samples"
 FRAMES = """
 units: {length: mm, angle: deg}
 tools:
@@ -240,17 +235,17 @@ bases: {1: {xyz: [1000, 0, 0]}}
 
 def test_frames_are_taken_by_number_and_default_for_those_without_a_name(tmp_path: Path) -> None:
     path = saved(tmp_path / "frames.yaml", FRAMES)
-    target = read_program(SAMPLES_OF_FRAMES_FILE / "pick.ls", [path]).targets[0]
+    target = read_program(FOLDER / "pick.ls", [path]).targets[0]
     np.testing.assert_allclose((target.tool.frame.xyz, target.tool.frame.rpy), ((0, 0, 0.12), (0, np.pi / 2, 0)))
     np.testing.assert_allclose(target.base.frame.xyz, (1, 0, 0))
-    targets = read_program(SAMPLES_OF_FRAMES_FILE / "lines.script", [path]).targets
+    targets = read_program(FOLDER / "lines.script", [path]).targets
     assert {target.tool for target in targets} == {ProgramFrame("default", Frame((0.0, 0.0, 0.05)))}
 
 
 def test_problems_have_line_and_key(tmp_path: Path) -> None:
     path = saved(tmp_path / "frames.yaml", "units: {length: mm, angle: deg}\ntools:\n  3: {xyz: [0, 0]}\n")
     with pytest.raises(InputError, match=r"frames.yaml:3, tools.3.xyz: expected a list of 3 numbers"):
-        read_program(SAMPLES_OF_FRAMES_FILE / "pick.ls", [path])
+        read_program(FOLDER / "pick.ls", [path])
 
 
 JOINTS = [(0.1, -1.2, 1.3, -0.4, 0.5, 3.0), (0.0, -1.5707963, 1.5707963, 0.0, 1e-9, -3.1)]
@@ -282,8 +277,7 @@ def test_line_ends_are_those_of_the_controller() -> None:
 
 
 def test_a_prismatic_joint_is_in_mm() -> None:
-    text = krl.write([("a", (0.5, 0.25))], linear=[1])
-    assert "PTP {A1 28.64789,A2 250.00000}" in text
+    assert "PTP {A1 28.64789,A2 250.00000}" in krl.write([("a", (0.5, 0.25))], linear=[1])
 
 
 @pytest.mark.parametrize(

@@ -330,7 +330,6 @@ def test_the_label_of_an_effect_tells_its_forms_apart() -> None:
 
 def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
     entry = find_arm("irb120_3_58")
-    assert entry is not None
     robot = read_robot(entry["path"])
     data = simulate(robot, Plan(50, seed=2, noise_position=5e-5, orientation=False)).data
     fit = ("base_frame", "tool_frame", "joint_offset", "link_geometry", "joint_compliance[j2]")
@@ -352,8 +351,7 @@ def test_a_calibration_without_orientations_and_masses_stays_short() -> None:
 
 
 def document(**options: object) -> dict[str, object]:
-    result = robacc.plan(ROBOT, **{"candidates": 120, "check_every": 6, **options})  # type: ignore[arg-type]
-    return json.loads(result.to_json())  # type: ignore[no-any-return]
+    return json.loads(robacc.plan(ROBOT, **{"candidates": 120, "check_every": 6, **options}).to_json())
 
 
 @pytest.fixture(scope="module")
@@ -366,7 +364,6 @@ def test_the_charts_show_what_the_document_has(calibration: dict[str, object]) -
     assert list(charts) == ["planned-poses", "expected-accuracy", "detection-limits"]
     poses = charts["planned-poses"]
     assert len(poses.table.rows) == calibration["n_visits"]
-    assert poses.scene is not None
     traces = {trace["name"]: trace for trace in poses.scene["traces"]}
     assert len(traces["validation poses"]["x"]) == 3
     assert traces["instrument"]["x"] == [2.0]

@@ -239,20 +239,23 @@ def test_names_of_an_arm(name: str) -> None:
     assert robot_path(name) == str(arm["path"])
 
 
-def test_unknown_and_ambiguous_names_get_suggestions(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("kr6", r"neither a file nor an arm of the package.*did you mean kr6_r700_2 or kr6_r9"),
+        ("ur10ee", r"did you mean .*ur10e"),
+        ("qqqq", "robacc show robots lists the arms"),
+        ("ur10e.yaml", "the file does not exist"),
+    ],
+)
+def test_unknown_and_ambiguous_names_get_suggestions(name: str, message: str) -> None:
+    with pytest.raises(InputError, match=message):
+        read_robot(name)
+
+
+def test_a_file_comes_before_an_arm_of_its_name(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     assert find_arm("irb1200") is None
     assert set(similar_arms("irb1200")) == {"irb1200_5_90", "irb1200_7_70"}
-    with pytest.raises(
-        InputError, match=r"neither a file nor an arm of the package.*did you mean kr6_r700_2 or kr6_r9"
-    ):
-        read_robot("kr6")
-    with pytest.raises(InputError, match=r"did you mean .*ur10e"):
-        read_robot("ur10ee")
-    with pytest.raises(InputError, match="robacc show robots lists the arms"):
-        read_robot("qqqq")
-    with pytest.raises(InputError, match="the file does not exist"):
-        read_robot("ur10e.yaml")
-    # A file of that name comes first.
     monkeypatch.chdir(tmp_path)
     Path("ur10e").write_text(find_arm("ur5")["path"].read_text())  # type: ignore[index]
     assert read_robot("ur10e").name == "Universal Robots UR5"

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 import pytest
 from robot_files import example_robots
-from sample_files import ROOT
+from sample_files import ROOT, agreed, rounded
 from slow_parameters import some_fast
 
 import robacc
@@ -44,46 +44,61 @@ TREE = """<robot name="tree">
 """
 
 
-def test_default_chain_runs_from_the_root_to_the_leaf_with_most_joints() -> None:
-    robot = parse_urdf(TREE, "tree.urdf")
-    assert (robot.base_link, robot.tip_link) == ("world", "thumb")
-    assert parse_robot(robot_to_yaml(robot), "robot.yaml") == robot
-    assert [joint.name for joint in robot.joints] == ["stand", "one", "two", "slide", "follow"]
-    assert robot.variable_names == ("one", "two", "slide")
-    assert [joint.type for joint in robot.joints] == ["fixed", "revolute", "revolute", "prismatic", "prismatic"]
-    assert [joint.limits for joint in robot.variables] == [(-1, 2), None, (0, 0.1)]
-    assert robot.joints[1].axis == (0, 0, 1)  # normalised
-    assert (robot.joints[1].mass, robot.joints[1].com) == (2.5, (0.1, 0.2, 0.3))
-    assert robot.joints[2].parameters["pitch"] == 1.5707963  # as written: not through a matrix
-    assert robot.joints[4].mimic == Mimic("slide", -2.0, 0.01)
-    assert [joint.link for joint in robot.joints] == ["base", "upper", "lower", "finger", "thumb"]
+BRANCHED = """<robot name="torso">
+  <link name="base"/><link name="flange"/>
+  <link name="torso"><inertial><origin xyz="0 0 0.2"/><mass value="10"/></inertial></link>
+  <link name="camera"><inertial><mass value="2"/></inertial></link>
+  <link name="left"><inertial><origin xyz="0.5 0 0"/><mass value="4"/></inertial></link>
+  <link name="right"><inertial><origin xyz="0.1 0 0"/><mass value="3"/></inertial></link>
+  <joint name="waist" type="revolute"><parent link="base"/><child link="torso"/>
+    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
+  <joint name="neck" type="fixed"><origin xyz="0 0 0.6"/><parent link="torso"/><child link="camera"/></joint>
+  <joint name="left_arm" type="continuous"><origin xyz="0 0.3 0.4" rpy="0 0 1.5707963267948966"/>
+    <parent link="torso"/><child link="left"/><axis xyz="0 1 0"/></joint>
+  <joint name="right_arm" type="continuous"><origin xyz="0 -0.3 0.4"/><parent link="torso"/><child link="right"/>
+    <axis xyz="0 1 0"/></joint>
+  <joint name="end" type="fixed"><parent link="right"/><child link="flange"/></joint>
+</robot>
+"""
+
+FOLLOWS = '<parent link="base"/><child link="upper"/><mimic joint="follow" multiplier="3" offset="0.5"/>'
+NO_LIMITS = TREE.replace('lower="-1" upper="2"', 'lower="-inf" upper="inf"').replace('lower="0" upper', "upper")
+FIXED = '<joint name="left_arm" type="fixed">'
+FORK = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
+EQUAL = FORK.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
+ROOTS = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
+LOOP = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
+CIRCLE = LOOP.replace('<link name="world"/>', "")
+READ: dict[str, tuple[str, ...]] = {
+    "to the leaf with most joints": (TREE,),
+    "between two links": (TREE, "base", "flange"),
+    "from one of two roots": (ROOTS, "world"),
+    # By way of another that follows: 3 times -2, and 3 times 0.01 and 0.5.
+    "a mimic follows the joint that moves": (TREE.replace('<parent link="base"/><child link="upper"/>', FOLLOWS),),
+    "infinite limits are none, a missing one is 0": (NO_LIMITS,),
+    "no name": (TREE.replace('<robot name="tree">', '<robot xmlns:xacro="http://ros.org/wiki/xacro">'),),
+    # Camera at (0, 0, 0.6) and left arm at (0, 0.3 + 0.5, 0.4) hang on the torso; the right arm is the chain.
+    "masses beside the chain count with their carrier": (
+        BRANCHED.replace('<joint name="left_arm" type="continuous">', FIXED),
+        *("base", "flange"),
+    ),
+    "a joint beside the chain that moves mass is a branch": (BRANCHED, "base", "flange"),
+    "a light one counts as fixed": (BRANCHED.replace('<mass value="4"/>', '<mass value="0.09"/>'), "base", "flange"),
+    # A camera alone would pass for the weight of the arm.
+    "a chain without masses stays without": (
+        re.sub(r'(<link name="(torso|right)">).*?</link>', r"\1</link>", BRANCHED),
+        *("base", "flange"),
+    ),
+}
 
 
-def test_links_choose_the_chain() -> None:
-    robot = parse_urdf(TREE, "tree.urdf", "base", "flange")
-    assert [joint.name for joint in robot.joints] == ["one", "two", "end"]
-
-
-def test_a_mimic_of_a_mimic_follows_the_joint_that_moves() -> None:
-    text = TREE.replace(
-        '<parent link="base"/><child link="upper"/>',
-        '<parent link="base"/><child link="upper"/><mimic joint="follow" multiplier="3" offset="0.5"/>',
-    )
-    robot = parse_urdf(text, "tree.urdf")
-    assert robot.variable_names == ("two", "slide")
-    assert robot.joints[1].mimic == Mimic("slide", -6.0, 3 * 0.01 + 0.5)
-
-
-def test_infinite_limits_are_none_and_a_missing_one_is_zero() -> None:
-    text = TREE.replace('lower="-1" upper="2"', 'lower="-inf" upper="inf"').replace(
-        'lower="0" upper="0.1"', 'upper="0.1"'
-    )
-    assert [joint.limits for joint in parse_urdf(text, "t").variables] == [None, None, (0, 0.1)]
-
-
-def test_a_name_is_made_up_where_the_robot_has_none_and_namespaces_are_ignored() -> None:
-    text = TREE.replace('<robot name="tree">', '<robot xmlns:xacro="http://ros.org/wiki/xacro">')
-    assert parse_urdf(text, "tree.urdf").name == "robot"
+def test_a_chain_is_that_of_its_links() -> None:
+    """Each chain as a robot file."""
+    robots = {name: parse_urdf(text, "tree.urdf", *links) for name, (text, *links) in READ.items()}
+    texts = [robot_to_yaml(robot, [name]) for name, robot in robots.items()]
+    shown = re.sub(r"(?s)gravity.*?(?=base_link)", "", rounded("".join(texts)))
+    assert shown == agreed("urdfs.txt", shown)
+    assert [parse_robot(text, "robot.yaml") for text in texts] == [*robots.values()]
 
 
 def problems_of(text: str, base: str | None = None, tip: str | None = None) -> str:
@@ -180,31 +195,32 @@ def test_entities_are_refused_before_they_are_expanded() -> None:
     assert "is not allowed" in problems_of(secret)
 
 
-def test_what_a_chain_cannot_be_chosen_from() -> None:
-    equal = TREE.replace('<parent link="finger"/><child link="thumb"/>', '<parent link="lower"/><child link="thumb"/>')
-    equal = equal.replace('<mimic joint="slide" multiplier="-2" offset="0.01"/>', "")
-    text = problems_of(equal)
-    assert "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with `tip_link`" in text
-    roots = TREE.replace('<joint name="stand"', '<link name="island"/><joint name="stand"')
-    assert "2 links could be the base: world, island; choose one with `base_link`" in problems_of(roots)
-    assert parse_urdf(roots, "t", "world").tip_link == "thumb"
-    circle = TREE.replace('<parent link="world"/><child link="base"/>', '<parent link="flange"/><child link="base"/>')
-    circle = circle.replace('<link name="world"/>', "")
-    assert "the joints form a loop" in problems_of(circle)
-    with pytest.raises(UsageError, match="is not behind link"):
-        parse_urdf(circle, "t", "thumb", "flange")
-    assert "has no links" in problems_of('<robot name="r"/>')
-    assert "no joint follows the link 'thumb'" in problems_of(TREE, "thumb")
-    assert "no joint between 'world' and 'base' moves; choose a longer chain" in problems_of(TREE, None, "base")
-
-
-def test_links_that_do_not_exist_or_do_not_follow_are_wrong_usage() -> None:
-    with pytest.raises(UsageError, match=r"`tip_link`: t.urdf has no link 'flang'; it has flange"):
-        parse_urdf(TREE, "t.urdf", None, "flang")
-    with pytest.raises(UsageError, match=r"`base_link`: t.urdf has no link '1'; it has world, base, "):
-        parse_urdf(TREE, "t.urdf", "1")
-    with pytest.raises(UsageError, match="link 'base' is not behind link 'upper'"):
-        parse_urdf(TREE, "t.urdf", "upper", "base")
+@pytest.mark.parametrize(
+    ("text", "links", "error", "message"),
+    [
+        (
+            EQUAL,
+            (),
+            InputError,
+            "2 chains are equally long; the tree ends at finger, thumb, flange; choose one with `tip_link`",
+        ),
+        (ROOTS, (), InputError, "2 links could be the base: world, island; choose one with `base_link`"),
+        (CIRCLE, (), InputError, "the joints form a loop"),
+        (CIRCLE, ("thumb", "flange"), UsageError, "is not behind link"),
+        ('<robot name="r"/>', (), InputError, "has no links"),
+        (TREE, ("thumb",), InputError, "no joint follows the link 'thumb'"),
+        (TREE, (None, "base"), InputError, "no joint between 'world' and 'base' moves; choose a longer chain"),
+        (TREE, (None, "flang"), UsageError, "`tip_link`: tree.urdf has no link 'flang'; it has flange"),
+        (TREE, ("1",), UsageError, "`base_link`: tree.urdf has no link '1'; it has world, base, "),
+        (TREE, ("upper", "base"), UsageError, "link 'base' is not behind link 'upper'"),
+    ],
+)
+def test_what_a_chain_cannot_be_chosen_from(
+    text: str, links: tuple[str | None, ...], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error) as caught:
+        parse_urdf(text, "tree.urdf", *links)
+    assert message in str(caught.value)
 
 
 def test_reading_opens_no_other_file_and_importing_is_cheap(tmp_path: Path) -> None:
@@ -222,50 +238,6 @@ assert not {"yourdfpy", "lxml", "trimesh", "scipy"} & set(sys.modules)
         [sys.executable, "-c", code], cwd=tmp_path, env={"PYTHONPATH": str(ROOT)}, capture_output=True, text=True
     )
     assert run.returncode == 0, run.stderr
-
-
-BRANCHED = """<robot name="torso">
-  <link name="base"/><link name="flange"/>
-  <link name="torso"><inertial><origin xyz="0 0 0.2"/><mass value="10"/></inertial></link>
-  <link name="camera"><inertial><mass value="2"/></inertial></link>
-  <link name="left"><inertial><origin xyz="0.5 0 0"/><mass value="4"/></inertial></link>
-  <link name="right"><inertial><origin xyz="0.1 0 0"/><mass value="3"/></inertial></link>
-  <joint name="waist" type="revolute"><parent link="base"/><child link="torso"/>
-    <axis xyz="0 0 1"/><limit lower="-1" upper="1" effort="1" velocity="1"/></joint>
-  <joint name="neck" type="fixed"><origin xyz="0 0 0.6"/><parent link="torso"/><child link="camera"/></joint>
-  <joint name="left_arm" type="continuous"><origin xyz="0 0.3 0.4" rpy="0 0 1.5707963267948966"/>
-    <parent link="torso"/><child link="left"/><axis xyz="0 1 0"/></joint>
-  <joint name="right_arm" type="continuous"><origin xyz="0 -0.3 0.4"/><parent link="torso"/><child link="right"/>
-    <axis xyz="0 1 0"/></joint>
-  <joint name="end" type="fixed"><parent link="right"/><child link="flange"/></joint>
-</robot>
-"""
-
-
-def test_masses_beside_the_chain_count_with_the_link_that_carries_them() -> None:
-    """Camera at (0, 0, 0.6) and left arm at (0, 0.3 + 0.5, 0.4) hang on the torso; the right arm is the chain."""
-    fixed = BRANCHED.replace('<joint name="left_arm" type="continuous">', '<joint name="left_arm" type="fixed">')
-    torso, right, end = parse_urdf(fixed, "torso.urdf", "base", "flange").joints
-    assert torso.mass == pytest.approx(16.0)
-    assert torso.com == pytest.approx((0.0, 4 * 0.8 / 16, (10 * 0.2 + 2 * 0.6 + 4 * 0.4) / 16))
-    assert (right.mass, right.com, end.mass) == (3.0, (0.1, 0.0, 0.0), None)
-
-
-def test_a_joint_beside_the_chain_that_moves_mass_is_a_branch() -> None:
-    """The left arm moves 4 kg by 0.5 m; a lighter link outside the chain counts as fixed."""
-    robot = parse_urdf(BRANCHED, "torso.urdf", "base", "flange")
-    assert robot.joints[0].mass == pytest.approx(12.0)
-    ((joint, parent, position),) = [(b.joint, b.parent, b.position) for b in robot.branches]
-    assert (joint.name, parent, position, joint.mass, joint.com) == ("left_arm", "waist", 0.0, 4.0, (0.5, 0.0, 0.0))
-    light = parse_urdf(BRANCHED.replace('<mass value="4"/>', '<mass value="0.09"/>'), "torso.urdf", "base", "flange")
-    assert light.branches == ()
-    assert light.joints[0].mass == pytest.approx(12.09)
-
-
-def test_a_chain_without_masses_stays_without() -> None:
-    """A camera alone would pass for the weight of the arm."""
-    text = re.sub(r'(<link name="(torso|right)">).*?</link>', r"\1</link>", BRANCHED)
-    assert all(joint.mass is None for joint in parse_urdf(text, "torso.urdf", "base", "flange").joints)
 
 
 ARMS = (

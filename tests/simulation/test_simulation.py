@@ -122,8 +122,6 @@ def test_cycles_repeat_the_poses_in_their_order() -> None:
 
 def test_motion_is_that_of_the_order() -> None:
     data = simulate(PUMA, Plan(20)).data
-    assert data.direction is not None
-    assert data.speed is not None
     moves = np.diff(data.q)
     np.testing.assert_array_equal(data.direction[:, 1:], np.sign(moves))
     np.testing.assert_allclose(data.speed[:, 1:], moves / np.abs(moves).max(axis=0), rtol=0, atol=1e-15)

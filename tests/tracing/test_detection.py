@@ -190,8 +190,6 @@ def test_errors_of_amplitude_and_phase_are_those_of_draws() -> None:
     assert math.isclose(amplitude, 5e-4)
     assert math.isclose(phase, math.atan2(-4, 3))
     cosine, sine = np.random.default_rng(0).multivariate_normal(values, covariance, 20_000).T
-    assert along is not None
-    assert across is not None
     assert math.isclose(along, float(np.std(np.hypot(cosine, sine))), rel_tol=0.02)
     assert math.isclose(across, float(np.std(np.arctan2(sine, cosine))), rel_tol=0.02)
 
@@ -207,7 +205,6 @@ def test_a_counterbalance_is_named_beside_the_spring_of_its_joint() -> None:
     other = effect_class("joint_compliance").from_settings(("j3",), {})
     low = [Harmonic(order, 1e-4, 1e-6, 0.0, 0.1) for order in (1.0, 2.0)]
     text = periodic_statement(wave, low, (wave, other, spring))
-    assert text is not None
     assert "with joint_compliance[j2], a counterbalance across j2" in text
     for effects, harmonics in (((wave, other), low), ((spring,), [*low, Harmonic(51.0, 1e-5, 1e-6, 0.0, 0.1)])):
         assert "counterbalance" not in (periodic_statement(wave, harmonics, effects) or "")

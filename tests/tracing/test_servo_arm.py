@@ -84,14 +84,11 @@ def test_zeros_play_and_droop_of_a_servo_arm_are_named(tmp_path: Path) -> None:
     # Over a small range of torques a spring that hardens explains the droop nearly as well: then both are named.
     droop = {("joint_compliance", "shoulder_lift"), ("joint_compliance", "elbow_flex")}
     assert droop <= named | rivals
-    assert result.before.held_out_rms is not None
-    assert result.after.held_out_rms is not None
     assert result.after.held_out_rms < 0.4 * result.before.held_out_rms
     values = {parameter.name: parameter for parameter in result.parameters}
     # The zeros of the first and the last joint are the places of base and board.
     hardening = {joint for effect, joint in named if effect == "joint_hardening"}
     for number in (number for number in (1, 2, 3) if JOINTS[number]["name"] not in hardening):
         zero = values[f"joint_offset.{JOINTS[number]['name']}"]
-        assert zero.std is not None
         assert zero.value == pytest.approx(ZEROS[number], abs=4.0 * zero.std)
     assert not any("not level" in warning for warning in result.warnings)

@@ -40,33 +40,35 @@ KNOWN = LackOfFit(Noise(2e-5, None, "file"), 0.3, 1.0)
 SCATTER = Repeatability((("j1", 3e-5),), 8.6e-5, "residual", 0.0)
 
 
-def test_the_verdict_presumes_what_the_residual_alone_tells() -> None:
-    noise_alone = assumption_of("explained", ESTIMATED, None)
-    assert noise_alone.startswith("explained if the measurement noise is 0.02 mm along each axis")
-    both = assumption_of("explained", ESTIMATED, SCATTER)
-    assert both is not None
-    assert "the arm's own repeatability is 0.086 mm rms at the target and the measurement noise is 0.02 mm" in both
-    assert assumption_of("explained", KNOWN, None) is None
-    assert assumption_of("partly_explained", ESTIMATED, SCATTER) is None
+REPEATED = LackOfFit(Noise(2e-5, None, "repeats"), None, 1.0)
+VISITED = replace(SCATTER, source="repeated visits")
+NOISE_IS = "the measurement noise is {} mm along each axis (standard deviation); sigma columns or repeated poses"
+ARM_IS = "the arm's own repeatability is 0.086 mm rms at the target"
 
 
-def test_noise_that_the_scatter_of_the_joints_hides_gets_no_number() -> None:
-    """Of 50 poses of an arm, measured once each, the joints' scatter took all but 65 nm of the residual."""
-    for told in (None, replace(SCATTER, source="repeated visits")):
-        assert "the measurement noise is" in (assumption_of("explained", TINY, told) or "")
-    size = "the arm's own repeatability is 0.086 mm rms at the target"
-    assert assumption_of("explained", TINY, SCATTER) == f"explained if {size}; repeated poses would test this"
-
-
-def test_noise_that_file_or_repeats_tell_is_not_presumed() -> None:
-    """Noise estimated beside scatter has no test, yet sigma columns or repeated visits tell it."""
-    for source in ("file", "repeats"):
-        known = LackOfFit(Noise(2e-5, None, source), None, 1.0)
-        assert assumption_of("explained", known, replace(SCATTER, source="repeated visits")) is None
-        text = assumption_of("explained", known, SCATTER)
-        assert text is not None
-        assert "measurement noise" not in text
-        assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
+@pytest.mark.parametrize(
+    ("lack", "scatter", "presumed"),
+    [
+        (ESTIMATED, None, NOISE_IS.format("0.02")),
+        (ESTIMATED, SCATTER, f"{ARM_IS} and {NOISE_IS.format('0.02')}"),
+        # Noise that scatter of the joints hides gets no number: of 50 poses, the scatter took all but 65 nm.
+        (TINY, None, NOISE_IS.format("4e-05")),
+        (TINY, VISITED, NOISE_IS.format("4e-05")),
+        (TINY, SCATTER, f"{ARM_IS}; repeated poses"),
+        # Noise estimated beside scatter has no test, yet sigma columns or repeated visits tell it.
+        *((replace(told, p_value=None), SCATTER, f"{ARM_IS}; repeated poses") for told in (KNOWN, REPEATED)),
+        *((replace(told, p_value=None), VISITED, None) for told in (KNOWN, REPEATED)),
+        (KNOWN, None, None),
+    ],
+)
+def test_the_verdict_presumes_what_the_residual_alone_tells(
+    lack: LackOfFit, scatter: Repeatability | None, presumed: str | None
+) -> None:
+    expected = presumed and f"explained if {presumed} would test this"
+    assert (assumption_of("explained", lack, scatter), assumption_of("partly_explained", lack, scatter)) == (
+        expected,
+        None,
+    )
 
 
 def result_of(noise: LackOfFit, repeatability: Repeatability | None, rms: float, noise_rms: float | None) -> Any:
@@ -95,6 +97,8 @@ def test_the_table_names_hidden_noise() -> None:
         "remaining error) because the file has neither sigma columns nor repeated poses"
     )
     assert "measurement noise: 0.0346 mm rms, estimated" in _residual(result_of(ESTIMATED, SCATTER, 7.7e-5, None))
+    for known in (KNOWN, REPEATED):
+        assert "neither sigma columns nor repeated poses" not in _residual(result_of(known, SCATTER, 7.7e-5, None))
     shares = [line for line in _remaining_error(result_of(TINY, SCATTER, 7.7e-5, None)) if "explainable" in line]
     assert shares == ["77 % of the explainable error is explained (held-out variance above noise and repeatability)"]
 
@@ -269,7 +273,7 @@ def test_what_is_left_is_held_against_its_neighbours() -> None:
     """A tracker that sways is not in the catalogue."""
     data = measured("puma560", n=100)
     swaying = data.position + 1e-4 * np.sin(2 * np.pi * np.arange(100) / 8)
-    found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying))
+    found = traced(arm("puma560").robot, dataclasses.replace(data, position=swaying), n_folds=2)
     assert found.verdict == "unexplained"
     assert found.unexplained.p_value < 1e-4
     assert any("correlated in time" in hint for hint in found.unexplained.hints)
@@ -287,7 +291,7 @@ def test_an_uncertainty_that_the_poses_refute_is_warned_of() -> None:
     data = measured("puma560")
     for factor, warned in ((1.0, False), (5.0, True)):
         stated = dataclasses.replace(data, sigma_position=np.full(data.position.shape, factor * NOISE_OF_TRACE))
-        found = traced(arm("puma560").robot, stated)
+        found = traced(arm("puma560").robot, stated, n_folds=2)
         assert named(found) == []
         assert any("too large (wrong unit, or k = 2)" in text for text in found.warnings) is warned
 
@@ -330,7 +334,8 @@ def test_the_columns_that_would_show_a_cause_are_named() -> None:
     robot = dataclasses.replace(arm("puma560").robot, effects=(geometry("puma560"), lag))
     position = predict(robot, dataclasses.replace(visits, speed=speed)).translation
     moved = position + rng.normal(scale=NOISE_OF_TRACE, size=position.shape) + 1e-4 * np.sin(np.arange(visits.n) / 9.0)
-    found = traced(arm("puma560").robot, dataclasses.replace(visits, position=moved, speed=None, direction=None))
+    bare = dataclasses.replace(visits, position=moved, speed=None, direction=None)
+    found = traced(arm("puma560").robot, bare, n_folds=2)
     assert found.unexplained.parts["scatter"] > 5 * NOISE_OF_TRACE
     (hint,) = [hint for hint in found.unexplained.hints if "approach_lag" in hint]
     assert "no speed_q columns" in hint
@@ -516,8 +521,7 @@ def traced_of_process(paths: int, points: int, size: float, seed: int) -> Trace:
     offsets = rng.normal(scale=4e-4, size=(6, 1))
     position = independent_arm.targets(q + offsets) + process
     data = Measurements(position=position + NOISE_OF_PROCESS * rng.standard_normal(position.shape), q=q)
-    robot = independent_arm.robot()
-    return trace(model_of(robot, independent_arm.DECLARED, data), data)
+    return trace(model_of(independent_arm.robot(), independent_arm.DECLARED, data), data)
 
 
 @pytest.mark.parametrize(
@@ -536,7 +540,6 @@ def test_a_calibration_beside_a_process_fits_what_was_asked() -> None:
     """The joints of the compliance are searched, which needs the process that the arm has in place of one."""
     robot, rng = arm("ur10").robot, np.random.default_rng(0)
     data = simulate(robot, Plan(80, orientation=False, sampling="random")).data
-    assert data.q is not None
     waves, sizes = rng.normal(scale=0.7, size=(30, 6)), 5e-4 * rng.normal(size=(6, 30))
     read = data.q + sizes @ np.cos(waves @ data.q + rng.uniform(0.0, 2.0 * np.pi, (30, 1)))
     position = predict(robot, replace(data, q=read)).translation + 2e-5 * rng.normal(size=(3, 80))

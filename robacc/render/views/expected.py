@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from typing import TYPE_CHECKING
 
+from robacc.errors import listing
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -629,7 +630,6 @@ def _detectability(document: Document, most: int) -> list[Block]:
         for each in family.entries
         if each["joints"] not in [limit["joints"] for limit in family.known]
     )
-    more = f" and {len(hidden) - most} more" * (len(hidden) > most)
     by_reason = {reason: [name for name in untested if untested[name] == reason] for reason in untested.values()}
     return [
         Grid(
@@ -644,7 +644,7 @@ def _detectability(document: Document, most: int) -> list[Block]:
             [
                 *_found(document["power"]),
                 "limit: size found with probability 1/2; power: probability that the usual size is found",
-                f"never found on these poses: {', '.join([*hidden][:most])}{more}" * bool(hidden),
+                f"never found on these poses: {listing([*hidden], most)}" * bool(hidden),
                 *(f"not tested ({reason}): {', '.join(names)}" for reason, names in by_reason.items()),
             ]
         ),

@@ -3,6 +3,7 @@
 from collections import Counter
 from collections.abc import Sequence
 
+from robacc.errors import listing
 from robacc.render.text import (
     IN_DEGREES,
     IN_MM,
@@ -218,7 +219,6 @@ def effects_view(entries: Sequence[Document], in_detail: bool) -> list[Section]:
         return [Section("", [Grid(("", ""), rows, is_text=True)]), Section("", [Text(hint, is_note=True)])]
     (entry,) = entries
     names = [f"{term['name']} ({term['unit']})" for term in entry.get("coefficients", ())]
-    others = f" and {len(names) - 12} more" * (len(names) > 12)
     applicable = f"applicable{' to ' * bool(entry.get('joints'))}{', '.join(entry.get('joints', ()))}"
     is_known, is_applicable = "offered" in entry, entry.get("offered", False)
     facts = [
@@ -230,7 +230,7 @@ def effects_view(entries: Sequence[Document], in_detail: bool) -> list[Section]:
         ("source", entry["source"]),
         ("in a file", entry["example"]),
         ("this robot", (applicable if is_applicable else f"not applicable: {entry.get('why')}") * is_known),
-        ("coefficients", f"{', '.join(names[:12])}{others}" * is_applicable),
+        ("coefficients", listing(names, 12) * is_applicable),
     ]
     table = Grid(("", ""), [(f"  {label:<14}", text) for label, text in facts if text], is_text=True)
     return [Section(entry["name"], [Text(f"  {entry['summary']}"), table])]

@@ -488,9 +488,14 @@ def plan(
     read: dict[str, Measurements] = {}
     for kind, source in (("candidates", chosen_from), ("task", task)):
         if source is not None:
-            any_kind = kind == "candidates"
             read[kind] = inputs.poses(
-                source, arm, ordered=False, kind=kind, attained=False, any_kind=any_kind, visited_by=known
+                source,
+                arm,
+                ordered=False,
+                kind=kind,
+                attained=False,
+                any_kind=kind == "candidates",
+                visited_by=known,
             )
             check_at_rest(arm, read[kind])
     if already is not None:
@@ -506,14 +511,18 @@ def plan(
     arm = replace(arm, fixtures={name: Fixture("point" if name else "position") for name in sockets})
     links = None
     if collisions:
-        no_shapes = "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`"
-        urdf = given(path_of(robot) if described.convention == "urdf" else None, no_shapes)
+        urdf = given(
+            path_of(robot) if described.convention == "urdf" else None,
+            "`collisions` needs the shapes of the links: give the URDF of the robot, and a fit as `model`",
+        )
         links = plug_in("robacc.collisions", "fcl")(urdf, described)
-    demands = _demands(inputs, gate, grade, optional_size(expected, "length", "`expected`"))
-    needs_acceptance = "`gate` and `grade` set the number of acceptance poses; give purpose acceptance"
-    refuse((demands and purpose != "acceptance", needs_acceptance))
-    sides = [(text, "half_space") for text in half_space]
-    sides += [(f"z>={min_height}", "min_height")] if min_height is not None else []
+    demands, left_out = _demands(inputs, gate, grade, optional_size(expected, "length", "`expected`"))
+    refuse(
+        (
+            (gate is not None or grade is not None) and purpose != "acceptance",
+            "`gate` and `grade` set the number of acceptance poses; give purpose acceptance",
+        )
+    )
     body = plan_campaign(
         arm,
         purpose,
@@ -524,7 +533,10 @@ def plan(
             margin=margin,
             inside=None if inside is None else parse_box(inside, "inside"),
             outside=tuple(parse_box(text, "outside") for text in outside),
-            half_spaces=tuple(parse_half_space(text, name) for text, name in sides),
+            half_spaces=(
+                *(parse_half_space(text, "half_space") for text in half_space),
+                *(parse_half_space(f"z>={height}", "min_height") for height in [min_height] if height is not None),
+            ),
             sight=_sight(instrument, reflector, cone, distance),
             max_condition=max_condition,
             collisions=links,
@@ -544,12 +556,16 @@ def plan(
         seed=seed,
         **read,
     )
+    uncounted = (
+        f"the number of poses does not count {', '.join(left_out)} of the gate: a plan counts grades and upper limits "
+        "above zero of position.rms, mean_error, p95 and max",
+    ) * bool(left_out)
     doubts = [text for data in read.values() for text in data.warnings]
-    body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *doubts))
+    body = replace(body, warnings=(*body.warnings, *at_rest_warning(arm), *doubts, *uncounted))
     # Files are recorded by their names, objects not at all.
     files = {name: inputs.arguments[name] for name in ("model", "candidates", "task", "already", "gate")}
     names = {name: os.path.basename(path) for name, file in files.items() if (path := path_of(file)) is not None}
-    objects = [name for name, file in files.items() if isinstance(file, Measurements | Robot)]
+    objects = (name for name, file in files.items() if isinstance(file, Measurements | Robot))
     return Planned(**fields_of(body), made=inputs.made(*objects, **names))
 
 
@@ -589,25 +605,42 @@ def _sight(
 
 def _demands(
     inputs: Inputs, gate: StrPath | None, grade: str | None, expected: float | None
-) -> list[Mapping[str, Any]]:
-    """Return the limits of a gate and of a grade on the position, with the numbers of poses that decide them."""
+) -> tuple[list[Mapping[str, Any]], list[str]]:
+    """Return the limits of a gate and of a grade on the position, with the numbers of poses that decide them.
+
+    Beside them are the names of the gate's criteria without such a number.
+    """
     demands: list[Mapping[str, Any]] = []
+    grades, others = [] if grade is None else [grade], []
     if gate is not None:
         loaded, _, records = read_gate(os.fspath(gate))
         inputs.records += records
         for criterion in loaded.criteria:
-            quantity, _, statistic = criterion.key.partition(".")
-            if quantity == "position" and statistic in get_args(Statistic) and criterion.limit is not None:
+            statistic = criterion.key.removeprefix("position.")
+            is_planned = statistic in get_args(Statistic) and not criterion.at_least and criterion.baseline is None
+            if criterion.kind == "grade":
+                grades += criterion.accepted
+            elif is_planned and criterion.limit:
                 limit = criterion.limit, criterion.confidence, criterion.share
                 demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))
-        refuse((not demands, f"{os.fspath(gate)} has no limit of position.rms, mean_error, p95 or max to plan for"))
-    if grade is not None:
-        steps = inputs.scale() or default_scale()
-        limits = {step.grade: step.position for step in steps.steps}
-        unknown = f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {grade!r}"
-        limit_of_grade = given(limits.get(grade), unknown)
-        demands.append(needed(f"grade {grade}", steps.statistic, limit_of_grade, steps.confidence, expected=expected))
-    return demands
+            else:
+                others.append(criterion.name)
+        refuse(
+            (
+                not demands and not grades,
+                f"{os.fspath(gate)} has no grade and no limit of position.rms, mean_error, p95 or max to plan for",
+            )
+        )
+    steps = inputs.scale() or default_scale()
+    limits = {step.grade: step.position for step in steps.steps}
+    for name in dict.fromkeys(grades):
+        unknown = f"`grade`: the scale {steps.name} has the grades {', '.join(limits)}, not {name!r}"
+        demands.append(
+            needed(
+                f"grade {name}", steps.statistic, given(limits.get(name), unknown), steps.confidence, expected=expected
+            )
+        )
+    return demands, others
 
 
 def _payloads(payloads: Sequence[float]) -> tuple[float, ...]:

@@ -111,7 +111,7 @@ def poses_for(ratio: float, statistic: Statistic, confidence: float, share: floa
         return math.ceil(math.log(1.0 - confidence) / math.log(share)) if ratio <= 1.0 else fewest
 
     def decides(n: int) -> bool:
-        below = chi2_cdf(chi2_quantile(1.0 - confidence if is_below else confidence, n) / ratio**2, n)
+        below = chi2_cdf(chi2_quantile(1.0 - confidence if is_below else confidence, n) / max(ratio**2, 1e-12), n)
         return (below if is_below else 1.0 - below) >= ASSURANCE
 
     enough = smallest_sufficient(decides, 4, most=MOST_POSES)

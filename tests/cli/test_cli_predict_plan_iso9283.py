@@ -136,6 +136,25 @@ def test_acceptance_plans_for_a_gate(tmp_path: Path) -> None:
     assert "59 poses" in plan(*words, "0.5mm", "-o", tmp_path / "a").splitlines()[0]
     assert f"robacc estimate PLAN --robot {PLANNED_ROBOT} --gate gate.yaml" in one_line(plan(*words, "0.5mm"))
     assert "no number of poses" in refused_plan(*words, "0.99mm")
+    assert "true value of 0 % of the limit" in plan(*words, "0mm", "--full")
+
+
+def test_criteria_without_a_number_of_poses_are_named(tmp_path: Path) -> None:
+    criteria = (
+        "{key: grade, limit: E, reason: a}",
+        "{key: position.rms, limit: 0 mm, reason: a}",
+        "{key: position.p95, at_least: 1 mm, reason: a}",
+        "{key: position.max, limit: 1 mm, baseline: old.json, reason: a}",
+        "{key: orientation.rms, limit: 1 deg, reason: a}",
+    )
+    saved(
+        tmp_path / "old.json", output("estimate", SAMPLES / "poses.csv", "--robot", PLANNED_ROBOT, "--format", "json")
+    )
+    gate = saved(tmp_path / "gate.yaml", "robacc_gate: 1\nname: a\ncriteria:\n  - " + "\n  - ".join(criteria) + "\n")
+    ended = run("plan", PLANNED_ROBOT, "--for", "acceptance", "--gate", gate, *SMALL, "--expected", "1mm", "--full")
+    assert ended.stdout.count("planned for ") == ended.stdout.count("planned for grade E: ") == 1
+    others = "position.rms, position.p95, position.max, orientation.rms"
+    assert f"the number of poses does not count {others} of the gate" in one_line(ended.stderr)
 
 
 @pytest.mark.parametrize(

@@ -446,7 +446,7 @@ def plan_view(document: Document, form: Form = "page", robot: str = "", output: 
                     [
                         *(
                             f"planned for {entry['name']}: {entry['n_poses'] or 'too many'} poses, for a true value of "
-                            f"{100 * entry['true_over_limit']:.2g} % of the limit"
+                            f"{100 * entry['true_over_limit']:.3g} % of the limit"
                             for entry in needed
                         ),
                         "the nearer the true value to the limit, the more poses; `expected` states the value that you "

@@ -523,6 +523,8 @@ def plan(
             "`gate` and `grade` set the number of acceptance poses; give purpose acceptance",
         )
     )
+    sides = [(text, "half_space") for text in half_space]
+    sides += [(f"z>={min_height}", "min_height")] if min_height is not None else []
     body = plan_campaign(
         arm,
         purpose,
@@ -533,10 +535,7 @@ def plan(
             margin=margin,
             inside=None if inside is None else parse_box(inside, "inside"),
             outside=tuple(parse_box(text, "outside") for text in outside),
-            half_spaces=(
-                *(parse_half_space(text, "half_space") for text in half_space),
-                *(parse_half_space(f"z>={height}", "min_height") for height in [min_height] if height is not None),
-            ),
+            half_spaces=tuple(parse_half_space(text, name) for text, name in sides),
             sight=_sight(instrument, reflector, cone, distance),
             max_condition=max_condition,
             collisions=links,
@@ -619,7 +618,7 @@ def _demands(
             statistic = criterion.key.removeprefix("position.")
             is_planned = statistic in get_args(Statistic) and not criterion.at_least and criterion.baseline is None
             if criterion.kind == "grade":
-                grades += criterion.accepted
+                grades.append(criterion.accepted[0])
             elif is_planned and criterion.limit:
                 limit = criterion.limit, criterion.confidence, criterion.share
                 demands.append(needed(criterion.name, cast(Statistic, statistic), *limit, expected))

@@ -791,19 +791,27 @@ def estimated(
     on_all: bool = False,
     least: float = -math.inf,
     gains: float = GAIN,
+    off_zero: str = "",
 ) -> CovarianceParameters:
     """Return the parameters of largest restricted likelihood, with the rows' factors as they are.
 
     Beside terms, a random part of many rows is used, unless ``on_all``. For ``least`` and ``gains`` see
-    :func:`most_likely`.
+    :func:`most_likely`. Few rows often leave a variance at zero that is not: standard deviations of the term
+    ``off_zero`` have the prior that keeps them about one standard error above it (Chung and others 2013).
     """
     start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
 
+    # The logarithm of a standard deviation is its log prior: that of a gamma density of shape 2 and no rate.
+    sizes = [len(noise.log_std), *map(len, noise.terms.values())]
+    log_prior = np.repeat([0.0, *(float(name == off_zero) for name in noise.terms)], sizes)
+
     def likelihood(packed: Array, best: float) -> tuple[float, Array, Array]:
-        return likelihood_derivatives(start.unpacked(packed), part, best)
+        known = float(log_prior @ packed)
+        found, gradient, information = likelihood_derivatives(start.unpacked(packed), part, best - known)
+        return found + known, gradient + log_prior, information
 
     at, found = most_likely(likelihood, noise.packed, np.array(bounds).T, gains, least)
     return dataclasses.replace(start.unpacked(at), factor=noise.factor) if math.isfinite(found) else noise

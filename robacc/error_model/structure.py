@@ -143,8 +143,9 @@ def with_error_structure(
     if is_weighted:
         # Other terms are an error of each row, too: beside them, the misfit is what remains of the residual.
         is_weighted = not any(TERMS[name].is_correlated for name in noise.terms)
+        weights = estimated(noise, linear, off_zero="scatter")
         options = dataclasses.replace(
-            options, scatter=np.exp(noise.terms["scatter"]), misfit=misfit if is_weighted else options.misfit
+            options, scatter=np.exp(weights.terms["scatter"]), misfit=misfit if is_weighted else options.misfit
         )
         fitted = refitted(options)
         linear, rows = beside(fitted, data)

@@ -30,6 +30,7 @@ from robacc.error_model.covariance import (
 from robacc.error_model.structure import with_error_structure
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
+from robacc.fitting.normal_equations import GAIN
 from robacc.fitting.solver import fit
 from robacc.geometry import Array
 from robacc.measurements import Measurements
@@ -140,6 +141,24 @@ def test_estimates_are_near_the_truth_that_the_errors_were_drawn_with() -> None:
     found = estimated(dataclasses.replace(start, factor=np.ones(150)), drawn)
     assert found.std[0] == pytest.approx(NOISE, rel=0.15)
     assert likelihood_derivatives(found, drawn)[0] >= likelihood_derivatives(truth, drawn)[0]
+
+
+def test_scatter_kept_off_zero_is_the_most_probable_under_its_prior() -> None:
+    """Of few visits without scatter: the log prior is the sum of the logarithms of the standard deviations."""
+    linear = linearised()
+    y = np.random.default_rng(8).normal(scale=NOISE, size=linear.y.shape)
+    linear = dataclasses.replace(linear, y=y)
+    noise = dataclasses.replace(noise_with(linear, "scatter"), factor=np.ones(len(y)))
+    found, plain = (estimated(noise, linear, off_zero=name) for name in ("scatter", ""))
+    assert np.all(found.terms["scatter"] > plain.terms["scatter"])
+
+    def log_density(packed: Array) -> float:
+        other = found.unpacked(packed)
+        return whitened(other, linear).log_likelihood + float(other.terms["scatter"].sum())
+
+    most = log_density(found.packed)
+    for move in np.vstack((np.eye(found.packed.size), -np.eye(found.packed.size))):
+        assert log_density(found.packed + 0.3 * move) < most + GAIN
 
 
 def test_gross_errors_are_told_from_noise() -> None:

@@ -221,8 +221,11 @@ class Unit(NamedTuple):
     name: str
 
     def text(self, value: float | None) -> str:
-        """Return three digits and the unit; a dash for None and NaN."""
-        return "–" if value is None or not math.isfinite(value) else self.after(three_digits(value * self.factor))
+        """Return three digits and the unit, of a count all digits; a dash for None and NaN."""
+        if value is None or not math.isfinite(value):
+            return "–"
+        is_count = not self.name and float(value).is_integer()
+        return f"{value:.0f}" if is_count else self.after(three_digits(value * self.factor))
 
     def after(self, number: str) -> str:
         """Return a number with the unit; degrees follow without a space."""

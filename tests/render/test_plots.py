@@ -101,6 +101,7 @@ def test_units_follow_the_size() -> None:
     assert unit_of("m").text(0.00123456) == "1.23 mm"
     assert unit_of("rad").text(math.pi / 180) == "1.00°"
     assert unit_of("m").text(math.nan) == "–"
+    assert [unit_of("1").text(number) for number in (60.0, -12345.0, 1.5)] == ["60", "-12345", "1.50"]
 
 
 def test_names_are_cut_to_one_line() -> None:

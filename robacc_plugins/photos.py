@@ -14,7 +14,7 @@ import numpy as np
 from rich.console import Console
 from rich.progress import track
 
-from robacc.errors import InputError, Problem, UsageError, by_key, install_advice, refuse
+from robacc.errors import InputError, Problem, UsageError, by_key, install_advice, listing, refuse
 from robacc.geometry import Array
 from robacc.io.column_table import ColumnTable
 from robacc.io.files import write_file
@@ -230,8 +230,7 @@ def _of_one_size(photos: list[_Seen]) -> list[_Seen]:
 def _listed(photos: Sequence[_Seen]) -> str:
     """Return the names of photos by what they show in place of the board."""
     reasons = by_key((f"{photo.verdict}{f' ({photo.detail})' * bool(photo.detail)}", photo.label) for photo in photos)
-    more = {reason: f" and {len(names) - _NAMED} more" * (len(names) > _NAMED) for reason, names in reasons.items()}
-    return "; ".join(f"{', '.join(names[:_NAMED])}{more[why]}: {why}" for why, names in reasons.items())
+    return "; ".join(f"{listing(names, _NAMED)}: {reason}" for reason, names in reasons.items())
 
 
 # Contact sheet: the photos small, with the points found in them and what was wrong.

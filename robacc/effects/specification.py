@@ -22,7 +22,7 @@ from robacc.effects.drivers import (
     range_excess,
     read_validity,
 )
-from robacc.errors import Problem, UsageError, given, refuse
+from robacc.errors import Problem, UsageError, given, listing, refuse
 from robacc.geometry import Array, Poses, rotation_about
 from robacc.measurements import IMAGES, Measurements, different
 from robacc.robots.arm import BASE, TOOL, TURN_OF_ANGLE, TURNS, Arm
@@ -109,8 +109,7 @@ def _read(arm: Arm, entry: Mapping[str, Any]) -> Known:
         name = cls.name if key == "value" else f"{cls.name}.{key}"
         if name not in terms:
             names = [_short_name(effect, term) for term in terms]
-            more = f" and {len(names) - _MAX_NAMES} more" if len(names) > _MAX_NAMES else ""
-            raise ValueError(f"{effect} has no coefficient {key!r}; it has {', '.join(names[:_MAX_NAMES])}{more}")
+            raise ValueError(f"{effect} has no coefficient {key!r}; it has {listing(names, _MAX_NAMES)}")
         refuse((not is_number(value), f"values.{key} must be a finite number, found {value!r}"))
         values[name] = value * _unit_size(terms[name].unit, *arm.robot.effect_units)
         is_turn = terms[name].unit == "rad" and abs(values[name]) > 2 * math.pi

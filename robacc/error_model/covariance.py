@@ -801,15 +801,14 @@ def estimated(
     """
     start, part = on_subset(noise, linear) if noise.terms and not on_all else (noise, linear)
     bounds = [(math.log(RESOLUTION), LOG_STDS[1])] * len(noise.log_std)
+    # The logarithm of a standard deviation is its log prior: that of a gamma density of shape 2 and no rate.
+    log_prior = [0.0] * len(noise.log_std)
     for name, parameters in noise.terms.items():
         bounds += TERMS[name].bounds(len(parameters))
-
-    # The logarithm of a standard deviation is its log prior: that of a gamma density of shape 2 and no rate.
-    sizes = [len(noise.log_std), *map(len, noise.terms.values())]
-    log_prior = np.repeat([0.0, *(float(name == off_zero) for name in noise.terms)], sizes)
+        log_prior += [float(name == off_zero)] * len(parameters)
 
     def likelihood(packed: Array, best: float) -> tuple[float, Array, Array]:
-        known = float(log_prior @ packed)
+        known = float(packed @ log_prior)
         found, gradient, information = likelihood_derivatives(start.unpacked(packed), part, best - known)
         return found + known, gradient + log_prior, information
 

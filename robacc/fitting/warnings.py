@@ -6,7 +6,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from robacc.errors import LISTED, Note
+from robacc.errors import LISTED, Note, listing
 from robacc.fitting.closed_form import register_positions
 from robacc.fitting.fit_result import Fit
 from robacc.fitting.levels import ALIKE, ENOUGH, EXAMPLES, GROSS, NEGLIGIBLE, SIGNIFICANT
@@ -159,10 +159,9 @@ def fit_warnings(
         )
     kinds = weak_kinds(fit)
     if names := sorted(name for kind in kinds for name in kind.names):
-        more = f" and {len(names) - LISTED} more" if len(names) > LISTED else ""
         stds = " and ".join(dict.fromkeys(f"{1e3 * kind.std:.3g} {_MILLI[kind.unit]}" for kind in kinds))
         yield (
-            f"weakly identifiable on these poses: {', '.join(names[:LISTED])}{more}; a prior about the nominal values "
+            f"weakly identifiable on these poses: {listing(names, LISTED)}; a prior about the nominal values "
             f"limits them (standard deviation {stds}, that of a badly made arm); measure poses with more different "
             "orientations"
         )

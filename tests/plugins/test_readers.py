@@ -1,5 +1,6 @@
 """Readers and other entry points of a site's own package: a kind of files, a dialect, an effect, an exporter."""
 
+import itertools
 import os
 import subprocess
 import sys
@@ -20,6 +21,8 @@ from robacc.plug_ins import plug_in
 from robacc.programs.program import is_program, read_program
 
 CSV = "x,y,z,cmd_x,cmd_y,cmd_z\n" + "".join(f"{i / 10},0,0,{i / 10},0,0.001\n" for i in range(4))
+
+OFFERS = itertools.count()
 
 
 class Counter:
@@ -52,7 +55,7 @@ def offer(monkeypatch: pytest.MonkeyPatch, *readers: Any) -> list[str]:
         return entries
 
     monkeypatch.setattr(metadata, "entry_points", entry_points)
-    monkeypatch.syspath_prepend(f"/offers/{id(asked)}")  # a path whose entry points are not known yet
+    monkeypatch.syspath_prepend(f"/offers/{next(OFFERS)}")  # a path whose entry points are not known yet
     return asked
 
 

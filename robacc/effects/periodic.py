@@ -86,7 +86,7 @@ ORDER_STEP = 0.25
 """Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0
 """Largest order that competes with every candidate."""
-HIGHEST_OF_ALL = 210.0
+HIGHEST_OF_ALL = 320.0
 """Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
 HIGHEST_OF_SLIDE = 1000.0
 """rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""

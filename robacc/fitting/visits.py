@@ -19,9 +19,10 @@ def visit_numbers(data: Measurements) -> NDArray[np.int64]:
 
 
 def random_rank(data: Measurements) -> NDArray[np.int64]:
-    """Return ``(N,)`` a random rank of each row's commanded pose, whatever the order of the rows."""
-    groups = data.groups()
-    return np.random.default_rng(0).permutation(int(groups.max(initial=-1)) + 1)[groups]
+    """Return ``(N,)`` a random rank of each row, whatever the order of the rows."""
+    rank = np.empty(data.n, dtype=np.int64)
+    rank[np.lexsort((*data.position, data.groups()))] = np.random.default_rng(0).permutation(data.n)
+    return rank
 
 
 def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:

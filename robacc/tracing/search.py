@@ -69,7 +69,7 @@ from robacc.tracing.candidates import (
 
 MOST_COMPONENTS = 1200
 """Components that a search uses: the covariance of all rows is never larger."""
-MOST_FINDINGS = 16
+MOST_FINDINGS = 24
 """Findings at most, which bounds the time alone: on three real arms, held-out errors are the same with 14, with 17 and
 without a bound, which doubles the time of one."""
 MOVES_ALONE = 4
@@ -351,12 +351,10 @@ class _Search:
         linear, owners = state.linear, np.array(state.bound.owners, dtype=np.int64) - len(self.model.free)
         periodic = [k for k, candidate in enumerate(state.chosen) if orders_of(candidate.effect)]
         square = np.sum(np.square(linear.joints / state.noise.independent(linear.rows.stated).T), axis=1)
-        # Orders above the usual are tried where nothing else is found.
-        grids = [grid for grid in self.pool.grids if not (grid.is_high and (state.chosen or state.noise.terms))]
         for without in (None, *periodic):
             kept = None if without is None else np.flatnonzero(owners != without)
             along = np.einsum("jan,na->jn", linear.joints, white.weighted_residual(linear.y.shape[1], kept))
-            for grid in grids:
+            for grid in self.pool.grids:
                 peaks = grid.peaks(along[grid.number], square[grid.number])
                 self.pool.add((TransmissionError((grid.joint,), (order,)), grid.log_prior) for order in peaks.tolist())
 

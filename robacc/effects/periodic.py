@@ -85,11 +85,11 @@ def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str |
 ORDER_STEP = 0.25
 """Periods per turn between orders that are tried; the best is then improved off this grid."""
 HIGHEST_ORDER = 40.0
-"""Largest order that competes with every candidate."""
-HIGHEST_OF_ALL = 320.0
-"""Largest order that is tried where nothing else is significant: twice the ratio of common strain-wave gears."""
+"""Largest usual order. Higher ones are as probable together as all usual ones."""
+HIGHEST_OF_ALL = 2.0 * max(TYPICAL_RATIOS)
+"""Largest order of a joint that turns: the wave generator of a strain-wave gear errs twice per motor turn."""
 HIGHEST_OF_SLIDE = 1000.0
-"""rad/m: largest order of a slide that is tried where nothing else is significant: a period of 6 mm."""
+"""rad/m: largest order of a slide: a period of 6 mm."""
 
 
 def common_period(orders: Sequence[float]) -> float:
@@ -123,31 +123,19 @@ def exact_period(orders: Sequence[float], gear_ratio: float | None) -> float | N
     return 2.0 * math.pi / math.gcd(*map(int, orders)) if are_whole else None
 
 
-def supported_orders(angle: Array) -> Array:
-    """Return the orders between one period over the range of angles and the limit that the spacing of poses sets.
+def supported_orders(angle: Array, largest: float = HIGHEST_ORDER) -> Array:
+    """Return the orders between half a period over the range of angles and the limit that the spacing of poses sets.
 
-    Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps.
+    Randomly spaced angles have no Nyquist order; the limit is that of the closest tenth of the gaps. Few angles support
+    none.
     """
-    lowest, highest = _limits(angle)
-    first = math.ceil(max(ORDER_STEP, lowest) / ORDER_STEP) * ORDER_STEP
-    return np.arange(first, min(HIGHEST_ORDER, highest) + 1e-9, ORDER_STEP)
-
-
-def high_orders(angle: Array, largest: float = HIGHEST_OF_ALL) -> Array:
-    """Return the orders above :data:`HIGHEST_ORDER`, at most ``largest``, that the spacing of poses supports."""
-    _, highest = _limits(angle)
-    return np.arange(HIGHEST_ORDER + ORDER_STEP, min(largest, highest) + 1e-9, ORDER_STEP)
-
-
-def _limits(angle: Array) -> tuple[float, float]:
-    """Return the order of half a period over the range of angles, and the highest; the highest is 0 with few angles."""
     gaps = np.diff(np.sort(angle))
     # Angles of one command that were read back differ a little: on a grid of angles they would support any order.
     gaps = gaps[gaps > ONE_COMMAND]
     if gaps.size < FEWEST - 1:
-        return ORDER_STEP, 0.0
-    # Quantile of the gaps between angles that sets the highest order they support.
-    return float(np.pi / np.ptp(angle)), float(np.pi / np.quantile(gaps, 0.1))
+        return np.empty(0)
+    first = math.ceil(max(ORDER_STEP, float(np.pi / np.ptp(angle))) / ORDER_STEP) * ORDER_STEP
+    return np.arange(first, min(largest, float(np.pi / np.quantile(gaps, 0.1))) + 1e-9, ORDER_STEP)
 
 
 def orders_setting(default: tuple[float, ...]) -> Any:
@@ -204,10 +192,10 @@ class TransmissionError(Periodic):
 
     @classmethod
     def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
-        """Yield orders 1, 2, both, and the gear ratio of a joint that turns; a trace searches for other orders."""
+        """Yield orders 1, 2, both, and once and twice per turn of the motor; a trace searches for other orders."""
         joint = arm.joint(joints[0])
         if joint.type == "revolute":
-            of_gear = ((float(joint.gear_ratio),),) if joint.gear_ratio else ()
+            of_gear = [(times * joint.gear_ratio,) for times in (1.0, 2.0) if joint.gear_ratio]
             yield from (cls(joints, orders) for orders in ((1.0,), (2.0,), (1.0, 2.0), *of_gear))
 
     @classmethod

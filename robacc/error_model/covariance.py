@@ -64,7 +64,7 @@ class Rows:
     moves: NDArray[np.bool_]
     """``(J,)`` whether a joint moves."""
     draw: NDArray[np.int64]
-    """``(N,)`` random rank of each row's commanded pose: the first ranks are a fair part of the rows, in any order."""
+    """``(N,)`` random rank of each row: the first ranks are a fair part of the rows, in any order."""
     stated: Array
     """``(N, M)`` variance of the noise that the file states, m² and rad²; 0 without."""
     between: Array

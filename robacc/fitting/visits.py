@@ -4,7 +4,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from robacc.fitting.levels import FEW
-from robacc.measurements import Measurements, different, numbered_visits
+from robacc.measurements import Measurements, different, hashed, numbered_visits
 from robacc.poses.checks import MOST_POSES, close_groups
 
 
@@ -19,10 +19,12 @@ def visit_numbers(data: Measurements) -> NDArray[np.int64]:
 
 
 def random_rank(data: Measurements) -> NDArray[np.int64]:
-    """Return ``(N,)`` a random rank of each row, whatever the order of the rows."""
-    rank = np.empty(data.n, dtype=np.int64)
-    rank[np.lexsort((*data.position, data.groups()))] = np.random.default_rng(0).permutation(data.n)
-    return rank
+    """Return ``(N,)`` a random rank of each row, whatever the order of the rows; equal rows share one.
+
+    Rows are drawn one by one: of many readings at each pose, a part of the rows has nearly all poses.
+    """
+    values = data.position if data.commands is None else np.concatenate((data.commands, data.position))
+    return hashed(values).view(np.int64)
 
 
 def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
@@ -33,7 +35,7 @@ def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
 
 
 def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:
-    """Return the rows of random commanded poses, about ``most`` of them, in their order; all if there are no more."""
+    """Return random rows, about ``most`` of them, in their order; all if there are no more."""
     return np.arange(data.n) if data.n <= most else first_ranks(random_rank(data), most)
 
 

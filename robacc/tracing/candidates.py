@@ -33,7 +33,6 @@ from robacc.effects.periodic import (
     HIGHEST_ORDER,
     ORDER_STEP,
     TransmissionError,
-    high_orders,
     searched_order,
     supported_orders,
 )
@@ -162,8 +161,6 @@ class OrderGrid:
     angle: Array
     """``(N,)`` rad, or m of a slide."""
     log_prior: float
-    is_high: bool = False
-    """Whether the orders are above the usual."""
 
     @cached_property
     def _wave(self) -> NDArray[np.complex128]:
@@ -189,14 +186,14 @@ def order_grids(arm: Arm, data: Measurements) -> Iterator[OrderGrid]:
     q = commanded(data, TransmissionError.name)
     for joint in arm.names:
         angle = q[arm.number(joint)]
-        largest = HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE
-        for is_high, supported in enumerate((supported_orders(angle), high_orders(angle, largest))):
-            orders = supported[(supported != 1.0) & (supported != 2.0)]
+        supported = supported_orders(angle, HIGHEST_OF_ALL if arm.is_revolute(joint) else HIGHEST_OF_SLIDE)
+        is_high = supported > HIGHEST_ORDER
+        for orders in (supported[~is_high & (supported != 1.0) & (supported != 2.0)], supported[is_high]):
             if orders.size:
                 # Neighbours of the grid are redundant: orders half a period of the range apart count as independent.
-                independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * (orders[-1] - orders[0]))
+                independent = max(1.0, 2 * float(np.ptp(angle)) / (2 * np.pi) * float(np.ptp(orders)))
                 log_prior = -math.log(TYPICAL_CANDIDATES * independent)
-                yield OrderGrid(joint, arm.number(joint), orders, angle, log_prior, bool(is_high))
+                yield OrderGrid(joint, arm.number(joint), orders, angle, log_prior)
 
 
 class Pool:

@@ -28,15 +28,14 @@ def random_rank(data: Measurements) -> NDArray[np.int64]:
 
 
 def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
-    """Return the numbers of the rows of the first ranks, at most ``most`` of them but all of one rank."""
+    """Return the numbers of the rows of the first ranks, at most ``most`` of them but all of the first."""
     ranked = np.sort(draw)
-    limit = ranked[max(most, 1) - 1] if most < ranked.size else ranked[-1] + 1
-    return np.flatnonzero(draw < max(limit, ranked[0] + 1))
+    return np.flatnonzero(draw < max(ranked[most], ranked[0] + 1)) if most < ranked.size else np.arange(ranked.size)
 
 
 def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:
     """Return random rows, about ``most`` of them, in their order; all if there are no more."""
-    return np.arange(data.n) if data.n <= most else first_ranks(random_rank(data), most)
+    return first_ranks(random_rank(data), most)
 
 
 # Places: poses that lie close together, such as repetitions whose joints were logged as read, not as commanded.

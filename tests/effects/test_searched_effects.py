@@ -227,19 +227,22 @@ def with_ratio(ratio: float | None) -> Robot:
 
 def traced_wave(order: float, ratio: float | None, n: int = 110, amplitude: float = 2e-4) -> Trace:
     poses = run(n, seed=12)
-    data = measured(poses, poses.turned(1, amplitude * np.cos(order * poses.q[1] - 0.7)), 2e-5, 12)
+    turn = SOFT * torques(poses.q)[1] + amplitude * np.cos(order * poses.q[1] - 0.7)
+    data = measured(poses, poses.turned(1, turn), 2e-5, 12)
     return trace(model(data, Arm.of(with_ratio(ratio))), data, n_folds=3)
 
 
-@pytest.mark.parametrize(("order", "ratio", "word"), [(81.0, None, "typical gear of ratio 81"), (126.0, 63.0, "wave")])
+@pytest.mark.parametrize(("order", "ratio", "word"), [(242.0, None, "gear of ratio 121"), (126.0, 63.0, "wave")])
 def test_a_high_order_is_found_and_named(order: float, ratio: float | None, word: str) -> None:
+    """Beside a sag that is larger: on an IRB 120, such errors of five joints were not sought beside others."""
     result = traced_wave(order, ratio)
-    assert [(finding.effect, finding.joints) for finding in result.findings] == [("transmission_error", ("j2",))]
-    (harmonic,) = result.findings[0].harmonics
+    assert [finding.effect for finding in result.findings] == ["joint_compliance", "transmission_error"]
+    assert result.findings[1].joints == ("j2",)
+    (harmonic,) = result.findings[1].harmonics
     assert harmonic.order == pytest.approx(order, abs=0.1)
     assert harmonic.amplitude == pytest.approx(2e-4, rel=0.15)
     assert word in harmonic.origin
-    assert result.findings[0].statement is not None
+    assert result.findings[1].statement is not None
 
 
 def test_origins() -> None:

@@ -24,6 +24,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.priors import without_idle_rotations
 from robacc.fitting.solver import by_effect, fit, refit
+from robacc.fitting.visits import random_rows
 from robacc.fitting.warnings import LackOfFit
 from robacc.geometry import rms_length
 from robacc.modelling.model import Known, Model, Noise, predict
@@ -591,6 +592,17 @@ def test_the_order_of_rows_does_not_matter() -> None:
     assert values[1] == pytest.approx(values[0], rel=1e-9)
     assert second.after.held_out.position.rms == pytest.approx(first.after.held_out.position.rms, rel=1e-9)
     assert second.before.fitted.position.rms == pytest.approx(first.before.fitted.position.rms, rel=1e-9)
+
+
+def test_a_part_of_many_readings_has_all_poses_whatever_their_order() -> None:
+    """Of 1,000 poses with three targets, a search saw 133: a gear's error of five joints was found of 400."""
+    rng = np.random.default_rng(0)
+    data = Measurements(rng.standard_normal((3, 1800)), q=np.repeat(rng.standard_normal((6, 60)), 30, axis=1))
+    part = random_rows(data, 400)
+    assert len(part) == 400
+    assert len(np.unique(part // 30)) == 60
+    order = rng.permutation(1800)
+    assert set(order[random_rows(data.subset(order), 400)]) == set(part)
 
 
 def test_the_unit_of_the_file_does_not_matter(tmp_path: Path) -> None:

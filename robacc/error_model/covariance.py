@@ -35,7 +35,7 @@ from scipy.special import bdtrc
 from robacc.effects.campaign import sequence_of
 from robacc.fitting.levels import ACCEPTED, NEGLIGIBLE, RESOLUTION, ROUNDS
 from robacc.fitting.normal_equations import GAIN, most_likely
-from robacc.fitting.visits import first_ranks, places, random_rank, visit_numbers
+from robacc.fitting.visits import first_ranks, places, visit_numbers
 from robacc.geometry import Array, NDArray
 from robacc.measurements import STILL, Measurements
 from robacc.modelling.model import BoundModel, residuals
@@ -75,8 +75,8 @@ class Rows:
     """``(N, M)`` the components that were measured. Of the others, values and derivatives are 0."""
 
     @classmethod
-    def of(cls, arm: Arm, data: Measurements) -> Rows:
-        """Return what the covariance needs of measured poses."""
+    def of(cls, arm: Arm, data: Measurements, draw: NDArray[np.int64]) -> Rows:
+        """Return what the covariance needs of measured poses, and random ranks ``draw`` ``(N,)`` of them."""
         assert data.q is not None
         extent = np.ptp(data.q, axis=1)
         moves = extent > STILL
@@ -98,7 +98,7 @@ class Rows:
             (data.q - start[:, None]) * scale[:, None],
             (time - time.min()) / max(float(np.ptp(time)), 1e-9),
             moves,
-            random_rank(data),
+            draw,
             stated,
             between,
             scale,

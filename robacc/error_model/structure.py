@@ -38,7 +38,7 @@ from robacc.fitting.fit_result import Fit, Options, with_covariance
 from robacc.fitting.levels import ACCEPTED, RESOLUTION, SAMPLE
 from robacc.fitting.normal_equations import posterior
 from robacc.fitting.outliers import noise_of
-from robacc.fitting.visits import first_ranks, random_rank, visit_numbers
+from robacc.fitting.visits import first_ranks, pose_ranks, visit_numbers
 from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements, different
 
@@ -173,7 +173,7 @@ def with_error_structure(
     starts = [] if "place" in noise.terms else TERMS["place"].starts(linear, usual_std(noise, linear))
     with_places = estimated(noise.with_term("place", starts[0]), linear) if starts else noise
     return ErrorStructure(
-        _with_covariance(fitted, with_places, linear, rows, is_weighted),
+        _with_covariance(fitted, with_places, linear, rows, data.groups()[rows], is_weighted),
         options,
         parts,
         _repeatability(fitted, noise, linear, parts, source) if "scatter" in parts else None,
@@ -187,31 +187,39 @@ def beside(fitted: Fit, data: Measurements, most_visits: int | None = None) -> t
     inliers = np.flatnonzero(data.first_measured(fitted.inliers))
     if most_visits is not None:
         inliers = inliers[np.unique(visit_numbers(data)[inliers], return_index=True)[1]]
-    draw = random_rank(data)[inliers]
-    rows = inliers[first_ranks(draw, most_visits or max(2 * MOST_COMPONENTS // fitted.residual.shape[0], 1))]
+    draw = pose_ranks(data)[inliers]
+    first = first_ranks(draw, most_visits or max(2 * MOST_COMPONENTS // fitted.residual.shape[0], 1))
+    rows = inliers[first]
     part, columns = data.subset(rows), fitted.identifiability.columns
     bound = fitted.model.bind(part)
     variance = np.diag(posterior(fitted.gram, fitted.precision))
     # A thousand standard errors are in effect no prior.
     least = np.square(fitted.theta[columns] / 1e3)  # Without noise, standard errors are smaller than rounding.
     prior = np.where(fitted.precision > 0.0, fitted.precision, 1.0 / (1e3**2 * np.maximum(variance + least, 1e-300)))
-    whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part), part)
+    whole = Linearised.at(bound, fitted.theta, np.ones(len(bound.terms)), Rows.of(bound.arm, part, draw[first]), part)
     linear = dataclasses.replace(whole, columns=whole.columns[:, :, columns], prior_std=1.0 / np.sqrt(prior))
     return linear, rows
 
 
 def _with_covariance(
-    fitted: Fit, noise: CovarianceParameters, linear: Linearised, rows: NDArray[np.int64], is_weighted: bool
+    fitted: Fit,
+    noise: CovarianceParameters,
+    linear: Linearised,
+    rows: NDArray[np.int64],
+    poses: NDArray[np.int64],
+    is_weighted: bool,
 ) -> Fit:
     """Return the fit with the covariance of its coefficients under all terms.
 
-    ``linear`` is the fit at ``rows``, a random part of the inliers; pairs of rows count as often as all rows have them.
-    ``is_weighted`` says that scatter and noise alone are the fit's weights.
+    ``linear`` is the fit at ``rows``, those of random poses, whose numbers are ``poses``. Pairs of rows count as often
+    as all rows have them (Horvitz and Thompson 1952). ``is_weighted`` says that scatter
+    and noise alone are the fit's weights.
     """
     terms = [name for name in noise.terms if TERMS[name].is_correlated or not is_weighted]
     if not terms or not len(linear.prior_std):
         return fitted
     share = np.count_nonzero(fitted.inliers) / rows.size
+    pairs = np.where(poses[:, None] == poses, share, share**2)
     white = fitted.whitening.subset(rows)
     columns = np.moveaxis(linear.columns, 0, -1).swapaxes(0, 1)
     by_column = np.moveaxis(white.apply_transposed(white.apply(columns)), -1, 0)  # (n, K, M)
@@ -229,8 +237,7 @@ def _with_covariance(
             carried = (
                 np.einsum("nkm,mn->nk", by_column, linear.joints[number]) if term.of_joints else by_column[..., number]
             )
-            own = carried * np.diag(kernel)[:, None]
-            shared += share**2 * carried.T @ (kernel @ carried) + (share - share**2) * carried.T @ own
+            shared += carried.T @ ((pairs * kernel) @ carried)
     # It is a covariance, but its estimate by a part of the rows may have negative eigenvalues.
     scale = np.sqrt(np.diag(fitted.gram) + fitted.precision)
     values, vectors = np.linalg.eigh(shared / scale / scale[:, None])

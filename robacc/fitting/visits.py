@@ -18,24 +18,26 @@ def visit_numbers(data: Measurements) -> NDArray[np.int64]:
     return numbered_visits(data.groups(), data.visit, data.cycle, data.target, ordered=ordered)
 
 
-def random_rank(data: Measurements) -> NDArray[np.int64]:
-    """Return ``(N,)`` a random rank of each row, whatever the order of the rows; equal rows share one.
+def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:
+    """Return ``most`` random rows, in their order; all if there are no more."""
+    return first_ranks(row_ranks(data), most)
 
-    Rows are drawn one by one: of many readings at each pose, a part of the rows has nearly all poses.
-    """
+
+def row_ranks(data: Measurements) -> NDArray[np.int64]:
+    """Return ``(N,)`` a random rank of each row, whatever their order: the first rows have nearly all poses."""
     values = data.position if data.commands is None else np.concatenate((data.commands, data.position))
     return hashed(values).view(np.int64)
+
+
+def pose_ranks(data: Measurements) -> NDArray[np.int64]:
+    """Return ``(N,)`` a random rank of each row's commanded pose: its rows come together, and show noise and scatter."""
+    return hashed(data.position if data.commands is None else data.commands).view(np.int64)
 
 
 def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:
     """Return the numbers of the rows of the first ranks, at most ``most`` of them but all of the first."""
     ranked = np.sort(draw)
     return np.flatnonzero(draw < max(ranked[most], ranked[0] + 1)) if most < ranked.size else np.arange(ranked.size)
-
-
-def random_rows(data: Measurements, most: int) -> NDArray[np.int64]:
-    """Return random rows, about ``most`` of them, in their order; all if there are no more."""
-    return first_ranks(random_rank(data), most)
 
 
 # Places: poses that lie close together, such as repetitions whose joints were logged as read, not as commanded.

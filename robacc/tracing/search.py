@@ -51,7 +51,7 @@ from robacc.fitting.levels import (
     STEPS,
 )
 from robacc.fitting.solver import broad_precision, broad_stds, by_effect
-from robacc.fitting.visits import random_rows
+from robacc.fitting.visits import random_rows, row_ranks
 from robacc.geometry import Array, NDArray, rms_length
 from robacc.measurements import Measurements
 from robacc.modelling.model import BoundModel, Model, residuals
@@ -197,7 +197,7 @@ class _Search:
         names = {effect.name for effect in model.free}
         robot = register_frames(model.arm.robot, self.data, "base_frame" in names, "tool_frame" in names)
         self.model = dataclasses.replace(model, arm=Arm.of(robot))
-        self.rows = Rows.of(self.model.arm, self.data)
+        self.rows = Rows.of(self.model.arm, self.data, row_ranks(self.data))
         bound = self.model.bind(self.data)
         self.broad = broad_stds(self.model, bound.terms, bound.owners)
         """Standard deviations of the broad prior of declared constants near nominal; inf for other coefficients."""

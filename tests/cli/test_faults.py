@@ -546,7 +546,7 @@ URDF = (
     '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
 )
 
-TRACED_ROBOT, TRACED_POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
+TRACED_ROBOT = "sample_data/trace/robot.yaml"
 
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that opens and cannot be read")

@@ -273,8 +273,7 @@ def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:
     return apart
 
 
-@pytest.mark.parametrize(("cycles", "orientation"), [(1, False), (1, True), (3, True)])
-@pytest.mark.parametrize("folds", [None, 5])
+@pytest.mark.parametrize(("cycles", "orientation", "folds"), [(1, False, None), (1, True, 5), (3, True, None)])
 def test_each_pose_is_predicted_as_by_a_fit_without_it(cycles: int, orientation: bool, folds: int | None) -> None:
     data = measured_of_held_out(24, cycles, orientation=orientation)
     found = fitted(data, robust=False)

@@ -335,11 +335,6 @@ def test_outcomes_of_quantities_words_and_gains(entry: str, outcome: str) -> Non
     assert bool(found["warnings"]) == ("0.01 mm" in entry)
 
 
-def test_probability_of_a_gain_at_its_value_is_a_half() -> None:
-    gain = evaluate("key: gain, at_least: 1 mm", stage(errors(size=1e-4)))
-    assert gain["conformity_probability"] == pytest.approx(0.5)
-
-
 @pytest.mark.parametrize(
     ("key", "limit", "why"),
     [

@@ -460,12 +460,10 @@ def iso_result(tmp_path: Path) -> Path:
     return saved(tmp_path / "iso.json", results.text("iso9283"))
 
 
-def test_a_stored_result_becomes_a_page(iso_result: Path, tmp_path: Path) -> None:
-    page = tmp_path / "report.html"
-    identity = ("--identity", "serial_number=A-17")
-    done = run("report", iso_result, *identity, "--output", page)
-    assert (done.exit_code, done.stdout, done.stderr) == (0, "", "")
-    text = page.read_text(encoding="utf-8")
+def test_a_stored_result_becomes_a_page(iso_result: Path) -> None:
+    done = run("report", iso_result, "--identity", "serial_number=A-17", "--output", "-")
+    assert (done.exit_code, done.stderr) == (0, "")
+    text = done.stdout
     assert parsed(text).all("h1")[0].text.startswith("ISO 9283 pose criteria")
     assert text.startswith("<!doctype html>")
     assert "A-17" in text

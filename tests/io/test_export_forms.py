@@ -1516,26 +1516,25 @@ def test_commands_in_several_work_objects_are_poses_in_the_base(campaign: Campai
 
 
 @pytest.mark.parametrize(
-    "captions", [("tracker_point {}", "flange_point {}"), ("type: 1 index: {}", "type: 0 index: {}")]
+    ("captions", "end", "line"),
+    [
+        (("tracker_point {}", "flange_point {}"), "\n", 3),
+        (("type: 1 index: {}", "type: 0 index: {}"), "\n", 3),
+        # In one line, captions that reached back to its beginning would take time as the square of its length.
+        (("eye {}", "arm {}"), " ", 2),
+    ],
 )
-def test_a_log_of_two_kinds_of_poses_is_refused(campaign: Campaign, tmp_path: Path, captions: tuple[str, str]) -> None:
-    """The captions above tell the poses of the instrument from those of the arm, which have the same names."""
+def test_a_log_of_two_kinds_of_poses_is_refused(
+    campaign: Campaign, tmp_path: Path, captions: tuple[str, str], end: str, line: int
+) -> None:
+    """The captions before tell the poses of the instrument from those of the arm, which have the same names."""
     text = "Thread started.\n"
     for i, (measured, commanded) in enumerate(zip(campaign.position * MM, campaign.commanded * MM, strict=True)):
         for caption, place in zip(captions, (measured, commanded), strict=True):
-            text += f"{caption.format(i)}\npoint x:{place[0]:.3f} y:{place[1]:.3f} z:{place[2]:.3f} A:0.1 B:0.2 C:0.3\n"
+            pose = f"point x:{place[0]:.3f} y:{place[1]:.3f} z:{place[2]:.3f} A:0.1 B:0.2 C:0.3"
+            text += f"{caption.format(i)}{end}{pose}{end}"
     path = saved(tmp_path / "print.txt", text)
-    with pytest.raises(InputError, match=r"has poses of 2 kinds in turn, by their captions: '.*' \(line 3\)"):
-        robacc.read_poses(path, robot=ROBOT)
-
-
-def test_a_caption_ends_at_the_values_before_it(tmp_path: Path) -> None:
-    # In one line, captions that reached back to its beginning would take time as the square of its length.
-    values = "x: {0}.5 y: 2.{0} z: 3.{0} A: 0.1 B: 0.2 C: 0.3"
-    path = saved(
-        tmp_path / "log.txt", " ".join(f"{name} {values.format(i)}" for i in range(9) for name in ("arm", "eye"))
-    )
-    with pytest.raises(InputError, match=r"by their captions: 'arm' \(line 1\), 'eye' \(line 1\)"):
+    with pytest.raises(InputError, match=rf"has poses of 2 kinds in turn, by their captions: '.*' \(line {line}\)"):
         robacc.read_poses(path, robot=ROBOT)
 
 

@@ -341,8 +341,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_status(command: str, status: int, folder: Path) -> None:
-    words = command.format(estimate=" ".join(("estimate", *SAMPLE)), folder=folder).split()
-    done = run(*words, text=(folder / "result.json").read_text(encoding="utf-8"))
+    words = command.replace("{estimate}", " ".join(("estimate", *SAMPLE))).split()
+    done = run(
+        *(word.format(folder=folder) for word in words), text=(folder / "result.json").read_text(encoding="utf-8")
+    )
     assert done.exit_code == status, done.stderr
     # What cannot be used leaves nothing on standard output for the next program to take as a result.
     assert bool(done.stdout) == (status in (0, 4, 5))

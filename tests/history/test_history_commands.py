@@ -195,7 +195,7 @@ def test_calls_and_files_that_are_wrong(words, status, told, database, tests, tm
     text = saved(tmp_path / "text.db", "not a database, but a text that is long enough to be one")
     broken = saved(tmp_path / "broken.json", tests[0].read_text()[:3000])
     files = {"later": later, "other": other, "none": none, "text": text, "broken": broken}
-    call = words.format(database=database, result=tests[0], **files).split()
+    call = [word.format(database=database, result=tests[0], **files) for word in words.split()]
     assert told in refused(*call, status=status)
     assert "no such database" in refused("history", "show", "--db", none, status=3)
 

@@ -76,14 +76,6 @@ def requested(driver: Any) -> list[str]:
     return [url for url in urls if not url.startswith(("data:", "blob:"))]
 
 
-def whole(driver: Any) -> bytes:
-    """The whole page as a PNG, however long."""
-    size = driver.execute_cdp_cmd("Page.getLayoutMetrics", {})["cssContentSize"]
-    clip = {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
-    shot = driver.execute_cdp_cmd("Page.captureScreenshot", {"captureBeyondViewport": True, "clip": clip})
-    return base64.b64decode(shot["data"])
-
-
 def printed(driver: Any) -> bytes:
     """The page on A4, as PDF."""
     return base64.b64decode(driver.execute_cdp_cmd("Page.printToPDF", A4)["data"])

@@ -4,6 +4,7 @@
 """
 
 import ast
+import gc
 import inspect
 import json
 import re
@@ -51,7 +52,10 @@ REPLACED_PHRASES = (
 def trees() -> dict[str, ast.Module]:
     """Every module of the package, by its path."""
     paths = sorted(PACKAGE.rglob("*.py"))
-    return {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    gc.disable()  # each of its rounds looks at every node again
+    found = {str(path.relative_to(ROOT)): ast.parse(path.read_text(encoding="utf-8")) for path in paths}
+    gc.enable()
+    return found
 
 
 def bindings(nodes: Iterable[ast.AST]) -> Iterator[str]:

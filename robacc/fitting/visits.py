@@ -30,7 +30,7 @@ def row_ranks(data: Measurements) -> NDArray[np.int64]:
 
 
 def pose_ranks(data: Measurements) -> NDArray[np.int64]:
-    """Return ``(N,)`` a random rank of each row's commanded pose: its rows come together, and show noise and scatter."""
+    """Return ``(N,)`` a random rank of each row's commanded pose, whose rows show scatter and noise apart."""
     return hashed(data.position if data.commands is None else data.commands).view(np.int64)
 
 

@@ -703,14 +703,6 @@ def test_one_pose_gives_a_grade_of_unknown_probability_and_confirms_nothing() ->
     assert (result.probability, result.probabilities, result.poses_to_demonstrate) == (None, (), None)
 
 
-def test_the_maximum_is_never_confirmed() -> None:
-    largest = error_statistics(1e-6 * np.random.default_rng(0).normal(size=(3, 500)), "m")
-    result = grade(largest, None, SCALE._replace(statistic="max"))
-    assert (result.grade, result.demonstrated) == ("A", False)
-    assert "the largest error of all poses has no interval" in result.reason
-    assert (result.probability, result.poses_to_demonstrate) == (None, None)
-
-
 def test_errors_that_do_not_scatter_have_a_grade_for_certain() -> None:
     still = grade(error_statistics(np.full((3, 20), 1e-5), "m"), None, SCALE)
     assert (still.probability, still.demonstrated) == (1.0, True)

@@ -10,7 +10,7 @@ import independent_arm
 import numpy as np
 import pytest
 from arms import arm
-from sample_files import ROOT, SAMPLES, saved
+from sample_files import ROOT, saved
 from scipy.spatial.transform import Rotation
 
 import robacc
@@ -186,14 +186,6 @@ def test_a_correction_used_outside_its_validity_range_gives_a_warning() -> None:
     inside = robacc.estimate(data.subset(np.arange(2, 4)), robot=robot).warnings
     assert not any("validity range" in text for text in inside)
     assert not any("validity range" in text for text in robacc.estimate(data, robot=puma.robot).warnings)
-
-
-def test_a_quaternion_in_another_order_is_not_blamed_on_the_joints(tmp_path: Path) -> None:
-    text = (SAMPLES / "poses.csv").read_text(encoding="utf-8").replace("qw,qx,qy,qz", "qx,qy,qz,qw", 1)
-    path = saved(tmp_path / "poses.csv", text)
-    result = robacc.estimate(path, robot=SAMPLES / "robot.yaml", align="base_frame,tool_frame")
-    (warning,) = result.warnings
-    assert "the quaternions seem to be in the order w, x, y, z, read as x, y, z, w: with base and tool" in warning
 
 
 def test_frames_that_do_not_agree_are_registered_unless_the_call_says_no() -> None:

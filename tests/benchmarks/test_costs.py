@@ -1,7 +1,6 @@
 """What calls, commands and rules of gates cost: ``pytest tests/benchmarks -m slow -s`` prints it."""
 
 import dataclasses
-import math
 import subprocess
 import sys
 import tracemalloc
@@ -18,12 +17,11 @@ from peer import by_scipy
 from sample_files import saved
 
 import robacc
-from robacc.accuracy.error_statistics import error_statistics, satterthwaite
+from robacc.accuracy.error_statistics import error_statistics
 from robacc.accuracy.grade import default_scale
 from robacc.effects import REGISTRY
 from robacc.fitting.fit_result import Fit, Options
 from robacc.fitting.solver import fit
-from robacc.gates import LEVELS, BoundCurve
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model, predict
 from robacc.planning.design import DesignProblem, FitCriterion, choose
@@ -236,14 +234,3 @@ def test_help_against_a_bare_typer_program(
     )
     base, whole = costs(environment, 9, (sys.executable, str(bare), "--help"), (*ROBACC, "--help"))
     report(capsys, "robacc --help", (whole.seconds / base.seconds, "times a bare typer program", 1.3))
-
-
-LIMIT, VISITED, ARMS = 1.0, 60, 1000
-SD = np.array([1.0, 0.6, 0.3])[:, None] / math.sqrt(1.45)
-
-
-def measured(rng: np.random.Generator, truth: float) -> tuple[float, BoundCurve]:
-    errors = truth * SD * rng.normal(size=(3, VISITED))
-    covariance = errors @ errors.T / VISITED
-    curve = BoundCurve.through([satterthwaite(covariance, VISITED, level).root() for level in LEVELS])
-    return float(np.sqrt(np.trace(covariance))), curve

@@ -207,7 +207,7 @@ def test_all_of_them_well_is_status_0_and_says_nothing_more(folder: Path) -> Non
     assert (done.exit_code, done.stderr, "could not" in done.stdout) == (0, "", False)
 
 
-@pytest.mark.parametrize("form", ["table", "json", "markdown", "github"])
+@pytest.mark.parametrize("form", ["table", "json"])
 def test_output_to_a_file_is_what_standard_output_shows(folder: Path, form: str) -> None:
     call, target = (*files(folder), *HOW, "--format", form), folder / "all.out"
     shown = run(*call).stdout
@@ -233,7 +233,7 @@ def test_one_document_holds_what_each_file_alone_gives(folder: Path) -> None:
 
 @pytest.mark.parametrize(
     ("form", "suffix", "more"),
-    [("json", ".json", ()), ("table", ".txt", ()), ("table", ".txt", ("--full",)), ("markdown", ".md", ())],
+    [("json", ".json", ()), ("table", ".txt", ("--full",)), ("markdown", ".md", ())],
 )
 def test_a_folder_takes_each_result_as_the_command_alone_writes_it(
     folder: Path, form: str, suffix: str, more: tuple[str, ...]

@@ -218,7 +218,6 @@ def test_robot_and_alignment() -> None:
     [
         ("RP", "1 mm", 0, "pass"),
         ("RP", "0.01 mm", 4, "fail"),
-        ("RP", "0.08 mm", 5, "inconclusive"),
         ("vAP", "1 mm", 5, "not_evaluated"),
     ],
 )

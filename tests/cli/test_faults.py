@@ -52,6 +52,12 @@ def shell(line: str) -> subprocess.CompletedProcess[str]:
     return subprocess.run(("bash", "-c", line), capture_output=True, text=True, timeout=60, check=False)
 
 
+def processor_time(process: int) -> float:
+    """Seconds of the processor that a process has taken (proc(5), fields 14 and 15)."""
+    fields = Path(f"/proc/{process}/stat").read_text().rpartition(")")[2].split()
+    return sum(map(int, fields[11:13])) / os.sysconf("SC_CLK_TCK")
+
+
 @pytest.fixture(scope="module")
 def many(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """So many poses that a trace is at work for some seconds."""
@@ -85,7 +91,9 @@ def test_a_trace_that_is_ended_at_work(
         start_new_session=True,
         preexec_fn=lambda: signal.signal(signal.SIGINT, signal.default_int_handler),
     )
-    time.sleep(2.0)
+    # At work, however fast or loaded the machine is: reading and importing take less of the processor.
+    while process.poll() is None and processor_time(process.pid) < 1.5:
+        time.sleep(0.02)
     assert process.poll() is None
     for _ in range(times):
         if process.poll() is None:
@@ -148,9 +156,7 @@ def test_a_full_disk_leaves_the_file_that_was_there(tmp_path: Path) -> None:
 
 
 @pytest.mark.skipif(not Path("/dev/full").exists(), reason="needs /dev/full")
-@pytest.mark.parametrize(
-    "command", ["{estimate} --format json", "{robacc} show {samples}/robot.yaml", "{robacc} --help"]
-)
+@pytest.mark.parametrize("command", ["{estimate} --format json", "{robacc} --help"])
 def test_a_full_standard_output(command: str) -> None:
     done = shell(f"{command} > /dev/full")
     told = "error: standard output: cannot be written: no space left on device\n"
@@ -166,11 +172,8 @@ def test_a_full_standard_output(command: str) -> None:
         ("{robacc} estimate nowhere.csv 2>&-", 3, ""),
         ("{long} | {robacc} estimate - --robot {robot} --format json | head -1; exit ${{PIPESTATUS[1]}}", 141, ""),
         ("{warm} | {robacc} estimate - --robot {robot} | true; exit ${{PIPESTATUS[2]}}", 141, "warning: <stdin>:"),
-        ("{robacc} show {samples}/robot.yaml | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} --help | true; exit ${{PIPESTATUS[0]}}", 141, ""),
-        ("{robacc} | true; exit ${{PIPESTATUS[0]}}", 141, ""),
         ("{robacc} estimate nowhere.csv 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
-        ("{robacc} estimate --foo 2>&1 | true; exit ${{PIPESTATUS[0]}}", 141, ""),
     ],
 )
 def test_closed_streams_and_broken_pipes(line: str, status: int, told: str) -> None:
@@ -338,8 +341,10 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     ],
 )
 def test_status(command: str, status: int, folder: Path) -> None:
-    words = command.format(estimate=" ".join(("estimate", *SAMPLE)), folder=folder).split()
-    done = run(*words, text=(folder / "result.json").read_text(encoding="utf-8"))
+    words = command.replace("{estimate}", " ".join(("estimate", *SAMPLE))).split()
+    done = run(
+        *(word.format(folder=folder) for word in words), text=(folder / "result.json").read_text(encoding="utf-8")
+    )
     assert done.exit_code == status, done.stderr
     # What cannot be used leaves nothing on standard output for the next program to take as a result.
     assert bool(done.stdout) == (status in (0, 4, 5))
@@ -488,7 +493,7 @@ def test_poses_that_are_all_one_or_two(alike: int, tmp_path: Path) -> None:
 def test_a_repeated_pose_is_no_mistake_of_units(tmp_path: Path) -> None:
     """Scatter about one pose was taken for positions in micrometres: all errors are smaller in a smaller unit."""
     files = made(tmp_path, robot(6).replace("[-2.5, 2.5]", "[0.1, 0.1]"), 20, "0.02mm")
-    assert CALLS["calibrate"](files["poses"], files["robot"]).document()["n_poses"] == 20
+    assert robacc.calibrate(files["poses"], robot=files["robot"], fit=FIT, folds=2).converged
 
 
 @pytest.mark.parametrize("angle", [0.0, 1e-12, 1e-6, 1.0, math.pi - 1e-6, math.pi - 1e-12, math.pi])
@@ -546,7 +551,7 @@ URDF = (
     '<limit lower="-1" upper="1" effort="1" velocity="1"/></joint></robot>'
 )
 
-TRACED_ROBOT, TRACED_POSES = "sample_data/trace/robot.yaml", "sample_data/trace/poses.csv"
+TRACED_ROBOT = "sample_data/trace/robot.yaml"
 
 
 @pytest.mark.skipif(not Path("/proc/self/mem").exists(), reason="needs a file that opens and cannot be read")

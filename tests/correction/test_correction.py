@@ -274,18 +274,6 @@ def test_bound_agrees_with_the_exact_quantile(seed: int) -> None:
     assert length_bound(0.95, mean[:, None], np.diag(variances)[..., None])[0] == pytest.approx(exact, rel=0.02)
 
 
-def test_corrected_file_reads_as_commands(tmp_path: Path) -> None:
-    q = middle_joints(robacc.read_robot(ROBOT), 8, seed=3)
-    result = robacc.correct(joint_targets(q), model=TRUTH, nominal=ROBOT)
-    result.write(tmp_path / "corrected.csv")
-    data = robacc.simulate(TRUTH, at=tmp_path / "corrected.csv").data
-    error = np.linalg.norm(data.position - result.wanted.poses.translation, axis=0)
-    assert error[result.is_corrected].max() < MICROMETRE
-    rows = result.per_target_csv().splitlines()
-    assert len(rows) == 9
-    assert rows[0].startswith("line,corrected,command_x_m")
-
-
 def test_joints_that_count_against_the_table_are_corrected() -> None:
     """Axes 1, 4 and 6 of a KUKA count against the table."""
     nominal = robacc.read_robot("robacc/data/robots/kr10_r1100_sixx.yaml")

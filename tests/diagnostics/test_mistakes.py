@@ -4,7 +4,7 @@ import dataclasses
 import re
 from collections.abc import Callable
 from dataclasses import replace
-from functools import cache, partial
+from functools import cache
 from pathlib import Path
 
 import independent_arm
@@ -669,9 +669,8 @@ def measured(arm: str, n: int = 40) -> Measurements:
     return Measurements(position + np.array([[2.0], [-1.0], [0.5]]), q=data.q)
 
 
-@pytest.mark.parametrize("stated", ["ur10", "ur5e"])
-def test_the_arm_that_was_measured_is_named(stated: str) -> None:
-    result = robacc.estimate(measured("ur10e"), robot=stated)
+def test_the_arm_that_was_measured_is_named() -> None:
+    result = robacc.estimate(measured("ur10e"), robot="ur10")
     (warning,) = [text for text in result.warnings if "of the package" in text or "the package's" in text]
     assert "the package's ur10e 0." in warning
     assert "check that `robot` is the arm that was measured" in warning
@@ -682,10 +681,9 @@ def test_a_calibration_names_it_too() -> None:
     assert any("the package's ur10e" in text for text in warnings)
 
 
-@pytest.mark.parametrize("call", [robacc.trace, partial(robacc.calibrate, fit="joint_offset,link_geometry")])
-def test_an_arm_that_is_far_from_the_one_measured_is_refused(call: Callable[..., object]) -> None:
+def test_an_arm_that_is_far_from_the_one_measured_is_refused() -> None:
     with pytest.raises(InputError, match=r"the package's ur10e 0.*check that `robot` is the arm that was measured"):
-        call(measured("ur10e"), robot="ur5e")
+        robacc.trace(measured("ur10e"), robot="ur5e")
 
 
 def test_the_right_arm_is_not_doubted() -> None:

@@ -5,18 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from arms import model_of
 from independent_arm import LIMITS, robot, target
 from refusals import problems_of
 from sample_files import saved
 
 import robacc
-from robacc.effects.specification import parse_requests
 from robacc.error_model.covariance import CovarianceParameters, Linearised, Rows, covariance, likelihood_derivatives
+from robacc.fitting.solver import fit
 from robacc.fitting.visits import row_ranks
 from robacc.measurements import Measurements
 from robacc.modelling.model import Model
 from robacc.poses.csv_file import format_poses
-from robacc.tracing.calibrating import calibrate
 
 ZEROS = np.array([0.0, 6e-3, -5e-3, 4e-3, 5e-3, 0.0])
 """rad"""
@@ -41,10 +41,9 @@ def measured(seed: int, n: int = 60) -> Measurements:
 
 def zeros_of(data: Measurements) -> np.ndarray:
     """Errors ``(4,)`` of the zeros of joints 2 to 5, and their standard errors."""
-    result = calibrate(robot(), data, parse_requests("base_frame,tool_frame,joint_offset"), n_folds=2)
-    found = {parameter.name: parameter for parameter in result.parameters}
-    zeros = [found[f"joint_offset.j{number}"] for number in (2, 3, 4, 5)]
-    return np.array([(each.value - zero, each.std) for each, zero in zip(zeros, ZEROS[1:5], strict=True)]).T
+    result = fit(model_of(robot(), "base_frame,tool_frame,joint_offset", data), data)
+    zeros = [result.names.index(f"joint_offset.j{number}") for number in (2, 3, 4, 5)]
+    return np.array((result.theta[zeros] - ZEROS[1:5], np.sqrt(np.diag(result.covariance)[zeros])))
 
 
 def test_intervals_cover_and_correlation_is_used() -> None:

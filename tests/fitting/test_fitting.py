@@ -193,18 +193,6 @@ def test_a_direction_that_the_poses_hardly_show_does_not_hold_up_the_others(n: i
     assert stats.chi2.sf(before - after, many - few) > 1e-3
 
 
-def measured(n: int = 40, *, orientation: bool = True) -> Measurements:
-    return simulate(
-        arm("puma560").robot,
-        Plan(n, seed=3, noise_position=2e-5, noise_orientation=2e-5, orientation=orientation, payloads=(0.0, 2.0)),
-    ).data
-
-
-def model(data: Measurements, *names: str) -> Model:
-    one = arm("puma560")
-    return Model.of(one.robot, [REGISTRY[name].default(one, data) for name in names])
-
-
 POSES, CYCLES, TARGETS = 5, 4, 3
 N = POSES * CYCLES * TARGETS
 COMPONENTS, JOINTS = 3, 4
@@ -285,8 +273,7 @@ def refitted(data: Measurements, groups: Array, asked: str, like: Fit) -> Array:
     return apart
 
 
-@pytest.mark.parametrize(("cycles", "orientation"), [(1, False), (1, True), (3, True)])
-@pytest.mark.parametrize("folds", [None, 5])
+@pytest.mark.parametrize(("cycles", "orientation", "folds"), [(1, False, None), (1, True, 5), (3, True, None)])
 def test_each_pose_is_predicted_as_by_a_fit_without_it(cycles: int, orientation: bool, folds: int | None) -> None:
     data = measured_of_held_out(24, cycles, orientation=orientation)
     found = fitted(data, robust=False)
@@ -349,11 +336,6 @@ GEOMETRY = ("base_frame", "tool_frame", "joint_offset", "link_geometry")
 def identify(matrix: np.ndarray, names: Sequence[str], n: int, units: Sequence[str] = ()) -> Identifiability:
     terms = [Term(name, unit, 1.0, ()) for name, unit in zip(names, units or names, strict=True)]
     return identify_terms(matrix, terms, n)
-
-
-def poses(name: str, n: int = 40, seed: int = 2, *, orientation: bool = True) -> Measurements:
-    plan = Plan(n, seed=seed, noise_position=2e-5, noise_orientation=2e-5, orientation=orientation)
-    return simulate(arm(name).robot, plan).data
 
 
 def geometric_model(name: str, data: Measurements, effects: tuple[str, ...] = GEOMETRY) -> Model:

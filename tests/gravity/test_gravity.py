@@ -28,13 +28,6 @@ ARMS = ("puma560", "panda", "stanford", "urdf:puma560")
 N = 5
 
 
-def start(robot_arm: Arm) -> list[np.ndarray]:
-    """Every scalar off zero, so that no motion is special."""
-    rng = np.random.default_rng(1)
-    q = circumstances(robot_arm.robot, N).q
-    return [np.broadcast_to(s, (N,)) + rng.normal(scale=0.05, size=N) for s in robot_arm.chain.scalars(q)]
-
-
 @pytest.mark.parametrize("name", ARMS)
 def test_joint_torques_against_a_difference_of_the_energy(name: str) -> None:
     robot_arm = arm(name)

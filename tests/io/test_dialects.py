@@ -13,7 +13,7 @@ from sample_files import ROBOT, SAMPLES, saved
 
 import robacc
 from robacc.errors import InputError
-from robacc.geometry import Array, Poses, log_so3, quaternion_from_rotation, rpy_from_rotation
+from robacc.geometry import Array, log_so3, quaternion_from_rotation, rpy_from_rotation
 
 COUNT = 24
 Columns = dict[str, list[list[str]]]
@@ -230,6 +230,10 @@ EXPORTS = {
 }
 
 
+MAPS = {"kuka": {"angles": "kuka-abc"}, "universal_robots": {"units": "mm,rad", "angles": "rotvec"}}
+"""What is filled in a map of columns, where it is no degree and no angle about fixed axes."""
+
+
 def graded(path: Path, *options: str, robot: bool) -> tuple[dict[str, Any], str]:
     """The document of ``robacc estimate`` and its messages."""
     arm = ["--robot", str(ROBOT)] if robot else []
@@ -239,7 +243,9 @@ def graded(path: Path, *options: str, robot: bool) -> tuple[dict[str, Any], str]
 
 
 @pytest.mark.parametrize("name", EXPORTS)
-def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Columns, tmp_path: Path) -> None:
+def test_an_export_and_its_map_have_the_grade_of_the_documented_csv(
+    name: str, numbers: Columns, tmp_path: Path
+) -> None:
     export = EXPORTS[name]
     (tmp_path / "export.txt").write_bytes(export.content(numbers))
     (tmp_path / "plain.csv").write_text(export.plain(numbers), encoding="utf-8")
@@ -260,21 +266,15 @@ def test_an_export_has_the_grade_of_the_documented_csv(name: str, numbers: Colum
             rtol=0,
             atol=1e-12,
         )
-
-
-def test_a_tum_trajectory_is_known_by_its_numbers(numbers: Columns, tmp_path: Path) -> None:
-    xyzw = [[*quaternion[1:], quaternion[0]] for quaternion in numbers["wxyz"]]
-    lines = table(" ", ["# timestamp tx ty tz qx qy qz qw"], rows({**numbers, "xyzw": xyzw}, ("{i}.5", "m", "xyzw")))
-    path = saved(tmp_path / "tracker.tum", lines.partition("\n")[2])
-    with pytest.raises(robacc.InputError) as caught:
-        robacc.read_poses(path)
-    # A trajectory has no commands: that is the only problem.
-    (problem,) = caught.value.problems
-    assert "neither joint variables nor commanded poses" in str(problem)
-    assert "unknown" not in str(problem)
-    path.write_text(lines.partition("\n")[2].replace("0.", "0.9", 40), encoding="utf-8")
-    with pytest.raises(robacc.InputError, match="found numbers, expected a header row"):
-        robacc.read_poses(path)
+    output("init", tmp_path / "export.txt", "--folder", tmp_path)
+    text = (tmp_path / "columns.yaml").read_text(encoding="utf-8")
+    stated = {"units": "mm,deg", "coverage": "2", "angles": "fixed-xyz", **MAPS.get(name, {})}
+    for key, value in stated.items():
+        text = text.replace(f"{key}: unknown", f"{key}: {value}")
+    columns = saved(tmp_path / "columns.yaml", text)
+    skip = ("--skip-gaps",) if name == "gaps" else ()
+    mapped, _ = graded(tmp_path / "export.txt", "--columns", str(columns), *skip, robot=export.robot)
+    assert mapped["grade"] == expected["grade"]
 
 
 def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -298,27 +298,6 @@ def test_a_column_map_settles_every_question(numbers: Columns, tmp_path: Path, m
     assert "columns:" not in messages
     assert result["inputs"][0]["reading"]["units"] == "mm,deg"
     refused("init", "export.csv")
-
-
-@pytest.mark.parametrize("name", EXPORTS)
-def test_the_map_of_every_export_reads_it_alike(
-    name: str, numbers: Columns, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.chdir(tmp_path)
-    export = EXPORTS[name]
-    Path("export.txt").write_bytes(export.content(numbers))
-    output("init", "export.txt")
-    text = Path("columns.yaml").read_text(encoding="utf-8")
-    convention = "kuka-abc" if name == "kuka" else "fixed-xyz"
-    for key, value in (("units", "mm,deg"), ("coverage", "2"), ("angles", convention)):
-        text = text.replace(f"{key}: unknown", f"{key}: {value}")
-    if name == "universal_robots":
-        text = text.replace("units: mm,deg", "units: mm,rad").replace("angles: fixed-xyz", "angles: rotvec")
-    Path("columns.yaml").write_text(text, encoding="utf-8")
-    skip = ("--skip-gaps",) if name == "gaps" else ()
-    result, _ = graded(Path("export.txt"), "--columns", "columns.yaml", *skip, robot=export.robot)
-    expected, _ = graded(Path("export.txt"), *export.options, robot=export.robot)
-    assert result["grade"] == expected["grade"]
 
 
 @pytest.mark.parametrize("bad", [0, 1, 2, 20])
@@ -371,17 +350,6 @@ REFUSED = {
 }
 
 
-def test_rows_of_cam2_for_each_axis_are_joined(tmp_path: Path) -> None:
-    text = (
-        "Part:\tKR10\nUnits:\tMillimeters\n\nFeature\tAxis\tActual\tNominal\tDeviation\n"
-        "P1\tX\t100.1\t100.0\t0.1\nP1\tY\t200.1\t200.0\t0.1\nP1\tZ\t300.1\t300.0\t0.1\n"
-    )
-    (tmp_path / "cam2.txt").write_text(text, encoding="utf-8")
-    read = robacc.read_poses(tmp_path / "cam2.txt")
-    np.testing.assert_allclose(1e3 * read.position[:, 0], [100.1, 200.1, 300.1], rtol=1e-14)
-    np.testing.assert_allclose(1e3 * read.commanded_position[:, 0], [100, 200, 300], rtol=1e-14)
-
-
 @pytest.mark.parametrize("name", REFUSED)
 def test_what_is_no_measurement_says_what_to_give(name: str, robot: robacc.Robot, tmp_path: Path) -> None:
     content, message = REFUSED[name]
@@ -392,25 +360,9 @@ def test_what_is_no_measurement_says_what_to_give(name: str, robot: robacc.Robot
     assert message in str(problem)
 
 
-def test_points_alone_name_the_option_without_a_robot_too(tmp_path: Path) -> None:
-    (tmp_path / "points.csv").write_text(REFUSED["points.csv"][0], encoding="utf-8")
-    with pytest.raises(robacc.UsageError, match=r"give `commanded`, a robot program or a table of joints or poses, or"):
-        robacc.estimate(tmp_path / "points.csv")
-
-
-CENTRE = Poses.from_xyz_rpy(np.array([[2.0], [-1.5], [0.8]]), np.radians([[10.0], [-20.0], [130.0]]))
-"""Pose of the robot's base in the instrument's frame."""
-
-
 @pytest.fixture(scope="module")
 def data(robot: robacc.Robot) -> robacc.Measurements:
     return robacc.read_poses(SAMPLES / "poses.csv", robot=robot)
-
-
-@pytest.fixture(scope="module")
-def measured(data: robacc.Measurements) -> Poses:
-    """The poses in the instrument's frame."""
-    return CENTRE @ Poses(data.rotation, data.position)
 
 
 def moving_xyz(rotation: Array) -> Array:
@@ -424,16 +376,6 @@ def joined(head: str, rows: Iterable[Iterable[object]], separator: str) -> str:
     return head + "".join(separator.join(map(str, row)) + "\n" for row in rows)
 
 
-def rostopic(measured: Poses) -> str:
-    fields = [*(f"position.{axis}" for axis in "xyz"), *(f"orientation.{axis}" for axis in "xyzw")]
-    head = ",".join(["%time,field.header.seq,field.header.frame_id", *(f"field.pose.{name}" for name in fields)]) + "\n"
-    quaternion = np.roll(quaternion_from_rotation(measured.rotation), -1, axis=0)
-    columns = np.vstack([measured.translation, quaternion]).T
-    start = 1763635637123456789
-    rows = ([start + k * 10**9, k, "tracker", *map("{:.9f}".format, row)] for k, row in enumerate(columns))
-    return joined(head, rows, ",")
-
-
 def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(
     data: robacc.Measurements, robot: robacc.Robot, tmp_path: Path
 ) -> None:
@@ -444,18 +386,6 @@ def test_documented_roll_pitch_yaw_that_do_not_fit_are_an_error(
         robacc.read_poses(path, robot=robot)
     read = robacc.read_poses(path, robot=robot, angles="moving-xyz")
     np.testing.assert_allclose(read.rotation, data.rotation, atol=1e-12)
-
-
-def test_joint_states_of_rostopic_are_in_the_order_of_their_names(
-    data: robacc.Measurements, measured: Poses, robot: robacc.Robot, tmp_path: Path
-) -> None:
-    order = [2, 1, 0, 3, 4, 5]  # as the driver of Universal Robots sorts them
-    head = ",".join(["%time", *(f"field.name{i}" for i in range(6)), *(f"field.position{i}" for i in range(6))]) + "\n"
-    rows = ([k, *(f"j{i + 1}" for i in order), *data.q[order, k]] for k in range(data.n))
-    (tmp_path / "joints.csv").write_text(joined(head, rows, ","), encoding="utf-8")
-    (tmp_path / "pose.csv").write_text(rostopic(measured), encoding="utf-8")
-    read = robacc.read_poses(tmp_path / "pose.csv", robot=robot, commanded=tmp_path / "joints.csv")
-    np.testing.assert_allclose(read.q, data.q, rtol=1e-12)
 
 
 COUNT_OF_COMMANDED = 12
@@ -526,16 +456,6 @@ def test_files_without_common_names_are_joined_by_order(data_of_commanded: robac
     (tmp_path / "joints.csv").write_text(joints(data_of_commanded, order[:-1]), encoding="utf-8")
     with pytest.raises(robacc.InputError, match=r"12 measured rows and 11 commands in .*, which share no names"):
         robacc.read_poses(tmp_path / "points.csv", robot=robot, units="mm", commanded=tmp_path / "joints.csv")
-
-
-def test_commands_of_a_robot_program(data_of_commanded: robacc.Measurements, tmp_path: Path) -> None:
-    moves = [f"  movej([{', '.join(f'{angle:.9f}' for angle in q)}], a=1.4, v=1.05)" for q in data_of_commanded.q.T]
-    (tmp_path / "poses.script").write_text("def poses():\n" + "\n".join(moves) + "\nend\n", encoding="utf-8")
-    (tmp_path / "points.txt").write_text(tracker(data_of_commanded, list(range(COUNT_OF_COMMANDED))), encoding="utf-8")
-    robot = robacc.read_robot(ROBOT)
-    read = robacc.read_poses(tmp_path / "points.txt", robot=robot, commanded=tmp_path / "poses.script")
-    np.testing.assert_allclose(read.q, data_of_commanded.q, atol=1e-8)
-    assert any("joined by the order of rows" in warning for warning in read.warnings)
 
 
 def test_points_without_a_command_are_left_out_unless_they_are_most(

@@ -746,6 +746,13 @@ def plotjuggler(c: Campaign) -> dict[str, str]:
     return mm(c) | {"joints.csv": lines(rows, ",", ",".join(names) + "\n")}
 
 
+def rostopic_joint_states(c: Campaign) -> dict[str, str]:
+    """Names of the joints in each row, in the order in which the driver of Universal Robots sorts them."""
+    head = ",".join(["%time", *(f"field.{part}{i}" for part in ("name", "position") for i in range(6))]) + "\n"
+    rows = ([k, *UR_JOINTS, *q] for k, q in enumerate(c.q[:, [2, 1, 0, 3, 4, 5]].tolist()))
+    return mm(c) | {"joints.csv": lines(rows, ",", head)}
+
+
 def table(head: str, *columns: np.ndarray, sep: str = ";", name: str = "", tail: str = "") -> str:
     values = np.hstack(columns)
     return lines(named(values, name) if name else values, sep, head + "\n", tail)
@@ -1062,6 +1069,7 @@ POSITIONS: tuple[Form, ...] = (
     *(cam2_and_kuka, kuka_points_alone, fanuc_in_inches, laboratory, spatial_analyzer_and_rapid, yaml_records),
     *(json_by_name, means_between_rows, names_on_each_line),
     *(json_columns, trials, bare_with_rows_of_nan, matlab, ros_echo, plotjuggler),
+    rostopic_joint_states,
     *(yaskawa_job, lists_in_cells, kuka_axes, fanuc_registers, named_values, blocks_of_lists, python_lists),
     *(
         abb_with_tracker,
@@ -1190,14 +1198,6 @@ def test_three_targets_without_names_are_found_by_their_motion(campaign: Campaig
     found = figures([*words[1:], "--align", "base_frame,tool_frame"])
     assert found["n_poses"] == 3 * N
     assert found["position"]["rms_m"] < 2e-4  # of noise of 0.05 mm along each axis, and of the orientation at 0.15 m
-
-
-def test_ids_with_gaps_are_no_coordinates(campaign: Campaign, tmp_path: Path) -> None:
-    ids = np.delete(np.arange(1, N + 3), (1, 4))
-    for name, values in (("lt.txt", campaign.position * MM), ("joints.txt", np.degrees(campaign.q))):
-        saved(tmp_path / name, lines(([i, *row.tolist()] for i, row in zip(ids, values, strict=True)), ", "))
-    result = figures([str(tmp_path / "lt.txt"), "--commanded", str(tmp_path / "joints.txt"), "--robot", ROBOT])
-    assert result["position"]["rms_m"] < 1e-4
 
 
 def test_a_count_that_skips_a_number_has_the_names_of_points(campaign: Campaign, tmp_path: Path) -> None:
@@ -1516,26 +1516,25 @@ def test_commands_in_several_work_objects_are_poses_in_the_base(campaign: Campai
 
 
 @pytest.mark.parametrize(
-    "captions", [("tracker_point {}", "flange_point {}"), ("type: 1 index: {}", "type: 0 index: {}")]
+    ("captions", "end", "line"),
+    [
+        (("tracker_point {}", "flange_point {}"), "\n", 3),
+        (("type: 1 index: {}", "type: 0 index: {}"), "\n", 3),
+        # In one line, captions that reached back to its beginning would take time as the square of its length.
+        (("eye {}", "arm {}"), " ", 2),
+    ],
 )
-def test_a_log_of_two_kinds_of_poses_is_refused(campaign: Campaign, tmp_path: Path, captions: tuple[str, str]) -> None:
-    """The captions above tell the poses of the instrument from those of the arm, which have the same names."""
+def test_a_log_of_two_kinds_of_poses_is_refused(
+    campaign: Campaign, tmp_path: Path, captions: tuple[str, str], end: str, line: int
+) -> None:
+    """The captions before tell the poses of the instrument from those of the arm, which have the same names."""
     text = "Thread started.\n"
     for i, (measured, commanded) in enumerate(zip(campaign.position * MM, campaign.commanded * MM, strict=True)):
         for caption, place in zip(captions, (measured, commanded), strict=True):
-            text += f"{caption.format(i)}\npoint x:{place[0]:.3f} y:{place[1]:.3f} z:{place[2]:.3f} A:0.1 B:0.2 C:0.3\n"
+            pose = f"point x:{place[0]:.3f} y:{place[1]:.3f} z:{place[2]:.3f} A:0.1 B:0.2 C:0.3"
+            text += f"{caption.format(i)}{end}{pose}{end}"
     path = saved(tmp_path / "print.txt", text)
-    with pytest.raises(InputError, match=r"has poses of 2 kinds in turn, by their captions: '.*' \(line 3\)"):
-        robacc.read_poses(path, robot=ROBOT)
-
-
-def test_a_caption_ends_at_the_values_before_it(tmp_path: Path) -> None:
-    # In one line, captions that reached back to its beginning would take time as the square of its length.
-    values = "x: {0}.5 y: 2.{0} z: 3.{0} A: 0.1 B: 0.2 C: 0.3"
-    path = saved(
-        tmp_path / "log.txt", " ".join(f"{name} {values.format(i)}" for i in range(9) for name in ("arm", "eye"))
-    )
-    with pytest.raises(InputError, match=r"by their captions: 'arm' \(line 1\), 'eye' \(line 1\)"):
+    with pytest.raises(InputError, match=rf"has poses of 2 kinds in turn, by their captions: '.*' \(line {line}\)"):
         robacc.read_poses(path, robot=ROBOT)
 
 

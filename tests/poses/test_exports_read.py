@@ -510,6 +510,9 @@ NO_TABLES: list[Case] = [
     ('{"robot": "ur10e"}', {}, "has no list of records, expected a table of poses"),
     ("[" * 100_000, {}, "cannot be read as JSON or YAML"),
     ("header:\n  stamp:\n    sec: 1\n", {}, "has no list of records"),
+    # A trajectory is known by its unit quaternions; alone it has no commands.
+    ("1.5 1 2 3 0 0 0 1\n2.5 1 2 4 0 0.6 0 0.8\n", {}, "1: the file has measured poses only: neither joint variables"),
+    ("1.5 1 2 3 0 0 0 2\n2.5 1 2 4 0 0.6 0 0.8\n", {}, "1: found numbers, expected a header row"),
     ("Index\tAz(deg)\tEl(deg)\tDist(mm)\n1\t10.5\t80.5\t2000.5\n", {}, "angles and distances of an instrument"),
 ]
 HEADERS: list[Case] = [

@@ -762,17 +762,6 @@ def test_the_variance_is_that_of_the_posterior_and_of_what_fades() -> None:
     assert expected[3] < 0.05 * prior
 
 
-def test_errors_of_profiles_of_the_prior_have_the_posterior_variance() -> None:
-    random = np.random.default_rng(8)
-    design, covariance, n = basis(TRAINED), posterior(TRAINED), 4000
-    truth = STD * random.normal(size=(n, design.shape[1]))
-    measured = truth @ design.T + NOISE * random.normal(size=(n, len(TRAINED)))
-    estimate = measured @ design @ covariance / NOISE**2
-    error = (estimate - truth) @ basis(PLACES).T
-    # The variance of a variance of 4,000 values is 2/4,000: five standard deviations are 11 %.
-    np.testing.assert_allclose(np.mean(error**2, axis=0), joint_variance(PLACES, covariance), rtol=0.11)
-
-
 def turned_by(robot: Robot, second: np.ndarray) -> np.ndarray:
     """Angles ``(N,)`` by which the effects turn the target."""
     data = poses_at(second)

@@ -35,7 +35,7 @@ def driver() -> Iterator[Any]:
 def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A page for each kind of result: an estimate with a gate, a trace with hostile names, and one beside another."""
     place = tmp_path_factory.mktemp("pages")
-    documents = {command: [results.document(command)] for command in ("predict", "calibrate")}
+    documents = {"predict": [results.document("predict")]}
     documents["gated"] = [results.gated(place)]
     documents["compare"] = [results.compared(place)]
     documents["several"] = [results.document("trace"), results.document("iso9283")]
@@ -46,7 +46,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     return place
 
 
-PAGES = ("predict", "calibrate", "gated", "compare", "several", "hostile")
+PAGES = ("predict", "gated", "compare", "several", "hostile")
 DRAWN = """
 return Array.from(document.querySelectorAll('figure')).map(function (figure) {
   var part = figure.querySelector('.still').hidden ? figure.querySelector('.scene') : figure.querySelector('svg');
@@ -74,11 +74,17 @@ def check_that_all_is_drawn_and_nothing_asked_for(driver: Any, page: Path, width
 
 
 @pytest.mark.parametrize("name", PAGES)
-def test_a_page_on_a_phone_is_drawn_whole(name: str, driver: Any, folder: Path) -> None:
+def test_a_page_on_a_phone_is_drawn_whole_and_its_tables_open(name: str, driver: Any, folder: Path) -> None:
     page = folder / f"{name}.html"
     browser.look(driver, page, browser.PHONE)
     browser.settled(driver)
     check_that_all_is_drawn_and_nothing_asked_for(driver, page, browser.PHONE[0])
+    details = driver.find_element("css selector", "figure details")
+    table = details.find_element("css selector", "table")
+    assert not table.is_displayed()
+    details.find_element("css selector", "summary").send_keys("\n")
+    assert table.is_displayed()
+    assert driver.execute_script("return document.documentElement.scrollWidth") <= browser.PHONE[0]
 
 
 def pixels_of(driver: Any, selector: str) -> np.ndarray:
@@ -145,17 +151,6 @@ def test_a_bright_page_has_ink_and_a_pose_pointed_at_says_its_row(driver: Any, f
     after = np.linalg.norm(document["poses"]["errors_m"]["held_out_after"][7]) * 1e3
     assert texts[7].startswith(f"line {line}, pose {pose}<br>baseline:")
     assert float(texts[7].rpartition("extended model: ")[2].split()[0]) == pytest.approx(after, rel=6e-3)
-
-
-def test_the_table_of_a_chart_opens(driver: Any, folder: Path) -> None:
-    browser.look(driver, folder / "predict.html", browser.PHONE)
-    browser.settled(driver)
-    details = driver.find_element("css selector", "figure details")
-    table = details.find_element("css selector", "table")
-    assert not table.is_displayed()
-    details.find_element("css selector", "summary").send_keys("\n")
-    assert table.is_displayed()
-    assert driver.execute_script("return document.documentElement.scrollWidth") <= browser.PHONE[0]
 
 
 @pytest.mark.parametrize("name", PAGES)

@@ -289,6 +289,8 @@ def test_every_serial_chain_of_real_robots_is_yourdfpys(arm: str) -> None:
     configurations = [{name: rng.uniform(-2, 2) for name in reference.actuated_joint_names} for _ in range(2)]
     parents = {joint.parent for joint in reference.robot.joints}
     leaves = [link.name for link in reference.robot.links if link.name not in parents]
+    # Of a robot with many chains some two dozen: its fingers share the arm.
+    leaves = leaves[:: 1 + len(leaves) // 24]
     text = path.read_text()
     robots = {}
     for leaf in leaves:

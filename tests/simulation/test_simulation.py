@@ -120,18 +120,6 @@ def test_cycles_repeat_the_poses_in_their_order() -> None:
     assert data.groups().max() == 49
 
 
-def test_motion_is_that_of_the_order() -> None:
-    data = simulate(PUMA, Plan(20)).data
-    moves = np.diff(data.q)
-    np.testing.assert_array_equal(data.direction[:, 1:], np.sign(moves))
-    np.testing.assert_allclose(data.speed[:, 1:], moves / np.abs(moves).max(axis=0), rtol=0, atol=1e-15)
-    assert not data.direction[:, 0].any()
-    assert not data.speed[:, 0].any()
-    without = simulate(PUMA, Plan(20, motion=False)).data
-    assert without.direction is None
-    assert without.speed is None
-
-
 def test_time_temperature_and_payload() -> None:
     data = simulate(PUMA, EVERYTHING).data
     np.testing.assert_array_equal(data.time, 10.0 * np.arange(150))

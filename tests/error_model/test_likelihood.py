@@ -238,6 +238,19 @@ def test_no_variance_is_negative_where_a_part_of_the_rows_shows_what_they_share(
     assert np.linalg.eigvalsh(relative).min() > 0.0
 
 
+def test_many_readings_have_the_standard_errors_of_their_means() -> None:
+    """Of 1,600 rows a part is seen, in which rows of a pose come together: its pairs counted 2.2 times too much."""
+    means, rng = drawn("white", 3, 200, ordered=False), np.random.default_rng(3)
+    means = dataclasses.replace(means, position=means.position + 1e-4 * rng.standard_normal((3, 200)))
+    position = np.repeat(means.position, 8, axis=1) + NOISE_OF_STRUCTURE * rng.standard_normal((3, 1600))
+    readings = dataclasses.replace(means, position=position, q=np.repeat(means.q, 8, axis=1))
+    of_means, of_readings = (
+        np.sqrt(np.diag(fitted.covariance)[fitted.identifiability.columns])
+        for _, fitted in (fits(means), fits(readings))
+    )
+    assert np.mean(of_readings / of_means) == pytest.approx(1.0, abs=0.2)
+
+
 def test_scatter_costs_by_the_visits_that_show_it() -> None:
     linear = linearised()
     alone, with_scatter = noise_with(linear), noise_with(linear, "scatter")

@@ -588,6 +588,8 @@ class Step(Effect):
                 "look for a collision, a lost encoder count or a new mastering; master the joint and measure again",
             ),
         }[self.part]
+        if self.from_time is None and self.part in ("base", "joint"):
+            check += "; without time_s, a warm-up or a drift looks so, too: record it and trace again"
         return f"{start}, the {what}: {check}"
 
     def __str__(self) -> str:

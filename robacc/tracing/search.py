@@ -562,13 +562,18 @@ class _Search:
             candidate = self.pool.all[number]
             if not math.isfinite(scores.log_odds[number]):
                 break
-            if candidate is not_itself or any(self._is_form_of(candidate, other) for other in others):
-                continue
-            effect, multiples = candidate.effect, scores.fitted(number)
-            implausible = effect.implausible(candidate.terms, (multiples * candidate.sizes).tolist())
-            if implausible is None or not effect.form.rejects_implausible:
-                return [int(number)]
+            is_present = candidate is not_itself or any(self._is_form_of(candidate, other) for other in others)
+            if not is_present and self._can_be(candidate, scores):
+                return [number]
         return []
+
+    def _can_be(self, candidate: Candidate, scores: Scores) -> bool:
+        """Return whether a candidate, as the data fit it, is no effect that implausible coefficients exclude."""
+        fitted = scores.fitted(self.pool.number(candidate)) * candidate.sizes
+        return (
+            not candidate.effect.form.rejects_implausible
+            or candidate.effect.implausible(candidate.terms, fitted.tolist()) is None
+        )
 
     def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:
         """Return whether two candidates are forms of one effect: an effect of one name and joint is found once.
@@ -621,7 +626,9 @@ class _Search:
             elif rival.effect_name == candidate.effect_name:
                 if searched_order(effect) is not None and self._are_separable(rival, candidate):
                     aliases.append(orders_of(effect)[0])
-            elif not any(rival.effect_name in (other.effect_name, *alternatives) for other in chosen):
+            elif self._can_be(rival, scores) and not any(
+                rival.effect_name in (other.effect_name, *alternatives) for other in chosen
+            ):
                 alternatives[rival.effect_name] = Alternative(
                     effect.name, effect.joints, scores.similarity(own, number), behind, effect.settings()
                 )

@@ -10,15 +10,12 @@ from typing import Any, NamedTuple, cast
 
 import yaml
 
-from robacc.errors import InputError, Problem, given, refuse
+from robacc.errors import InputError, Problem, given
 from robacc.io.files import ProblemLog, clip, spliced
 from robacc.quantities import significant
 
 MAX_DEPTH = 32
 MAX_NODES = 50_000
-MAX_LENGTH = 16 * 2**20
-"""Characters: above a model of a thousand coefficients, whose covariance takes ten million; a faulty file of this size
-takes some forty seconds to check."""
 
 _NUMBER = re.compile(r"[-+]?(\d+\.?\d*|\.\d+)([eE][-+]?\d+)?")
 """Decimal numbers only: YAML 1.1 reads 1e-4 as text, 010 as eight and 1:30 as ninety."""
@@ -50,11 +47,8 @@ def compose(text: str, file: str) -> yaml.Node:
     """Return the document's root node.
 
     Raises:
-        InputError: The text is not YAML, is empty, has several documents or anchors, or is too long or nested too deep.
+        InputError: The text is not YAML, is empty, has several documents or anchors, or is nested too deep.
     """
-    refuse(
-        (len(text) > MAX_LENGTH, Problem(f"is larger than {MAX_LENGTH / 2**20:g} MiB, the limit for YAML files", file))
-    )
     try:
         loader: Any = yaml.SafeLoader
         # PyYAML's two readers read these characters differently, or the limited one refuses them.

@@ -602,7 +602,9 @@ def robot_to_yaml(robot: Robot, comments: Sequence[str] = (), *, rounded: bool =
     """
     document = robot_document(robot, units, rounded=rounded)
     # default_flow_style None: a list or mapping without a nested one stands on one line.
-    text = yaml.safe_dump(document, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+    # The covariance of a thousand coefficients takes 5 s without libyaml.
+    dumper: Any = yaml.CSafeDumper if yaml.__with_libyaml__ else yaml.SafeDumper
+    text = yaml.dump(document, None, dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
     return comment_lines(comments) + text
 
 

@@ -25,6 +25,7 @@ from robacc.prediction.model_uncertainty import (
     ModelFit,
     beyond_columns,
     coverage,
+    model_fit,
     model_uncertainty,
     registered_uncertainty,
 )
@@ -42,6 +43,7 @@ from robacc.prediction.predicting import (
 )
 from robacc.robots.arm import BLOCK, Arm
 from robacc.robots.description import DH_PARAMETERS, ORIGIN_PARAMETERS, Frame, Joint
+from robacc.robots.yaml_robot import parse_robot, robot_to_yaml
 
 ROBOTS = Path(__file__).resolve().parents[2] / "configs" / "robots"
 FOUR = {"theta": 1e-4, "d": 1e-4, "a": 1e-4, "alpha": 1e-4}
@@ -456,6 +458,17 @@ def model() -> tuple[Robot, ModelFit]:
         n_poses=100,
     )
     return robot, fit
+
+
+def test_a_model_of_many_coefficients_is_read_again() -> None:
+    """Six profiles and a process of a UR10 have 1,430 coefficients: the file of its model was refused as too large."""
+    (robot, fit), size = model(), 1500
+    covariance = np.outer(*[np.random.default_rng(0).standard_normal(size)] * 2) + np.eye(size)
+    record = dataclasses.replace(fit, coefficients=tuple(f"c{k}" for k in range(size)), covariance=covariance)
+    text = robot_to_yaml(dataclasses.replace(robot, fit=record.entry()))
+    again = model_fit(parse_robot(text, "model.yaml"))
+    assert again is not None
+    np.testing.assert_allclose(again.covariance, covariance, rtol=1e-11)
 
 
 def drawn(robot: Robot, data: Measurements, rng: np.random.Generator) -> Measurements:

@@ -9,7 +9,7 @@ from collections import Counter
 from pathlib import Path
 
 ROOT = Path(__file__).resolve().parents[2] / "robacc"
-MOST = 22_281
+MOST = 22_280
 """Statements of the package, docstrings apart."""
 
 

@@ -349,7 +349,10 @@ def _causes(document: Document, most: int | None, *, short: bool = False) -> lis
                     " to ".join(three_digits(cause[end] * IN_MM) for end in ("low_m", "high_m")),
                     number(cause["turn_at_tool_rad"], IN_DEGREES) if turned else "",
                     number(cause["error_without_m"], IN_MM),
-                    "–" if cause["share"] is None else f"{100 * cause['share']:.0f} %",
+                    # A share below one per cent has a digit, since the causes stand in this order.
+                    "–"
+                    if cause["share"] is None
+                    else f"{100 * cause['share']:{'.0f' if cause['share'] >= 0.01 else '.1f'}} %",
                 )
                 for cause in shown
             ],

@@ -212,8 +212,8 @@ def _with_covariance(
     """Return the fit with the covariance of its coefficients under all terms.
 
     ``linear`` is the fit at ``rows``, those of random poses, whose numbers are ``poses``. Pairs of rows count as often
-    as all rows have them (Horvitz and Thompson 1952). ``is_weighted`` says that scatter
-    and noise alone are the fit's weights.
+    as all rows have them (Horvitz and Thompson 1952). ``is_weighted`` says that scatter and noise alone are the fit's
+    weights.
     """
     terms = [name for name in noise.terms if TERMS[name].is_correlated or not is_weighted]
     if not terms or not len(linear.prior_std):

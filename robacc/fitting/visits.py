@@ -31,7 +31,8 @@ def row_ranks(data: Measurements) -> NDArray[np.int64]:
 
 def pose_ranks(data: Measurements) -> NDArray[np.int64]:
     """Return ``(N,)`` a random rank of each row's commanded pose, whose rows show scatter and noise apart."""
-    return hashed(data.position if data.commands is None else data.commands).view(np.int64)
+    groups = data.groups()
+    return np.random.default_rng(0).permutation(int(groups.max(initial=-1)) + 1)[groups]
 
 
 def first_ranks(draw: NDArray[np.int64], most: int) -> NDArray[np.int64]:

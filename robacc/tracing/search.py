@@ -569,10 +569,8 @@ class _Search:
 
     def _can_be(self, candidate: Candidate, scores: Scores) -> bool:
         """Return whether a candidate, as the data fit it, is no effect that implausible coefficients exclude."""
-        fitted = scores.fitted(self.pool.number(candidate)) * candidate.sizes
-        return (
-            not candidate.effect.form.rejects_implausible
-            or candidate.effect.implausible(candidate.terms, fitted.tolist()) is None
+        return not candidate.effect.form.rejects_implausible or not candidate.effect.implausible(
+            candidate.terms, (scores.fitted(self.pool.number(candidate)) * candidate.sizes).tolist()
         )
 
     def _is_form_of(self, candidate: Candidate, other: Candidate) -> bool:

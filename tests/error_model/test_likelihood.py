@@ -243,7 +243,9 @@ def test_many_readings_have_the_standard_errors_of_their_means() -> None:
     means, rng = drawn("white", 3, 200, ordered=False), np.random.default_rng(3)
     means = dataclasses.replace(means, position=means.position + 1e-4 * rng.standard_normal((3, 200)))
     position = np.repeat(means.position, 8, axis=1) + NOISE_OF_STRUCTURE * rng.standard_normal((3, 1600))
-    readings = dataclasses.replace(means, position=position, q=np.repeat(means.q, 8, axis=1))
+    # Joints that are read back differ at each reading of a pose.
+    q = np.repeat(means.q, 8, axis=1) + 1e-7 * rng.standard_normal((6, 1600))
+    readings = dataclasses.replace(means, position=position, q=q, pose=np.repeat(np.arange(200), 8).astype(str))
     of_means, of_readings = (
         np.sqrt(np.diag(fitted.covariance)[fitted.identifiability.columns])
         for _, fitted in (fits(means), fits(readings))

@@ -60,7 +60,7 @@ def order_tolerance(angle_range: float) -> float:
 
 
 def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str | None:
-    """Return the physical origin of an order per joint turn; None if it fits none.
+    """Return the possible physical origins of an order per joint turn; None if it fits none.
 
     Where the ratio is unknown, typical ratios are compared, only with the motor's first two orders.
     """
@@ -79,7 +79,7 @@ def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str |
             for typical in TYPICAL_RATIOS
             for text in (f"a typical gear of ratio {typical}; the robot file has no gear_ratio",)
         ]
-    return next((text for expected, most, text in origins if abs(order - expected) <= most), None)
+    return ", or ".join(text for expected, most, text in origins if abs(order - expected) <= most) or None
 
 
 ORDER_STEP = 0.25

@@ -267,6 +267,8 @@ def test_origins() -> None:
     assert "once per motor turn" in str(origin_of(99.97, 100.0, tolerance))
     assert "twice per motor turn" in str(origin_of(-2 * -50.1, 50.0, tolerance))
     assert origin_of(81.0, 100.0, tolerance) is None
+    # Once per turn of one motor is twice per turn of another.
+    assert all(f"gear of ratio {ratio}" in str(origin_of(100.0, None, tolerance)) for ratio in (50, 100))
     assert origin_of(64.3, None, tolerance) is None
     # Poses over a quarter turn leave an order uncertain by 0.3.
     short = order_tolerance(1.7)

@@ -66,9 +66,8 @@ def origin_of(order: float, gear_ratio: float | None, tolerance: float) -> str |
     """
     origins = [(float(multiple), tolerance, text) for multiple, text in _OF_THE_JOINT.items()]
     if gear_ratio:
-        ratio = abs(gear_ratio)
         origins += [
-            (multiple * ratio, tolerance * multiple, f"{text} (gear_ratio {ratio:g})")
+            (multiple * gear_ratio, tolerance * multiple, f"{text} (gear_ratio {gear_ratio:g})")
             for multiple, text in _OF_THE_MOTOR.items()
         ]
     else:
@@ -192,10 +191,14 @@ class TransmissionError(Periodic):
 
     @classmethod
     def forms_on(cls, arm: Arm, data: Measurements, joints: tuple[str, ...]) -> Iterator[Effect]:
-        """Yield orders 1, 2, both, and once and twice per turn of the motor; a trace searches for other orders."""
+        """Yield orders 1, 2, both, and once and twice per turn of the motor where poses are close enough to show them.
+
+        A trace searches for other orders.
+        """
         joint = arm.joint(joints[0])
         if joint.type == "revolute":
-            of_gear = [(times * joint.gear_ratio,) for times in (1.0, 2.0) if joint.gear_ratio]
+            most = supported_orders(driven_by(arm, data, joints[0], cls.name), HIGHEST_OF_ALL).max(initial=0.0)
+            of_gear = [(n * joint.gear_ratio,) for n in (1.0, 2.0) if joint.gear_ratio and n * joint.gear_ratio <= most]
             yield from (cls(joints, orders) for orders in ((1.0,), (2.0,), (1.0, 2.0), *of_gear))
 
     @classmethod

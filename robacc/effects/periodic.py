@@ -197,7 +197,7 @@ class TransmissionError(Periodic):
         """
         joint = arm.joint(joints[0])
         if joint.type == "revolute":
-            most = supported_orders(driven_by(arm, data, joints[0], cls.name), HIGHEST_OF_ALL).max(initial=0.0)
+            most = supported_orders(driven_by(arm, data, joints[0], cls.name), math.inf).max(initial=0.0)
             of_gear = [(n * joint.gear_ratio,) for n in (1.0, 2.0) if joint.gear_ratio and n * joint.gear_ratio <= most]
             yield from (cls(joints, orders) for orders in ((1.0,), (2.0,), (1.0, 2.0), *of_gear))
 

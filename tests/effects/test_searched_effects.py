@@ -252,7 +252,7 @@ def test_a_high_order_is_found_and_named_beside_a_sag() -> None:
 
 def test_orders_of_a_stated_gear_are_candidates_where_poses_show_them() -> None:
     """On a grid of angles, an order above its limit is a low order under another name."""
-    geared = dataclasses.replace(robot().joints[1], gear_ratio=63.0)
+    geared = dataclasses.replace(robot().joints[1], gear_ratio=200.0)
     joints = [robot().joints[0], geared, *robot().joints[2:]]
     arm = Arm.of(dataclasses.replace(robot(), joints=tuple(joints)))
     random = measured(POSES, positions(0.0 * TORQUE), NOISE, 6)
@@ -261,7 +261,7 @@ def test_orders_of_a_stated_gear_are_candidates_where_poses_show_them() -> None:
         {order for form in REGISTRY["transmission_error"].candidates(arm, data) for order in form.settings()["orders"]}
         for data in (random, on_grid)
     ]
-    assert found_orders == [{1.0, 2.0, 63.0, 126.0}, {1.0, 2.0}]
+    assert found_orders == [{1.0, 2.0, 200.0, 400.0}, {1.0, 2.0}]
 
 
 def test_origins() -> None:
